@@ -33,12 +33,12 @@ pub(crate) fn save_or_warn(folder: &Path) {
     }
 }
 
-/// The command line in an experiment's folder, if there is one.
+/// Returns the command line in an experiment's folder, if there is one.
 pub(crate) fn read(folder: &Path) -> Option<String> {
     std::fs::read_to_string(folder.join(FILE)).ok()
 }
 
-/// The command line with `--merge`.
+/// Returns the command line with `--merge`.
 pub(crate) fn merging() -> Result<Vec<OsString>> {
     let program = std::env::current_exe().context("the program's own file")?;
     let given = std::env::args_os().skip(1);

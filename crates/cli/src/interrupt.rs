@@ -8,7 +8,7 @@ use infonerf_experiment::Control;
 use crate::print::errln;
 
 static ASKED: AtomicBool = AtomicBool::new(false);
-/// Nothing is running that would have to finish.
+/// Whether nothing is running that would have to finish.
 static IDLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. A second Ctrl-C ends the process at once.

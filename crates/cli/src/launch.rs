@@ -68,7 +68,7 @@ enum Launcher {
 }
 
 impl LaunchArgs {
-    /// The first option that gives each run a process of its own, or none.
+    /// Returns the first option that gives each run a process of its own, or none.
     ///
     /// # Errors
     /// If the options do not go together.

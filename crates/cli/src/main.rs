@@ -45,7 +45,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// The arguments. `help --help`, which clap takes for help on a subcommand called `--help`, is `help`.
+/// Returns the arguments. `help --help`, which clap takes for help on a subcommand called `--help`, is `help`.
 fn parse() -> Result<Args, clap::Error> {
     Args::try_parse().or_else(|error| match error.kind() {
         ErrorKind::InvalidSubcommand if env::args_os().any(|word| word == "help") => {
@@ -69,7 +69,7 @@ fn refused(error: &clap::Error) -> ExitCode {
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(USER_ERROR))
 }
 
-/// Text, such as an error with its causes, on one line.
+/// Returns `text`, such as an error with its causes, on one line.
 fn one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     lines.join("; ").replace(":; ", ": ").replace("; [", " [")

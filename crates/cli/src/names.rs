@@ -23,22 +23,22 @@ impl TypedValueParser for KnownNames {
     }
 }
 
-/// The built-in experiments.
+/// Returns the built-in experiments.
 pub(crate) fn experiments() -> Vec<String> {
     infonerf_experiment::list().unwrap_or_default().into_iter().map(|(name, _)| name.to_owned()).collect()
 }
 
-/// The variants of the built-in experiments.
+/// Returns the variants of the built-in experiments.
 pub(crate) fn variants() -> Vec<String> {
     infonerf_experiment::variant_names().unwrap_or_default()
 }
 
-/// The built-in scenes.
+/// Returns the built-in scenes.
 pub(crate) fn scenes() -> Vec<String> {
     infonerf_procedural::NAMES.iter().map(|&name| name.to_owned()).collect()
 }
 
-/// The keys of the config, each with the `=` that a value follows.
+/// Returns the keys of the config, each with the `=` that a value follows.
 pub(crate) fn keys() -> Vec<String> {
     infonerf_experiment::config_keys(Preset::Fast).into_iter().map(|key| format!("{key}=")).collect()
 }

@@ -30,7 +30,7 @@ pub(crate) fn err(text: fmt::Arguments<'_>) {
     let _ = io::stderr().write_fmt(text);
 }
 
-/// Why standard output did not take everything, unless its reader has gone.
+/// Returns why standard output did not take everything, unless its reader has gone.
 pub(crate) fn fault() -> Option<&'static io::Error> {
     keep(io::stdout().flush());
     FAULT.get()

@@ -19,7 +19,7 @@ const BAR: usize = 10;
 /// Stages that are shorter than this are not reported.
 const BRIEF: Duration = Duration::from_secs(2);
 
-/// A bar of `count` things called `label`, with the time left once there is some to tell it from.
+/// Returns a bar of `count` things called `label`, with the time left once there is some to tell it from.
 pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     let bar = ProgressBar::new(count as u64).with_prefix(label.to_owned());
     if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {elapsed}, {eta} left") {
@@ -42,7 +42,7 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// A bar for a run called `label`.
+    /// Returns a bar for a run called `label`.
     pub(crate) fn new(label: &str) -> Self {
         let (stage, none) = (Instant::now(), Duration::ZERO);
         let (bar, label) = (ProgressBar::hidden(), label.to_owned());
@@ -96,7 +96,7 @@ impl Progress {
         }
     }
 
-    /// How long the stages of the run took next to training, in brackets; empty if they were brief.
+    /// Returns how long the stages of the run took next to training, in brackets; empty if they were brief.
     pub(crate) fn stages(&self) -> String {
         let stages = [("reading the scene", self.reading), ("testing", self.stage.elapsed())];
         let long = stages.iter().filter(|(_, time)| *time >= BRIEF);
@@ -146,7 +146,7 @@ impl Progress {
     }
 }
 
-/// The first of `parts`, the most important first, that fit into `columns` with two spaces between them.
+/// Returns the first of `parts`, the most important first, that fit into `columns` with two spaces between them.
 fn fitting<const N: usize>(columns: usize, parts: [String; N]) -> String {
     let mut line = String::new();
     for part in parts {

@@ -34,7 +34,7 @@ pub(crate) struct Reporter {
 }
 
 impl Reporter {
-    /// For experiments below `out`, whose runs are `in_process` or elsewhere.
+    /// Makes a reporter for experiments below `out`, whose runs are `in_process` or elsewhere.
     pub(crate) fn new(existing: &ExistingArgs, device: DeviceName, in_process: bool, out: &Path) -> Self {
         let (same_command, out) = (existing.same_command(), out.to_owned());
         Self { same_command, device, in_process, out, runs: 0, bar: ProgressBar::hidden(), progress: None }
@@ -148,7 +148,7 @@ impl Reporter {
     }
 }
 
-/// The main figures of a run on one line.
+/// Returns the main figures of a run on one line.
 pub(crate) fn summary(record: &Record) -> String {
     let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
     let on = if record.test_views.protocol == "training" { " on training views" } else { "" };

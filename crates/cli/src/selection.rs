@@ -44,7 +44,7 @@ impl SelectionArgs {
         self.data.is_none() && self.scenes.is_empty()
     }
 
-    /// The selection with a time budget for each run.
+    /// Returns the selection with a time budget for each run.
     pub(crate) fn selection(&self, budget: Option<Duration>) -> Selection {
         Selection {
             data: self.data.clone(),
@@ -67,7 +67,7 @@ pub(crate) struct NetworkArgs {
 }
 
 impl NetworkArgs {
-    /// The networks whose weights are at hand.
+    /// Returns the networks whose weights are at hand.
     pub(crate) fn open(&self, device: &OpenDevice) -> anyhow::Result<Networks> {
         infonerf_experiment::networks(self.weights.as_deref(), device)
     }

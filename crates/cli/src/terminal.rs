@@ -22,7 +22,7 @@ pub(crate) fn is_terminal() -> bool {
     std::io::stdout().is_terminal()
 }
 
-/// A table as text, no wider than the terminal, or else than `COLUMNS` or [`FILE_COLUMNS`] characters.
+/// Formats a table as text, no wider than the terminal, or else than `COLUMNS` or [`FILE_COLUMNS`] characters.
 pub(crate) fn fitted(table: &Table) -> String {
     let (columns, emphasis) = if is_terminal() {
         let columns = terminal_size_of(std::io::stdout()).map_or(SIZE.0, |(Width(columns), _)| columns);
@@ -61,7 +61,8 @@ pub(crate) fn show(picture: &RgbImage) {
     }
 }
 
-/// Size in half blocks of an image of `width` × `height` pixels, as large as `columns` and `rows` of text hold.
+/// Returns the size in half blocks of an image of `width` × `height` pixels, as large as `columns` and `rows` of text
+/// hold.
 fn shown_size((width, height): (u32, u32), columns: u16, rows: u16) -> (u32, u32) {
     let scale = (f64::from(columns) / f64::from(width)).min(2.0 * f64::from(rows) / f64::from(height));
     let [width, height] = [width, height].map(|side| ((scale * f64::from(side)).round() as u32).max(1));

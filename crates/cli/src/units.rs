@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use parse_size::Config;
 
-/// A time above 0 with its unit, such as `90s`, `1500ms` or `1h 30m`.
+/// Parses a time above 0 with its unit, such as `90s`, `1500ms` or `1h 30m`.
 pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
     let time = humantime::parse_duration(text).ok().filter(|time| !time.is_zero());
     time.ok_or_else(|| "expected a time above 0 with its unit, such as 60s or 5m".to_owned())
 }
 
-/// A size such as `8G`, in mebibytes, which is also the unit of a number alone.
+/// Parses a size such as `8G` into mebibytes; a number without a unit is in mebibytes too.
 pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
     let parser = Config::new().with_binary().with_default_factor(1 << 20);
     let size = parser.parse_size(text).ok().map(|bytes| bytes >> 20).filter(|size| *size > 0);

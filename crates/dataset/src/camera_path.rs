@@ -8,7 +8,7 @@ use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 use crate::files::json::{JsonFile, Node};
 use crate::loaders::read_flat_pose;
 
-/// Most keyframes or frames of a path.
+/// Maximum number of keyframes or frames of a path.
 const MAX_FRAMES: usize = 10_000;
 /// Frames per second, and seconds, of a path whose file names none.
 const DEFAULT_FPS: f64 = 20.0;
@@ -19,11 +19,11 @@ const DEFAULT_SECONDS: f64 = 4.0;
 pub struct CameraPath {
     /// The keyframes; never empty.
     pub keyframes: Vec<Keyframe>,
-    /// Whether it returns to its first keyframe.
+    /// Whether the path returns to its first keyframe.
     pub closed: bool,
     /// Frames per second.
     pub fps: f64,
-    /// How many frames the file asks for.
+    /// Number of frames that the file asks for.
     pub frames: usize,
     /// Width and height of the pictures in pixels, if the file says.
     pub size: Option<(u32, u32)>,

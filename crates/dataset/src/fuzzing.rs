@@ -18,10 +18,10 @@ use crate::files::{npy, npz};
 use crate::loaders::transforms::transforms as read_transforms;
 use crate::loaders::{dtu, llff, zju};
 
-/// Most frames that poses are derived from: time beyond that is the input's, not the reader's.
+/// Maximum number of frames from which poses are derived, which bounds the time of one input.
 const MAX_FRAMES: usize = 64;
 
-/// Returns a `transforms*.json`, with the cameras, rays and poses that follow from it.
+/// Reads a `transforms*.json`, and derives the cameras, rays and poses that follow from it.
 pub fn transforms(bytes: &[u8]) -> bool {
     let path = Path::new("transforms.json");
     let Ok(read) = JsonFile::parse(path, bytes).and_then(|file| read_transforms(path, &file)) else { return false };
@@ -32,7 +32,7 @@ pub fn transforms(bytes: &[u8]) -> bool {
     true
 }
 
-/// Returns a `poses_bounds.npy`, with the cameras, rays and poses that follow from it.
+/// Reads a `poses_bounds.npy`, and derives the cameras, rays and poses that follow from it.
 pub fn poses_bounds(bytes: &[u8]) -> bool {
     let path = Path::new(llff::MARKER);
     let array = npy::decode(path, bytes, llff::EXPECTED);
@@ -46,12 +46,12 @@ pub fn poses_bounds(bytes: &[u8]) -> bool {
     true
 }
 
-/// Returns an `.npy` of depths.
+/// Reads an `.npy` of depths.
 pub fn depth(bytes: &[u8]) -> bool {
     npy::decode(Path::new("depth.npy"), bytes, "depths").is_ok()
 }
 
-/// Returns a file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
+/// Reads a file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
 pub fn colmap(bytes: &[u8]) -> bool {
     let path = Path::new("colmap");
     let text = String::from_utf8_lossy(bytes);
@@ -69,7 +69,7 @@ pub fn colmap(bytes: &[u8]) -> bool {
     cameras.iter().any(Option::is_some) || images.iter().any(Option::is_some) || points.contains(&true)
 }
 
-/// Returns a `cameras_sphere.npz`, with the cameras that follow from it.
+/// Reads a `cameras_sphere.npz`, and derives the cameras that follow from it.
 pub fn cameras_npz(bytes: &[u8]) -> bool {
     let path = Path::new("cameras_sphere.npz");
     let Ok(matrices) = npz::decode(path, bytes, dtu::EXPECTED, |_| true) else { return false };
@@ -78,7 +78,7 @@ pub fn cameras_npz(bytes: &[u8]) -> bool {
     !cameras.is_empty()
 }
 
-/// Returns an `annots.npy`, with the cameras that follow from it.
+/// Reads an `annots.npy`, and derives the cameras that follow from it.
 pub fn annots(bytes: &[u8]) -> bool {
     let Ok(read) = zju::annotations(Path::new("annots.npy"), bytes, 0) else { return false };
     let size = |camera: &Camera| Camera { width: 8, height: 6, ..camera.clone() };
@@ -87,7 +87,7 @@ pub fn annots(bytes: &[u8]) -> bool {
     true
 }
 
-/// Returns a PNG or JPEG.
+/// Decodes a PNG or JPEG.
 pub fn image(bytes: &[u8]) -> bool {
     let Ok(image) = decode_bytes(Path::new("image.png"), bytes) else { return false };
     assert_eq!(image.pixels.len(), image.width as usize * image.height as usize);

@@ -47,8 +47,8 @@ pub struct ConfigKey {
     pub origin: String,
 }
 
-/// The complete config of a variant of the experiment called `name`, by key, with what set each key last: the preset, a file, the
-/// variant or `selection`. The preset is that of the first run, unless the selection has one.
+/// Returns the complete config of a variant of the experiment called `name`, by key, with what set each key last: the
+/// preset, a file, the variant or `selection`. The preset is that of the first run, unless the selection has one.
 ///
 /// # Errors
 /// As [`Experiment::plan`].
@@ -98,7 +98,7 @@ fn sets(table: &Table, path: &[&str]) -> bool {
     }
 }
 
-/// Names of the variants of all built-in experiments, each once.
+/// Returns the names of the variants of all built-in experiments, each once.
 ///
 /// # Errors
 /// If one of them cannot be read, which a test excludes.
@@ -112,7 +112,7 @@ pub fn variant_names() -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Dotted names of the keys that every config of `preset` has.
+/// Returns the dotted names of the keys that every config of `preset` has.
 pub fn config_keys(preset: Preset) -> Vec<String> {
     let mut keys = Vec::new();
     leaves(&preset.table(), &mut Vec::new(), &mut |path, _| keys.push(path.join(".")));

@@ -42,7 +42,7 @@ const BUILT_IN: &[DeviceName] = &[
 ];
 
 impl DeviceName {
-    /// How many fields are trained at a time: one on each core of a CPU, one on a GPU.
+    /// Returns how many fields are trained at a time: one on each core of a CPU, one on a GPU.
     pub fn fields_side_by_side(self) -> usize {
         match self {
             Self::Flex | Self::Ndarray => rayon::current_num_threads(),
@@ -50,7 +50,7 @@ impl DeviceName {
         }
     }
 
-    /// As written on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
@@ -62,8 +62,8 @@ impl DeviceName {
         }
     }
 
-    /// The device that this name stands for in this program: never [`DeviceName::Auto`]. Whether the machine has one is
-    /// for [`open`] to see.
+    /// Returns the device that this name stands for in this program: never [`DeviceName::Auto`]. Whether the machine
+    /// has one is for [`open`] to see.
     ///
     /// # Errors
     /// If it is not built in.
@@ -85,12 +85,12 @@ impl DeviceName {
         matches!(self, Self::Flex | Self::Ndarray)
     }
 
-    /// The devices built in, fastest first.
+    /// Returns the devices built in, fastest first.
     pub fn all_built_in() -> impl Iterator<Item = Self> {
         BUILT_IN.iter().copied()
     }
 
-    /// The devices built in that need no GPU.
+    /// Returns the devices built in that need no GPU.
     pub fn cpus() -> impl Iterator<Item = Self> {
         Self::all_built_in().filter(|device| device.is_cpu())
     }
@@ -170,8 +170,8 @@ fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {
     Ok(())
 }
 
-/// The networks of learned metrics whose weights are at hand: in `weights` (a file or a folder), the folder of the
-/// environment variable `INFONERF_WEIGHTS`, or the user's cache.
+/// Returns the networks of learned metrics whose weights are at hand: in `weights` (a file or a folder), the folder of
+/// the environment variable `INFONERF_WEIGHTS`, or the user's cache.
 ///
 /// # Errors
 /// If weights are there and cannot be read, or `weights` is a folder without any.
@@ -183,13 +183,13 @@ pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks>
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
 }
 
-/// The GPU's own name.
+/// Returns the GPU's own name.
 #[cfg(not(any(feature = "wgpu", feature = "vulkan", feature = "cuda")))]
 fn adapter(_device: &Device, name: DeviceName) -> Result<String> {
     bail!("--device {name}: not built in")
 }
 
-/// The GPU's own name.
+/// Returns the GPU's own name.
 #[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 fn adapter(device: &Device, name: DeviceName) -> Result<String> {
     use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

@@ -85,17 +85,17 @@ impl Layers {
         BUILT_IN.iter().any(|(known, _)| *known == name).then(|| Self::read(name).ok())?
     }
 
-    /// The last file's own name for its results; by default its file name.
+    /// Returns the last file's own name for its results; by default its file name.
     pub(crate) fn result_name(&self) -> String {
         self.files.last().and_then(|(_, file)| file.name.clone()).unwrap_or_else(|| self.name.clone())
     }
 
-    /// The value in the last file that has one.
+    /// Returns the value in the last file that has one.
     pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
         self.files.iter().rev().find_map(|(_, file)| pick(file))
     }
 
-    /// The preset with the config of every file laid over it.
+    /// Returns the preset with the config of every file laid over it.
     pub(crate) fn config(&self, preset: Preset) -> Table {
         let mut table = preset.table();
         for (_, config) in self.configs() {
@@ -104,17 +104,17 @@ impl Layers {
         table
     }
 
-    /// The config of every file, with the file's name; the furthest first.
+    /// Returns the config of every file, with the file's name; the furthest first.
     pub(crate) fn configs(&self) -> impl Iterator<Item = (&str, &Table)> {
         self.files.iter().map(|(name, file)| (name.as_str(), &file.config))
     }
 
-    /// Names of the experiments that the file changes, the nearest first.
+    /// Returns the names of the experiments that the file changes, the nearest first.
     pub(crate) fn bases(&self) -> impl Iterator<Item = &str> {
         self.files.iter().rev().skip(1).map(|(name, _)| name.as_str())
     }
 
-    /// The variants in the order of the files, the base's first.
+    /// Returns the variants in the order of the files, the base's first.
     ///
     /// # Errors
     /// If one is no table, or its `preset` is unknown.

@@ -34,7 +34,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// The identity of `plan` on the device called `device`, with this program.
+    /// Returns the identity of `plan` on the device called `device`, with this program.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -42,7 +42,7 @@ impl Identity {
         Self::of_scenes(plan, [&plan.source], device)
     }
 
-    /// The identity of a run over several scenes, from `sources`.
+    /// Returns the identity of a run over several scenes, from `sources`.
     pub(crate) fn of_scenes<'a>(
         plan: &RunPlan,
         sources: impl IntoIterator<Item = &'a SceneSource>,
@@ -139,7 +139,7 @@ fn short(hash: blake3::Hash) -> String {
     hash.to_hex()[..16].to_owned()
 }
 
-/// Checksum of the names and contents of the scene's files below `folder`, read once per process.
+/// Returns the checksum of the names and contents of the scene's files below `folder`, read once per process.
 fn folder_checksum(folder: &Path) -> Result<String> {
     static KNOWN: OnceLock<Mutex<HashMap<PathBuf, String>>> = OnceLock::new();
     let known = KNOWN.get_or_init(Mutex::default);
@@ -194,7 +194,7 @@ fn hash_file(path: &Path, hasher: &mut blake3::Hasher) -> std::io::Result<()> {
     }
 }
 
-/// Checksum of the executable: another build may give other numbers.
+/// Returns the checksum of the executable: another build may give other numbers.
 fn program_checksum() -> Result<String> {
     static KNOWN: OnceLock<String> = OnceLock::new();
     if let Some(checksum) = KNOWN.get() {

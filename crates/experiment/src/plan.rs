@@ -119,7 +119,7 @@ impl Outline {
         Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants, tables })
     }
 
-    /// How many runs in a row differ in their seed only.
+    /// Returns how many runs in a row differ in their seed only.
     pub(crate) fn seeds(&self) -> usize {
         self.seeds.len()
     }
@@ -189,8 +189,8 @@ struct ChosenScene {
 }
 
 impl ChosenScene {
-    /// `capture` suits photographs without a uniform background, `fast` everything else. A scene that cannot be read is
-    /// loading's to refuse.
+    /// Chooses the preset that suits the scene: `capture` suits photographs without a uniform background, `fast`
+    /// everything else. A scene that cannot be read is loading's to refuse.
     fn new((name, source): (String, SceneSource)) -> Self {
         let (backdrop, layout) = source.setting().unwrap_or_default();
         let suitable = if backdrop == Some(Backdrop::Unknown) { Preset::Capture } else { Preset::Fast };
@@ -202,7 +202,8 @@ impl ChosenScene {
     }
 }
 
-/// The scenes that are asked for; none for all that there are. `data` of the command line has scenes of its own.
+/// Returns the scenes that are asked for; none for all that there are. `data` of the command line has scenes of its
+/// own.
 fn chosen_scenes(layers: &Layers, selection: &Selection) -> Option<Vec<String>> {
     if !selection.scenes.is_empty() {
         Some(selection.scenes.clone())
@@ -229,7 +230,7 @@ struct ChosenVariant {
     is_asked_for: bool,
 }
 
-/// The variants that are asked for; none for all.
+/// Returns the variants that are asked for; none for all.
 fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenVariant>> {
     let mut variants = layers.variants().with_context(|| layers.name.clone())?;
     if variants.is_empty() {

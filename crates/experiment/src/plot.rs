@@ -20,7 +20,7 @@ pub(crate) struct Plot {
 }
 
 impl Plot {
-    /// The chart of `records`: means over scenes and seeds, as in the tables.
+    /// Returns the chart of `records`: means over scenes and seeds, as in the tables.
     pub(crate) fn figure(&self, records: &[Record]) -> Result<Figure, ReportError> {
         let table = overview_table(records, &[Quantity::PSNR]);
         let mean = |variant: &str| table.rows.iter().find(|row| row.label == variant)?.cells.first()?.summary;

@@ -76,7 +76,7 @@ fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> 
     Ok(progress.filter(is_over))
 }
 
-/// A plan with as few test views as can be: none is looked at.
+/// Returns a plan with as few test views as can be: none is looked at.
 fn with_one_test_view(plan: &RunPlan) -> Result<RunPlan> {
     let mut plan = plan.clone();
     plan.config.eval.test = "first-1".parse().map_err(anyhow::Error::msg)?;

@@ -59,7 +59,7 @@ struct Protocol {
 }
 
 impl Paper {
-    /// The paper's figures, with each difference between its protocol and that of `runs`.
+    /// Returns the paper's figures, with each difference between its protocol and that of `runs`.
     pub(crate) fn beside(&self, runs: &[&RunPlan]) -> Published {
         let means = self.figures.iter().map(|(variant, figures)| figures.row(variant, None));
         let of_scenes = self.scenes.iter().flat_map(|(scene, variants)| {
@@ -86,7 +86,7 @@ impl Figures {
 }
 
 impl Protocol {
-    /// The protocol of `runs`.
+    /// Returns the protocol of `runs`.
     fn of(runs: &[&RunPlan]) -> Self {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
         let views = |plan: &RunPlan| plan.config.scene.views.count();
@@ -121,7 +121,7 @@ impl Protocol {
         }
     }
 
-    /// One line for each difference.
+    /// Returns one line for each difference.
     fn differences(&self, ours: &Self) -> Vec<String> {
         let both = [
             ("Scenes", &ours.scenes, &self.scenes),
@@ -146,7 +146,7 @@ impl Protocol {
 /// Terms of the paper's objective, and how it calls their weights.
 const PAPER_TERMS: [(&str, &str); 3] = [("rgb", ""), ("entropy", "λ₁"), ("kl", "λ₂")];
 
-/// The weights of the paper's losses, where they are on.
+/// Returns the weights of the paper's losses, where they are on.
 fn weights(runs: &[&RunPlan]) -> String {
     let of = |(term, symbol): (&str, &str)| {
         let weight = |plan: &RunPlan| {
@@ -172,7 +172,7 @@ fn priors(runs: &[&RunPlan]) -> String {
     if terms.is_empty() { "none".to_owned() } else { terms.join(", ") }
 }
 
-/// The values of `key`, each once, in order of appearance.
+/// Returns the values of `key`, each once, in order of appearance.
 fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
     let mut values: Vec<String> = Vec::new();
     for value in runs.iter().map(|plan| key(plan)) {

@@ -83,8 +83,8 @@ pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
     bail!("{}: other processes kept writing it; the records themselves are saved", path.display())
 }
 
-/// `listed` with `given`, in their order, in the places of those that have their keys, and the rest of them at the end; so with
-/// `stored`, each in the place of its own key.
+/// Merges records by key. Those of `listed` keep their places and are replaced by those of `given` (in the order of
+/// `given`) or of `stored` that have their keys; the others are added at the end.
 fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Record> {
     let given_keys: BTreeSet<RunKey> = given.iter().map(RunKey::from).collect();
     let keyed = stored.into_iter().map(|record| (RunKey::from(&record), record));
@@ -100,7 +100,7 @@ fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Reco
     merged
 }
 
-/// The records that the runs below `folder` hold themselves.
+/// Returns the records that the runs below `folder` hold themselves.
 fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     let mut folders = vec![folder.to_path_buf()];
     for _level in ["scene", "variant", "seed"] {
@@ -122,7 +122,7 @@ pub(crate) fn is_own_record(path: &Path) -> bool {
     name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))
 }
 
-/// Sorted entries of a folder; empty if it vanished meanwhile.
+/// Returns the sorted entries of a folder; empty if it vanished meanwhile.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
@@ -145,7 +145,7 @@ fn parse_records(text: &str) -> Result<Vec<Record>> {
     values.into_iter().enumerate().map(parse).collect()
 }
 
-/// The first key of a default record that `value` lacks, or whose value does not fit; and what was expected.
+/// Returns the first key of a default record that `value` lacks, or whose value does not fit; and what was expected.
 fn offending_field(value: &Value) -> Option<(String, String)> {
     let given = value.as_object()?;
     let default = serde_json::to_value(Record::default()).ok()?;

@@ -39,7 +39,7 @@ impl Chapter {
         Self { experiment, captures: false, variants: &[], set: &[], small, full }
     }
 
-    /// A small forward-facing or inward-looking capture.
+    /// Returns a chapter on a small capture, forward-facing or inward-looking.
     const fn capture(experiment: &'static str, set: &'static [&'static str]) -> Self {
         let full = Extent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
         Self { captures: true, set, ..Self::new(experiment, OWN, full) }
@@ -90,7 +90,7 @@ pub enum Plan {
     Full,
 }
 
-/// The sweeps of the experiments called `names`, or of all where that is empty.
+/// Returns the sweeps of the experiments called `names`, or of all where that is empty.
 ///
 /// What `selection` says goes before an experiment's own extent. Its data and scenes are those of the synthetic experiments:
 /// captures take part in them only where `names` has captures alone, and are the built-in ones otherwise.
@@ -113,7 +113,7 @@ pub fn sweeps(names: &[String], plan: Plan, selection: &Selection) -> Result<Vec
     CHAPTERS.iter().filter(|chapter| names.is_empty() || named(chapter)).map(sweep).collect()
 }
 
-/// `selection` with what it leaves open as `chapter` has it.
+/// Returns `selection`, with whatever it leaves open taken from `chapter`.
 fn extended(chapter: &Chapter, plan: Plan, selection: Selection) -> Selection {
     let extent = match plan {
         Plan::Small => chapter.small,

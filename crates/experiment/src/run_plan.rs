@@ -57,38 +57,38 @@ struct Complete {
 }
 
 impl RunPlan {
-    /// The run's name for people.
+    /// Returns the run's name for people.
     pub fn label(&self) -> String {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
     }
 
-    /// Folder of the run below that of its experiment.
+    /// Returns the folder of the run below that of its experiment.
     pub fn directory(&self) -> PathBuf {
         run_directory(&self.scene, &self.variant, self.seed)
     }
 
-    /// The file that says that the run in `folder` is finished.
+    /// Returns the file that says that the run in `folder` is finished.
     pub fn record_path(&self, folder: &Path) -> PathBuf {
         folder.join(format!("record-{}.json", self.preset.name()))
     }
 
-    /// How many fields the run trains.
+    /// Returns how many fields the run trains.
     pub fn members(&self) -> usize {
         self.config.train.ensemble.members(self.budget)
     }
 
-    /// Folder of the `index`th field's training: the run's own if there is one field.
+    /// Returns the folder of the `index`th field's training: the run's own if there is one field.
     pub fn member_folder(&self, run: &Path, index: usize) -> PathBuf {
         if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
     }
 
-    /// Training time of each field in seconds, if the clock decides.
+    /// Returns the training time of each field in seconds, if the clock decides.
     pub fn member_budget(&self) -> Option<f64> {
         self.budget.map(|budget| budget / self.members() as f64)
     }
 
-    /// The `index`th field before its first step. `other`, if there is another field of the plan already, shares what
-    /// training makes of the scene.
+    /// Returns the `index`th field before its first step. `other`, if there is another field of the plan already,
+    /// shares what training makes of the scene.
     ///
     /// # Errors
     /// As [`Trainer::new`].
@@ -136,7 +136,7 @@ impl RunPlan {
         Ok(if loaded { needed.with_images_loaded() } else { needed }.check_available()?)
     }
 
-    /// Pixels that [`Self::load`] will hold.
+    /// Returns the pixels that [`Self::load`] will hold.
     pub(crate) fn pixels(&self) -> Result<PixelCount> {
         let pixels = infonerf_dataset::count_pixels(&self.source, &self.request()).map_err(named_by_key);
         pixels.with_context(|| self.source_name())
@@ -162,7 +162,7 @@ impl RunPlan {
         }
     }
 
-    /// The text of `config.toml`: running it again, from any folder, gives the same numbers.
+    /// Returns the text of `config.toml`: running it again, from any folder, gives the same numbers.
     ///
     /// # Errors
     /// If a number cannot be written.
@@ -170,7 +170,7 @@ impl RunPlan {
         self.to_toml_with(vec![self.scene.clone()])
     }
 
-    /// The text of the `config.toml` of a run over several scenes.
+    /// Returns the text of the `config.toml` of a run over several scenes.
     pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
         let mut config = self.config.clone();
         for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
@@ -233,7 +233,7 @@ impl RunPlan {
     }
 }
 
-/// A fault of a request by the key of the config that it comes from.
+/// Returns a fault of a request by the key of the config that it comes from.
 fn named_by_key(error: SceneError) -> anyhow::Error {
     let SceneError::Request { field, expected, found } = error else { return error.into() };
     let key = match field {
@@ -247,7 +247,7 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
     Fault::new(key, expected, found).into()
 }
 
-/// The paths of all files that a config names, but for the scene's; those that it does not use are empty.
+/// Returns the paths of all files that a config names, but for the scene's; those that it does not use are empty.
 pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
     let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
     let of_terms = of_terms.map(|(_, path)| path);

@@ -51,7 +51,8 @@ fn built_in(name: String) -> Result<(String, SceneSource)> {
     }
 }
 
-/// `random-0..3` is short for random-0, random-1, random-2 and random-3; any other name is itself.
+/// Expands a range of random scenes: `random-0..3` stands for random-0, random-1, random-2 and random-3; any other name
+/// is itself.
 fn expand(name: &str) -> Vec<String> {
     let range = name.strip_prefix("random-").and_then(|range| parse_seeds(range).ok());
     range.map_or_else(|| vec![name.to_owned()], |seeds| seeds.map(|seed| format!("random-{seed}")).collect())

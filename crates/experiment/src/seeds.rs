@@ -3,7 +3,7 @@ use std::ops::RangeInclusive;
 /// Seeds of one range, at most.
 const MAX_SEEDS: u64 = 10_000;
 
-/// A seed, or a range of them such as `0..4`, both ends included.
+/// Parses a seed, or a range of seeds such as `0..4`, both ends included.
 ///
 /// # Errors
 /// What was expected, if it is neither.

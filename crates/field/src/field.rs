@@ -76,7 +76,7 @@ pub struct Body<'a> {
 }
 
 impl Default for Body<'_> {
-    /// No vertices, in the world's own frame.
+    /// Returns a body without vertices, whose own frame is the world's.
     fn default() -> Self {
         Self { vertices: &[], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], origin: [0.0; 3] }
     }
@@ -132,7 +132,7 @@ pub struct FieldTraits {
 }
 
 impl Default for FieldTraits {
-    /// A field of points in any space, conditioned on no images.
+    /// Returns the demands of a field of points in any space that is conditioned on no images.
     fn default() -> Self {
         Self { intervals: false, sources: SourceImages::None, body: false, tracks_positions: true }
     }

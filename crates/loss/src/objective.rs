@@ -102,13 +102,14 @@ impl LossConfig {
         Ok(())
     }
 
-    /// Entropy of each ray in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for masked rays.
+    /// Returns the entropy of each ray in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for
+    /// masked rays.
     pub fn ray_entropy(&self, output: &RenderOutput) -> Tensor<1> {
         self.entropy.of_rays(output)
     }
 
-    /// Divergence of each ray from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq. 9). Samples of
-    /// `near` are paired with those of `output`.
+    /// Returns the divergence of each ray from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq.
+    /// 9). Samples of `near` are paired with those of `output`.
     pub fn information_gain(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
         self.kl.of_rays(output, near)
     }

@@ -144,7 +144,7 @@ impl Bundle {
         &self.passes.fine
     }
 
-    /// Number of rays.
+    /// Returns the number of rays.
     pub fn rays(&self) -> usize {
         self.output().segments().rays()
     }

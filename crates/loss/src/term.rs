@@ -50,17 +50,18 @@ pub trait TermSpec: Weighted {
         Ok(())
     }
 
-    /// Why the term does not apply to `scene` and is left out; `None` if it applies.
+    /// Returns why the term does not apply to `scene` and is left out; `None` if it applies.
     fn skip_reason(&self, _scene: &Scene) -> Option<&'static str> {
         None
     }
 
-    /// Supervision beyond the colours of training images that reports must mention, such as alpha masks.
+    /// Returns a description of supervision beyond the colours of training images that reports must mention, such as
+    /// alpha masks.
     fn privilege(&self) -> Option<&'static str> {
         None
     }
 
-    /// The file of network weights that the term reads, if any: its key within the term's table, and its path.
+    /// Returns the file of network weights that the term reads, if any: its key within the term's table, and its path.
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
     }

@@ -2,17 +2,17 @@
 
 use burn::tensor::Tensor;
 
-/// Mean of (a − b)² over all elements, `[1]`; differentiable in `a`.
+/// Returns the mean of (a − b)² over all elements, `[1]`; differentiable in `a`.
 pub fn mean_squared_difference<const D: usize>(a: Tensor<D>, b: Tensor<D>) -> Tensor<1> {
     (a - b.detach()).square().mean()
 }
 
-/// Sum of `values` `[R]` where `measure` `[R]` exceeds `threshold`, `[1]`; differentiable in `values`.
+/// Returns the sum of `values` `[R]` where `measure` `[R]` exceeds `threshold`, `[1]`; differentiable in `values`.
 pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     mask_above(values, measure, threshold).sum()
 }
 
-/// Mean of `values` `[R]`, each times the weight of its class, `[1]`; differentiable in `values`.
+/// Returns the mean of `values` `[R]`, each times the weight of its class, `[1]`; differentiable in `values`.
 ///
 /// - `classes`: class of each value, 0, 1 or 2, `[R]`.
 pub fn mean_by_class(values: Tensor<1>, classes: Tensor<1>, weights: [f32; 3]) -> Tensor<1> {

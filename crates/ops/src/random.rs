@@ -11,18 +11,18 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Number `index`, uniform in [0, 1): the first 24 bits of [`number`].
+    /// Returns number `index`, uniform in [0, 1): the first 24 bits of [`number`].
     pub fn uniform(self, index: usize) -> f32 {
         (number(self.key, self.item, index) >> 40) as f32 / (1u64 << 24) as f32
     }
 }
 
-/// Number `index` of an item, 64 random bits: items up to 2⁴⁰ and indices up to 2²⁴ have numbers of their own.
+/// Returns number `index` of an item, 64 random bits: items up to 2⁴⁰ and indices up to 2²⁴ have numbers of their own.
 pub fn number(key: u64, item: usize, index: usize) -> u64 {
     mix(key ^ mix(((item as u64) << 24) ^ index as u64))
 }
 
-/// Number `index` of an item, uniform in 0..`count`: ⌊count · [`number`] / 2⁶⁴⌋.
+/// Returns number `index` of an item, uniform in 0..`count`: ⌊count · [`number`] / 2⁶⁴⌋.
 pub fn below(key: u64, item: usize, index: usize, count: usize) -> usize {
     ((u128::from(number(key, item, index)) * count as u128) >> 64) as usize
 }
@@ -55,12 +55,12 @@ pub fn permuted(key: u64, index: usize, count: usize) -> usize {
 /// Rounds of [`permuted`].
 const ROUNDS: usize = 6;
 
-/// Smallest b ≥ 1 with 4ᵇ ≥ `count`.
+/// Returns the smallest b ≥ 1 with 4ᵇ ≥ `count`.
 fn half_bits(count: usize) -> u32 {
     count.max(2).next_power_of_two().ilog2().div_ceil(2)
 }
 
-/// Finaliser of SplitMix64 (Steele et al. 2014) after its increment.
+/// Applies the finaliser of SplitMix64 (Steele et al. 2014) after its increment.
 pub fn mix(x: u64) -> u64 {
     let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -58,32 +58,32 @@ impl Segments {
         }
     }
 
-    /// The offsets, `R + 1`.
+    /// Returns the offsets, `R + 1`.
     pub(crate) fn offsets(&self) -> &[u32] {
         &self.offsets
     }
 
-    /// Number of rays `R`.
+    /// Returns the number of rays `R`.
     pub fn rays(&self) -> usize {
         self.offsets.len() - 1
     }
 
-    /// Number of packed samples `M`.
+    /// Returns the number of packed samples `M`.
     pub fn samples(&self) -> usize {
         self.offsets[self.rays()] as usize
     }
 
-    /// The samples of ray `r`.
+    /// Returns the samples of ray `r`.
     pub fn range(&self, ray: usize) -> Range<usize> {
         self.offsets[ray] as usize..self.offsets[ray + 1] as usize
     }
 
-    /// All ranges in order.
+    /// Returns all ranges in order.
     pub fn ranges(&self) -> impl ExactSizeIterator<Item = Range<usize>> + '_ {
         (0..self.rays()).map(|ray| self.range(ray))
     }
 
-    /// Number of samples of the longest ray.
+    /// Returns the number of samples of the longest ray.
     pub fn longest(&self) -> usize {
         self.ranges().map(|range| range.len()).max().unwrap_or(0)
     }
@@ -98,20 +98,20 @@ impl Segments {
         }
     }
 
-    /// [`Self::spread`] from plain tensor operations.
+    /// Computes [`Self::spread`] from plain tensor operations.
     fn selected(&self, rows: Tensor<2>) -> Tensor<2> {
         let owners = upload(self.host_owners(), [self.samples()], &rows.device());
         rows.select(0, owners)
     }
 
-    /// Index of the ray that owns each sample, `[M]`.
+    /// Returns the index of the ray that owns each sample, `[M]`.
     pub(crate) fn host_owners(&self) -> Vec<i32> {
         let of_ray = |(ray, range): (usize, Range<usize>)| std::iter::repeat_n(ray as i32, range.len());
         self.ranges().enumerate().flat_map(of_ray).collect()
     }
 
-    /// `(indices, valid)` of the padded `[R, longest]` layout: where each cell reads from (0 if padding) and whether
-    /// it holds a sample.
+    /// Returns `(indices, valid)` of the padded `[R, longest]` layout: where each cell reads from (0 if padding) and
+    /// whether it holds a sample.
     pub fn padded(&self) -> (Vec<i32>, Vec<bool>) {
         let longest = self.longest();
         let mut indices = vec![0; self.rays() * longest];

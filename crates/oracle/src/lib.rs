@@ -38,7 +38,7 @@ pub fn opacity(tau: &[f64]) -> f64 {
     alpha(tau.iter().sum())
 }
 
-/// ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
+/// Returns ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
 ///
 /// uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with T_{i+1} = Σ_{j>i} wⱼ + T_N put in: Σ_{j>i} (uᵢ − uⱼ) wⱼ + uᵢ T_N.
 pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
@@ -47,7 +47,7 @@ pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     (0..tau.len()).map(|i| behind(i) + u[i] * trans[tau.len()]).collect()
 }
 
-/// Weights of the additive march of Neural Volumes: wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ.
+/// Returns the weights of the additive march of Neural Volumes: wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ.
 pub fn additive_weights(tau: &[f64]) -> Vec<f64> {
     let mut opacity = 0f64;
     let mut weight = |tau: &f64| {
@@ -58,7 +58,8 @@ pub fn additive_weights(tau: &[f64]) -> Vec<f64> {
     tau.iter().map(&mut weight).collect()
 }
 
-/// ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u: a sample takes from the one that fills the ray what it gets itself.
+/// Returns ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u: a sample takes from the one that fills the ray what it gets
+/// itself.
 pub fn additive_weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     let mut sum = 0.0;
     let fills = tau.iter().position(|tau| {

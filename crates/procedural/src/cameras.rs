@@ -77,7 +77,7 @@ pub(super) struct Layout {
     pub bounds: Aabb,
 }
 
-/// The cameras of the scene `name`, which exists, for `size`² images.
+/// Returns the cameras of the scene `name`, which exists, for `size`² images.
 pub(super) fn layout(name: &str, size: u32) -> Layout {
     let seed = seed(name);
     let capture = |(train, test), near, far, lo: [f32; 3], hi: [f32; 3]| {
@@ -96,8 +96,8 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
     }
 }
 
-/// At most `count` cameras of the scene `name`, which exists, for `size`² images, as for a set of photographs: a capture has
-/// as many as asked for, any other scene only its training views.
+/// Returns at most `count` cameras of the scene `name`, which exists, for `size`² images, as for a set of photographs:
+/// a capture has as many as asked for, any other scene only its training views.
 pub fn photographs(name: &str, size: u32, count: usize) -> Vec<Camera> {
     let mut cameras = match name {
         "room" => room(seed(name), size, count),
@@ -108,17 +108,18 @@ pub fn photographs(name: &str, size: u32, count: usize) -> Vec<Camera> {
     cameras
 }
 
-/// Horizontal field of view of the cameras of the scene `name`, radians.
+/// Returns the horizontal field of view of the cameras of the scene `name`, radians.
 pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// The seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that it was not picked by hand.
+/// Returns the seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that it was
+/// not picked by hand.
 fn seed(name: &str) -> u64 {
     fingerprint(name.as_bytes())
 }
 
-/// The 64-bit FNV-1a hash.
+/// Returns the 64-bit FNV-1a hash of `bytes`.
 pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
     let mut hash = FnvHasher::default();
     hash.write(bytes);
@@ -132,7 +133,7 @@ fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
     (plain(train), plain(test))
 }
 
-/// `count` hand-held cameras at one end of a room that look at the other.
+/// Returns `count` hand-held cameras at one end of a room that look at the other.
 fn room(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
@@ -144,7 +145,7 @@ fn room(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     (0..count).map(camera).collect()
 }
 
-/// `count` hand-held cameras in an arc of 130° before a table.
+/// Returns `count` hand-held cameras in an arc of 130° before a table.
 fn table(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
@@ -159,7 +160,7 @@ fn table(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     (0..count).map(camera).collect()
 }
 
-/// Twenty-three cameras in a ring about an upright figure, the test views half-way between them and higher.
+/// Returns twenty-three cameras in a ring about an upright figure, the test views half-way between them and higher.
 fn ring(size: u32) -> (Vec<Camera>, Vec<Camera>) {
     let around = |shift: f64, elevation: f64| {
         let turn = move |i: u32| TAU * (f64::from(i) + shift) / 23.0;

@@ -30,7 +30,7 @@ impl Frame {
         Self { rotation: DMat3::IDENTITY, origin }
     }
 
-    /// Local z along `axis`.
+    /// Returns the frame at `origin` whose z axis is along `axis`.
     pub fn along(origin: DVec3, axis: DVec3) -> Self {
         let z = axis.normalize_or(DVec3::Z);
         let (x, y) = z.any_orthonormal_pair();
@@ -90,36 +90,36 @@ impl Convex {
         Self { frame: Frame::at(centre), kind: Kind::Sphere { radius } }
     }
 
-    /// An axis-aligned block with edges `size`.
+    /// Returns an axis-aligned block with edges `size`.
     pub fn block(centre: DVec3, size: DVec3) -> Self {
         Self { frame: Frame::at(centre), kind: Kind::Block { half: 0.5 * size } }
     }
 
-    /// An upright cylinder that stands on `foot`.
+    /// Returns an upright cylinder that stands on `foot`.
     pub fn cylinder(foot: DVec3, radius: f64, height: f64) -> Self {
         Self::cone(foot, radius, radius, height)
     }
 
-    /// An upright frustum that stands on `foot`.
+    /// Returns an upright frustum that stands on `foot`.
     pub fn cone(foot: DVec3, bottom: f64, top: f64, height: f64) -> Self {
         let half = 0.5 * height;
         Self { frame: Frame::at(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
     }
 
-    /// A cylinder from `a` to `b` with flat ends.
+    /// Returns a cylinder from `a` to `b` with flat ends.
     pub fn rod(a: DVec3, b: DVec3, radius: f64) -> Self {
         let half = 0.5 * a.distance(b);
         let kind = Kind::Cone { bottom: radius, top: radius, half };
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind }
     }
 
-    /// A rod with a round end at `a`.
+    /// Returns a rod with a round end at `a`.
     pub fn bullet(a: DVec3, b: DVec3, radius: f64) -> Self {
         let half = 0.5 * a.distance(b);
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
     }
 
-    /// A frustum from `a` to `b` with those radii.
+    /// Returns a frustum from `a` to `b` with those radii.
     pub fn taper(a: DVec3, b: DVec3, bottom: f64, top: f64) -> Self {
         let half = 0.5 * a.distance(b);
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
@@ -164,7 +164,7 @@ impl Convex {
         distance * distance > radius * radius * across.length_squared()
     }
 
-    /// Returns world-space corners of a box around the solid.
+    /// Returns the world-space corners of a box around the solid.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let half = match self.kind {
             Kind::Sphere { radius } => DVec3::splat(radius),
@@ -254,7 +254,7 @@ fn slab(line: &Line, half: f64) -> Option<Span> {
     Some(Span { enter, enter_normal: -side, exit, exit_normal: side })
 }
 
-/// A frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
+/// Returns a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
 fn cone(line: &Line, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
     let mut span = slab(line, half)?;

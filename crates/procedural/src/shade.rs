@@ -21,7 +21,7 @@ const FILL_COLOUR: DVec3 = DVec3::new(0.38, 0.42, 0.55);
 /// How far off the surface secondary rays start.
 const LIFT: f64 = 1e-4;
 
-/// Linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the
+/// Returns the linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the
 /// [`LIGHT_SAMPLES`] positions over the lamps to use.
 #[cfg(test)]
 pub(super) fn radiance(model: &Model, line: &Line, sample: usize) -> Option<DVec3> {

@@ -60,7 +60,7 @@ impl Shape {
         }
     }
 
-    /// The nearest hit in `(NEAREST, farthest)`.
+    /// Returns the nearest hit in `(NEAREST, farthest)`.
     pub fn hit(&self, line: &Line, farthest: f64) -> Option<Hit> {
         match self {
             Self::Solid { base, cuts } => {
@@ -99,7 +99,7 @@ impl Shape {
     }
 }
 
-/// The first point after the start where the line goes from outside `base − cuts` to its surface.
+/// Returns the first point after the start where the line goes from outside `base − cuts` to its surface.
 fn carve(base: &Convex, cuts: &[Convex], line: &Line, farthest: f64) -> Option<(f64, DVec3)> {
     let span = base.span(line)?;
     if span.exit <= NEAREST || span.enter >= farthest {
@@ -129,7 +129,7 @@ fn carve(base: &Convex, cuts: &[Convex], line: &Line, farthest: f64) -> Option<(
     if t > NEAREST { Some((t, normal)) } else { Some((span.exit, span.exit_normal)) }
 }
 
-/// Sphere tracing within the slab and the cylinder that hold the torus. The field is a true
+/// Finds the hit of a torus by sphere tracing within the slab and the cylinder that hold the torus. The field is a true
 /// distance, so no step is too long.
 fn ring(line: &Line, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
     let middle = -line.origin.dot(line.direction);

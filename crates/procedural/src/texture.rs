@@ -31,7 +31,7 @@ pub(super) enum Texture {
 }
 
 impl Texture {
-    /// The colour at local point `p` of a surface that faces `n` there.
+    /// Returns the colour at local point `p` of a surface that faces `n` there.
     pub fn at(&self, p: DVec3, n: DVec3) -> DVec3 {
         match *self {
             Self::Plain(a) => a * (0.92 + 0.16 * noise(p * 30.0)),
@@ -86,7 +86,7 @@ impl Texture {
     }
 }
 
-/// Surface coordinates for masonry: length along the wall and height.
+/// Returns the surface coordinates for masonry: length along the wall and height.
 fn wrap(p: DVec3, n: DVec3, round: bool) -> (f64, f64) {
     let n = n.abs();
     if n.z > 0.7 {
@@ -124,7 +124,7 @@ fn planks(a: DVec3, b: DVec3, u: f64, v: f64) -> DVec3 {
     a.lerp(b, 0.5 * grain + 0.35 * streak + 0.3 * (hash(cell) - 0.3)) * (0.8 + 0.4 * hash(cell))
 }
 
-/// Five petals about a heart in every other cell, a leaf in the rest.
+/// Paints five petals about a heart in every other cell, a leaf in the rest.
 fn flowers(ground: DVec3, petal: DVec3, u: f64, v: f64) -> DVec3 {
     let (cu, cv) = (u.floor(), v.floor());
     let (x, y) = (u - cu - 0.5, v - cv - 0.5);
@@ -145,12 +145,12 @@ fn smooth(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// Three octaves of [`noise`], in `[0, 1]`.
+/// Returns three octaves of [`noise`], in `[0, 1]`.
 fn fractal(p: DVec3) -> f64 {
     (4.0 * noise(p) + 2.0 * noise(p * 2.03) + noise(p * 4.11)) / 7.0
 }
 
-/// Smooth value noise in `[0, 1]` with features of size 1.
+/// Returns smooth value noise in `[0, 1]` with features of size 1.
 fn noise(p: DVec3) -> f64 {
     let cell = p.floor();
     let f = p - cell;
@@ -163,7 +163,7 @@ fn noise(p: DVec3) -> f64 {
     mix(face(0), face(1), f.z)
 }
 
-/// A number in `[0, 1)` that looks random, from a lattice point.
+/// Returns a number in `[0, 1)` that looks random, from a lattice point.
 fn hash([x, y, z]: [i64; 3]) -> f64 {
     let mut h = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
         ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)

@@ -69,8 +69,8 @@ pub(super) fn light(model: &Model, line: &Line, sample: usize) -> (DVec3, f64) {
     (colour, if passes > MIN_TRANSMITTANCE { 1.0 - passes } else { 1.0 })
 }
 
-/// The distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque scenes
-/// the first surface.
+/// Returns the distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque
+/// scenes the first surface.
 pub(super) fn front(model: &Model, line: &Line) -> Option<(f64, bool)> {
     if !model.is_clear() {
         return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));

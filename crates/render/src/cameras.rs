@@ -50,7 +50,7 @@ pub struct Pivot {
 }
 
 impl Pivot {
-    /// The centre of `scene`, and the mean distance of its training cameras from it.
+    /// Returns the centre of `scene`, and the mean distance of its training cameras from it.
     pub fn of(scene: &Scene) -> Self {
         let centre = scene.space.centre;
         let sum: f32 = scene.train.iter().map(|view| view.camera.position().distance(centre)).sum();
@@ -59,7 +59,7 @@ impl Pivot {
 }
 
 impl CameraRefinement {
-    /// No correction yet of `views` cameras.
+    /// Makes corrections of `views` cameras that are all 0.
     pub fn new(views: usize, pivot: Pivot, focal: Focal, device: &Device) -> Self {
         let factors = match focal {
             Focal::Fixed => None,
@@ -74,18 +74,18 @@ impl CameraRefinement {
         }
     }
 
-    /// The correction of one camera in a frame that is known already, as of a test view.
+    /// Returns the correction of one camera in a frame that is known already, as of a test view.
     pub fn of_one(pivot: Pivot, device: &Device) -> Self {
         Self { gauge: false, ..Self::new(1, pivot, Focal::Fixed, device) }
     }
 
-    /// (ω, τ) less their mean, `[V, 6]`.
+    /// Returns (ω, τ) less their mean over the views, `[V, 6]`.
     fn motions(&self) -> Tensor<2> {
         let poses = self.poses.val();
         if self.gauge { poses.clone() - poses.mean_dim(0) } else { poses }
     }
 
-    /// Mean of |ω|² + |τ|² + φ² over the views, `[1]`: the pull towards the start.
+    /// Returns the mean of |ω|² + |τ|² + φ² over the views, `[1]`: the pull towards the start.
     pub fn prior(&self) -> Tensor<1> {
         let motions = self.motions().square().sum_dim(1).mean();
         match &self.focal {
@@ -94,7 +94,7 @@ impl CameraRefinement {
         }
     }
 
-    /// The corrected `cameras`.
+    /// Returns the corrected `cameras`.
     ///
     /// # Panics
     /// If they are not as many as the views.
@@ -112,7 +112,7 @@ impl CameraRefinement {
         corrected.collect()
     }
 
-    /// The cameras with their focal lengths corrected alone.
+    /// Returns the cameras with their focal lengths corrected alone.
     fn refocused(&self, cameras: &[Camera]) -> Vec<Camera> {
         let Some(focal) = &self.focal else { return cameras.to_vec() };
         let factors = to_host(focal.val());
@@ -120,8 +120,8 @@ impl CameraRefinement {
         cameras.iter().enumerate().map(of_view).collect()
     }
 
-    /// Origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`, differentiable in the
-    /// corrections ([`RayBatch::tracked`](crate::RayBatch::tracked)).
+    /// Returns the origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`,
+    /// differentiable in the corrections ([`RayBatch::tracked`](crate::RayBatch::tracked)).
     ///
     /// A lens has no part in a rigid motion. By the focal length a ray is differentiated on the host, by central differences
     /// in `f64` of [`Camera::ray_f64`], through whatever lens there is.
@@ -156,7 +156,7 @@ impl CameraRefinement {
     }
 }
 
-/// The camera with focal lengths e^φ times as long.
+/// Returns the camera with focal lengths e^φ times as long.
 fn zoomed(camera: &Camera, phi: f64) -> Camera {
     Camera { fx: camera.fx * phi.exp(), fy: camera.fy * phi.exp(), ..camera.clone() }
 }

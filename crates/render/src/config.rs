@@ -73,7 +73,7 @@ pub struct OccupancyConfig {
 }
 
 impl Default for RenderConfig {
-    /// As preset `paper` has it.
+    /// Returns the values of preset `paper`.
     fn default() -> Self {
         Self {
             samples: 64.0.into(),
@@ -92,7 +92,7 @@ impl Default for RenderConfig {
 }
 
 impl Default for OccupancyConfig {
-    /// As preset `paper` has it: off.
+    /// Returns the values of preset `paper`: no grid.
     fn default() -> Self {
         Self {
             enabled: false,
@@ -108,7 +108,7 @@ impl Default for OccupancyConfig {
 }
 
 impl OccupancyConfig {
-    /// The density at which a sample of `step_length` has opacity `alpha_threshold`.
+    /// Returns the density at which a sample of `step_length` has opacity `alpha_threshold`.
     pub(crate) fn threshold(&self, step_length: f32) -> f32 {
         -(-self.alpha_threshold).ln_1p() / step_length
     }
@@ -148,12 +148,12 @@ impl RenderConfig {
         self.occupancy.validate()
     }
 
-    /// The optical depth behind which training skips; infinite if nothing.
+    /// Returns the optical depth behind which training skips; infinite if nothing.
     pub(crate) fn hidden_depth(&self) -> f32 {
         if self.hidden_depth > 0.0 { self.hidden_depth } else { f32::INFINITY }
     }
 
-    /// Keys that are set but have no effect with the others as they are, one line each.
+    /// Returns the keys that are set but have no effect with the others as they are, one line each.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = self.early_stop_transmittance > 0.0 && !self.marches();
         let [hidden, carve] =

@@ -24,7 +24,7 @@ pub fn render_tested<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>],
     combine(members.iter().map(|member| render_one(renderer, member, &view.camera, Some(&view.file))).collect())
 }
 
-/// The mean of `pictures`, each pixel's distance weighted by opacity.
+/// Returns the mean of `pictures`, each pixel's distance weighted by opacity.
 ///
 /// # Panics
 /// If there are no pictures, or they differ in size.

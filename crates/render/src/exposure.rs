@@ -18,7 +18,7 @@ pub struct Exposure {
 }
 
 impl Exposure {
-    /// Gain 1 and bias 0 for each of `views` training views.
+    /// Makes gains of 1 and biases of 0 for each of `views` training views.
     pub fn new(views: usize, device: &Device) -> Self {
         let parameter = |value: f32| Param::from_data(TensorData::new(vec![value; 3 * views], [views, 3]), device);
         Self { gain: parameter(1.0), bias: parameter(0.0) }
@@ -34,8 +34,8 @@ impl Exposure {
         Self { gain: with_mean(self.gain, 1.0), bias: with_mean(self.bias, 0.0) }
     }
 
-    /// Colours, `[R, 3]`, as training views show them, of rays with colour `color` on `background`, `[R, 3]`, and opacity
-    /// `acc`, `[R]`. `views` holds the training view of each ray.
+    /// Returns the colours, `[R, 3]`, that training views show of rays with colour `color` on `background`, `[R, 3]`,
+    /// and opacity `acc`, `[R]`. `views` holds the training view of each ray.
     ///
     /// # Panics
     /// If `views` and rays differ in number.
@@ -49,7 +49,7 @@ impl Exposure {
         (color - behind.clone()) * gain + bias + behind
     }
 
-    /// `picture`, on `background`, as training view `view` shows it.
+    /// Returns `picture`, on `background`, as training view `view` shows it.
     pub(crate) fn expose(&self, picture: RenderedImage, background: [f32; 3], view: usize) -> RenderedImage {
         let (rays, device) = (picture.rgb.len(), self.gain.device());
         let color = upload(picture.rgb.as_flattened().to_vec(), [rays, 3], &device);

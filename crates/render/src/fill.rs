@@ -1,7 +1,8 @@
 //! Pictures where rays meet nothing.
 
-/// A picture in which each pixel shows its own colour as far as it is opaque, and behind it the mean of what the pixels
-/// about it show, the more of them the less opaque they are (the pull–push pyramid of Gortler et al. 1996, Sec. 3.4).
+/// Returns a picture in which each pixel shows its own colour as far as it is opaque, and behind it the mean of what
+/// the pixels about it show, the more of them the less opaque they are (the pull–push pyramid of Gortler et al. 1996,
+/// Sec. 3.4).
 ///
 /// `pixels` holds (Σ w c, α) of each pixel, row-major; `background` shows through where the whole picture is transparent.
 pub(crate) fn filled(pixels: &[[f32; 4]], (width, height): (usize, usize), background: [f32; 3]) -> Vec<[f32; 3]> {

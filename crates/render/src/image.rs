@@ -57,7 +57,7 @@ pub(crate) fn render_one<F: Field>(
     image
 }
 
-/// The picture of a camera in the model's own frame.
+/// Renders the picture of a camera in the model's own frame.
 fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
     let rays: Vec<Ray> = (0..camera.height)
         .into_par_iter()
@@ -113,7 +113,7 @@ impl RenderedImage {
         self
     }
 
-    /// End of the ray of `pixel`, and its direction; `None` if it hits nothing.
+    /// Returns the end of the ray of `pixel`, and its direction; `None` if it hits nothing.
     pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
         let (width, depth) = (self.width as usize, self.depth[pixel]);
         let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);

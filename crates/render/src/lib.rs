@@ -1,10 +1,10 @@
-//! From rays to pictures.
+//! Rendering: rays, their samples, occupancy grids, compositing, and whole images.
 //!
 //! ```text
 //! rays ─► sampler (candidate distances) ─► occupancy grid (drops what is empty or hidden) ─► field ─► compositing
 //! ```
 //!
-//! A picture of a field of one's own, a blue fog:
+//! Rendering an image of a user-defined field, here a uniform blue fog:
 //!
 //! ```
 //! use burn::module::Module;

@@ -35,7 +35,8 @@ const JOINED: [f32; 2] = [100.0, 10.0];
 /// Maximal number of rays of a [`MarchingRays`].
 const PART: usize = 1 << 10;
 
-/// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
+/// Marches along `rays`, and returns each ray's colour on the background, distance and transmittance, and the numbers
+/// of samples.
 ///
 /// All parts go a round at a time, and the field is evaluated once for all of them; on the host, where `host` is the field,
 /// each part goes alone.
@@ -135,7 +136,7 @@ struct MarchRound {
 }
 
 impl MarchRound {
-    /// A round with capacity for the samples of `rays` rays.
+    /// Returns a round with capacity for the samples of `rays` rays.
     fn for_rays(rays: usize) -> Self {
         let samples = ROUND * rays;
         Self {
@@ -170,7 +171,7 @@ impl<'a> MarchingRays<'a> {
         }
     }
 
-    /// The next samples, unless all rays have stopped.
+    /// Returns the next samples, unless all rays have stopped.
     fn next_round(&mut self) -> Option<MarchRound> {
         let mut round = MarchRound::for_rays(self.active.len());
         let warp = self.renderer.warp();

@@ -25,12 +25,12 @@ pub struct Model<F: Module> {
 }
 
 impl<F: Field> Model<F> {
-    /// A field alone.
+    /// Returns a model of one field, with neither a coarse one nor corrections.
     pub fn of(fine: F) -> Self {
         Self { coarse: None, fine, exposure: None, cameras: None }
     }
 
-    /// The model with its fields conditioned on `sources`: see [`Field::conditioned`].
+    /// Returns the model with its fields conditioned on `sources`: see [`Field::conditioned`].
     pub fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         Self {
             coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
@@ -41,18 +41,18 @@ impl<F: Field> Model<F> {
     }
 }
 
-/// ModelFrame of the cameras that a model was trained with, as they were learned, relative to the scene's.
+/// Frame of the cameras that a model was trained with, as they were learned, relative to the scene's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelFrame {
-    /// From the scene's world.
+    /// Map from the scene's world to the model's.
     pub similarity: Similarity,
-    /// How many times as long as the scene's focal lengths are.
+    /// Factor from the scene's focal lengths to those of the model.
     pub zoom: f64,
 }
 
 impl ModelFrame {
-    /// The frame of cameras that were `given` and are `learned`: poses are aligned with those of `exact` cameras of the same views,
-    /// about the scene's `centre`; the zoom is the geometric mean over the cameras.
+    /// Returns the frame of cameras that were `given` and are `learned`: poses are aligned with those of `exact`
+    /// cameras of the same views, about the scene's `centre`; the zoom is the geometric mean over the cameras.
     pub fn of(exact: &[Camera], given: &[Camera], learned: &[Camera], centre: DVec3) -> Self {
         let logs = given.iter().zip(learned).map(|(given, learned)| (learned.fx / given.fx).ln());
         let zoom = (logs.sum::<f64>() / given.len().max(1) as f64).exp();
@@ -88,7 +88,7 @@ pub struct TrainedModel<F: Field = RadianceField> {
 }
 
 impl<F: Field> TrainedModel<F> {
-    /// A camera of the scene in the frame of the model.
+    /// Returns a camera of the scene in the frame of the model.
     pub fn camera(&self, camera: &Camera) -> Camera {
         self.frame.map_or_else(|| camera.clone(), |frame| frame.camera(camera))
     }

@@ -59,7 +59,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// The stream of one purpose in one step of a run.
+    /// Returns the stream of one purpose in one step of a run.
     pub fn new(seed: u64, step: u64, stream: RandomStream) -> Self {
         Self::numbered(seed, step, stream as u64)
     }
@@ -68,7 +68,7 @@ impl Noise {
         Self { seed: mix(mix(mix(seed) ^ step) ^ stream) }
     }
 
-    /// An independent stream within this one.
+    /// Returns an independent stream within this one.
     pub fn child(self, stream: RandomStream) -> Self {
         self.numbered_child(stream as u64)
     }
@@ -78,22 +78,22 @@ impl Noise {
         Self { seed: mix(mix(self.seed).rotate_left(32) ^ stream) }
     }
 
-    /// Uniform in [0, 1).
+    /// Returns number `index` of `item`, uniform in [0, 1).
     pub fn uniform(self, item: usize, index: usize) -> f32 {
         self.stream(item).uniform(index)
     }
 
-    /// Uniform in 0..`count`.
+    /// Returns number `index` of `item`, uniform in 0..`count`.
     pub fn below(self, item: usize, index: usize, count: usize) -> usize {
         below(self.seed, item, index, count)
     }
 
-    /// The stream's own seed, for generators that need one.
+    /// Returns the stream's own seed, for generators that need one.
     pub fn bits(self) -> u64 {
         self.seed
     }
 
-    /// The numbers of one item.
+    /// Returns the numbers of one item.
     pub(crate) fn stream(self, item: usize) -> Stream {
         Stream { key: self.seed, item }
     }

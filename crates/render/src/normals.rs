@@ -13,9 +13,9 @@ use crate::model::{Model, TrainedModel};
 use crate::renderer::Renderer;
 use crate::warp::Warp;
 
-/// The picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z towards the
-/// camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not change. Of several
-/// members the mean.
+/// Renders the picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z
+/// towards the camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not
+/// change. Of several members the mean.
 ///
 /// # Panics
 /// If there are no members, or a field that does not [track positions](infonerf_field::FieldTraits::tracks_positions).

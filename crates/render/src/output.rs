@@ -34,18 +34,18 @@ pub struct RenderOutput {
 }
 
 impl RenderOutput {
-    /// Samples of each ray.
+    /// Returns the samples of each ray.
     pub fn segments(&self) -> &Segments {
         &self.samples.segments
     }
 
-    /// The output with the exposure of each ray's training view.
+    /// Returns the output with the exposure of each ray's training view.
     fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
         Self { color, ..self }
     }
 
-    /// The output of rays without samples.
+    /// Returns the output of rays without samples.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3]) -> Self {
         let (rays, device) = (samples.segments.rays(), samples.distance.device());
         let zeros = Tensor::<1>::zeros([rays], &device);
@@ -71,7 +71,7 @@ pub struct Passes {
 }
 
 impl Passes {
-    /// Both passes with the exposure of each ray's training view.
+    /// Returns both passes with the exposure of each ray's training view.
     pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         Self {
             coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
@@ -79,7 +79,7 @@ impl Passes {
         }
     }
 
-    /// Samples of both passes before and after skipping.
+    /// Returns the samples of both passes before and after skipping.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts::from(&self.fine.samples);
         if let Some(coarse) = &self.coarse {

@@ -3,8 +3,9 @@ use infonerf_field::{Extent, Field, FieldOutput, Points};
 use infonerf_ops::upload;
 use infonerf_schedule::Moment;
 
-/// Evaluates `field` at `positions`, three values each, that are on no ray and each stand for the space `extent`: density and,
-/// if asked for, `color`. Points are seen along +z, or each along its own of `directions`, which cones need.
+/// Evaluates `field` at `positions`, three values per point, that lie on no ray and each represent a region of size
+/// `extent`: returns density and, if asked for, `color`. Points are seen along +z, or each along its own of
+/// `directions`, which cones need.
 pub fn evaluate_at<F: Field>(
     field: &F,
     positions: Vec<f32>,

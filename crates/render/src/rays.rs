@@ -32,7 +32,7 @@ pub struct RayBatch {
 }
 
 impl RayBatch {
-    /// A batch of rays with these `ends` for a field on `device`.
+    /// Returns a batch of rays with these `ends` for a field on `device`.
     pub(crate) fn new(rays: Vec<Ray>, ends: Vec<Option<[f32; 2]>>, device: &Device) -> Self {
         let device = device.clone().inner();
         let vectors = |of: fn(&Ray) -> [f32; 3]| rays.iter().flat_map(of).collect();
@@ -55,13 +55,14 @@ impl RayBatch {
         }
     }
 
-    /// The batch with samples jittered by `noise`, of which ray `r` has item `r`. Samples are evenly spaced without.
+    /// Returns the batch with samples jittered by `noise`, of which ray `r` has item `r`. Samples are evenly spaced
+    /// without.
     #[must_use]
     pub fn jittered(self, noise: Noise) -> Self {
         Self { jitter: Some(noise), ..self }
     }
 
-    /// The batch as rays of these pixels.
+    /// Returns the batch as rays of these pixels.
     ///
     /// # Panics
     /// If rays and pixels differ in number.
@@ -71,13 +72,14 @@ impl RayBatch {
         Self { pixels: Some(pixels), ..self }
     }
 
-    /// The batch with `origins` and `directions`, `[R, 3]`, that have the same values and are in an autodiff graph.
+    /// Returns the batch with `origins` and `directions`, `[R, 3]`, that have the same values and are in an autodiff
+    /// graph.
     #[must_use]
     pub fn tracked(self, [origins, directions]: [Tensor<2>; 2]) -> Self {
         Self { origins, directions, is_tracked: true, ..self }
     }
 
-    /// Number of rays `R`.
+    /// Returns the number of rays `R`.
     pub fn len(&self) -> usize {
         self.on_host.len()
     }
@@ -87,39 +89,39 @@ impl RayBatch {
         self.len() == 0
     }
 
-    /// The pixel of each ray; `None` if rays are of no pixels.
+    /// Returns the pixel of each ray; `None` if rays are of no pixels.
     pub fn pixels(&self) -> Option<&[PixelAt]> {
         self.pixels.as_deref()
     }
 
-    /// The random numbers of the batch; `None` for samples that are evenly spaced.
+    /// Returns the random numbers of the batch; `None` for samples that are evenly spaced.
     pub(crate) fn jitter(&self) -> Option<Noise> {
         self.jitter
     }
 
-    /// The rays on the host.
+    /// Returns the rays on the host.
     pub(crate) fn on_host(&self) -> &[Ray] {
         &self.on_host
     }
 
-    /// Near and far of each ray, coordinates of the warp; `None` for a ray that misses the scene.
+    /// Returns near and far of each ray, coordinates of the warp; `None` for a ray that misses the scene.
     pub(crate) fn ends(&self) -> &[Option<[f32; 2]>] {
         &self.ends
     }
 
-    /// Indices of the rays that meet the scene, in order.
+    /// Returns the indices of the rays that meet the scene, in order.
     pub(crate) fn hits(&self) -> impl Iterator<Item = usize> + Clone + '_ {
         self.ends.iter().enumerate().filter_map(|(ray, ends)| ends.map(|_| ray))
     }
 
-    /// Near and far of the rays that meet the scene, `[H, 2]`, on the device and in no graph.
+    /// Returns near and far of the rays that meet the scene, `[H, 2]`, on the device and in no graph.
     pub(crate) fn ends_of_hits(&self) -> Tensor<2> {
         let ends: Vec<f32> = self.ends.iter().flatten().flatten().copied().collect();
         let hits = ends.len() / 2;
         upload(ends, [hits, 2], &self.radii.device())
     }
 
-    /// Random numbers of the `rays` for a pass, on the device: for the first one, or for the `fine` one.
+    /// Returns random numbers of the `rays` for a pass, on the device: for the first one, or for the `fine` one.
     pub(crate) fn streams(&self, rays: impl Iterator<Item = usize>, fine: bool) -> Option<Streams> {
         let noise = self.jitter?;
         let noise = if fine { noise.child(RandomStream::FineSamples) } else { noise };
@@ -128,14 +130,14 @@ impl RayBatch {
         Some(Streams(upload(bits, [count], &self.radii.device())))
     }
 
-    /// Origins and directions in no graph, `[R, 3]` each.
+    /// Returns the origins and directions in no graph, `[R, 3]` each.
     pub(crate) fn geometry(&self) -> [Tensor<2>; 2] {
         let device = self.radii.device();
         [&self.origins, &self.directions].map(|rows| on(rows, &device))
     }
 
-    /// The points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`. Gradients of rays in a
-    /// graph are kept by [`Self::points`] alone.
+    /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`.
+    /// Gradients of rays in a graph are kept by [`Self::points`] alone.
     pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
         Points {
             positions: on(&positions, device),
@@ -170,7 +172,7 @@ impl RayBatch {
     }
 }
 
-/// `tensor` as one of `device`, which differs from its own in tracking gradients at most.
+/// Returns `tensor` as one of `device`, which differs from its own in tracking gradients at most.
 pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
     match (tensor.device().is_autodiff(), device.is_autodiff()) {
         (false, true) => tensor.clone().autodiff(),

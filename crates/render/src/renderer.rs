@@ -26,22 +26,22 @@ pub struct Renderer {
 const SAMPLES_AT_ONCE: usize = 1 << 16;
 
 impl Renderer {
-    /// A renderer for `scene`'s bounds and background.
+    /// Returns a renderer for `scene`'s bounds and background.
     pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
         Self { sampler: Sampler::new(config, scene), background: scene.background, backdrop: scene.backdrop }
     }
 
-    /// Mean length of a sample's interval, which the occupancy threshold refers to.
+    /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
     pub fn step_length(&self, at: Moment) -> f32 {
         self.sampler.step_length(at)
     }
 
-    /// Number of rays to render at a time without gradients: as many as have 65,536 samples.
+    /// Returns the number of rays to render at a time without gradients: as many as have 65,536 samples.
     pub fn rays_at_once(&self, at: Moment) -> usize {
         (SAMPLES_AT_ONCE / self.sampler.max_samples(at).max(1)).max(1)
     }
 
-    /// The renderer before a black background.
+    /// Returns the renderer before a black background.
     pub(crate) fn on_black(&self) -> Self {
         Self { background: [0.0; 3], backdrop: Backdrop::Colour, ..self.clone() }
     }
@@ -58,13 +58,13 @@ impl Renderer {
         self.backdrop
     }
 
-    /// The map from the world into the box of fields and occupancy grids.
+    /// Returns the map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
         self.sampler.warp()
     }
 
-    /// The background colour. In training before an unknown backdrop it is drawn from `noise` for each batch, so that the field
-    /// learns to be opaque.
+    /// Returns the background colour. In training before an unknown backdrop it is drawn from `noise` for each batch,
+    /// so that the field learns to be opaque.
     fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
         match (self.backdrop, noise) {
             (Backdrop::Unknown, Some(noise)) => {
@@ -75,7 +75,7 @@ impl Renderer {
         }
     }
 
-    /// A batch of `rays` for a field on `device`.
+    /// Returns a batch of `rays` for a field on `device`.
     pub fn rays(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
         self.sampler.batch(rays, device)
     }
@@ -120,7 +120,7 @@ impl Renderer {
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 
-    /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
+    /// Returns the density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
     pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &RayBatch, at: Moment) -> RenderOutput {
         let points = rays.points(&output.samples, self.warp(), &field.device());
         let request = RenderRequest { color: false, hidden: true };

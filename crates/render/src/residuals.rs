@@ -45,8 +45,8 @@ struct Source {
 }
 
 impl Residuals {
-    /// The residuals of `scene`'s training views, taken by `cameras` in the frame of the model. Each is computed, and then kept,
-    /// when a picture first needs it.
+    /// Returns the residuals of `scene`'s training views, taken by `cameras` in the frame of the model. Each is
+    /// computed, and then kept, when a picture first needs it.
     ///
     /// # Panics
     /// If views and cameras differ in number.
@@ -86,8 +86,8 @@ impl Residuals {
         }
     }
 
-    /// The photographs with the greatest sums of angular weights over some pixels spread over the picture, whether the field
-    /// hides their points or not; never the one of the file `left_out`.
+    /// Returns the photographs with the greatest sums of angular weights over some pixels spread over the picture,
+    /// whether the field hides their points or not; never the one of the file `left_out`.
     fn nearest(&self, picture: &RenderedImage, camera: &Camera, left_out: Option<&str>) -> Vec<usize> {
         let pixels = picture.depth.len();
         // Odd, as widths seldom are: otherwise the same few columns would come again and again.
@@ -117,7 +117,7 @@ impl Residuals {
 }
 
 impl Source {
-    /// Residual and weight of `point` on a ray along `direction`; `None` if `camera` does not see it.
+    /// Returns the residual and weight of `point` on a ray along `direction`; `None` if `camera` does not see it.
     fn at(&self, camera: &Camera, point: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
         let (at, size) = (seen_at(camera, point)?, [camera.width as usize, camera.height as usize]);
         let seen = bilinear(size, at, |pixel| self.distance[pixel]);
@@ -132,14 +132,14 @@ impl Source {
     }
 }
 
-/// Pixel of `camera` that shows `point`, on or within the centres of the pixels at its edges, to rounding.
+/// Returns the pixel of `camera` that shows `point`, on or within the centres of the pixels at its edges, to rounding.
 fn seen_at(camera: &Camera, point: Vec3) -> Option<(f32, f32)> {
     let at = camera.project(point)?;
     let inside = |at: f32, size: u32| (0.49..=size as f32 - 0.49).contains(&at);
     (inside(at.x, camera.width) && inside(at.y, camera.height)).then_some((at.x, at.y))
 }
 
-/// (θ₀ / (θ₀ + θ))², θ between `direction` and the ray of `camera` to `point`.
+/// Returns (θ₀ / (θ₀ + θ))², θ between `direction` and the ray of `camera` to `point`.
 fn angular_weight(camera: &Camera, point: Vec3, direction: Vec3) -> f32 {
     let angle = (point - camera.position()).angle_between(direction);
     (ANGLE / (ANGLE + angle)).powi(2)

@@ -22,31 +22,33 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Samples at `distance`, `[M]`, with intervals of length `delta`, `[M]`, of `candidates` before skipping.
+    /// Returns the samples at `distance`, `[M]`, with intervals of length `delta`, `[M]`, of `candidates` before
+    /// skipping.
     pub fn new(segments: Segments, distance: Tensor<1>, delta: Tensor<1>, candidates: usize) -> Self {
         Self { segments, distance, on_host: Arc::default(), delta, candidates }
     }
 
-    /// No samples of `rays` rays.
+    /// Makes `rays` rays without samples.
     pub(crate) fn none(rays: usize, device: &Device) -> Self {
         let nothing = Tensor::empty([0], device);
         Self::new(Segments::uniform(rays, 0), nothing.clone(), nothing, 0)
     }
 
-    /// Packed samples and their positions, `[M, 3]`.
+    /// Returns the packed samples and their positions, `[M, 3]`.
     pub(crate) fn packed(packed: PackedSamples, candidates: usize) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
         let on_host = Arc::new(on_host.map_or_else(OnceLock::new, OnceLock::from));
         (Self { segments, distance, on_host, delta, candidates }, positions)
     }
 
-    /// The samples for a field on `device`, which differs in tracking gradients at most.
+    /// Returns the samples for a field on `device`, which differs in tracking gradients at most.
     pub(crate) fn on(self, device: &Device) -> Self {
         let [distance, delta] = [&self.distance, &self.delta].map(|values| on(values, device));
         Self { distance, delta, ..self }
     }
 
-    /// Distance of each sample along its ray on the host, `[M]`, scene units. A device that placed the samples is read once.
+    /// Returns the distance of each sample along its ray on the host, `[M]`, scene units. A device that placed the
+    /// samples is read once.
     pub fn t(&self) -> &[f32] {
         self.on_host.get_or_init(|| to_host(self.distance.clone()))
     }

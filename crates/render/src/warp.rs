@@ -59,7 +59,7 @@ pub enum Warp {
 }
 
 impl Warp {
-    /// The warp of `scene`: contraction in place of NDC if the cameras have none ([`Self::has_ndc`]).
+    /// Returns the warp of `scene`: contraction in place of NDC if the cameras have none ([`Self::has_ndc`]).
     pub fn of(scene: &Scene, space: SpaceChoice) -> Self {
         let space = match (space, scene.space.layout) {
             (SpaceChoice::Auto | SpaceChoice::Content, _) if scene.space.bounded => SpaceChoice::Box,
@@ -97,12 +97,13 @@ impl Warp {
         *self == Self::Identity
     }
 
-    /// The distance up to which rays are sampled whatever the scene's far distance; contraction holds any distance.
+    /// Returns the distance up to which rays are sampled whatever the scene's far distance; contraction holds any
+    /// distance.
     pub(crate) fn horizon(&self) -> Option<f32> {
         if let Self::Contraction { radius, .. } = self { Some(radius * HORIZON) } else { None }
     }
 
-    /// Where a field is evaluated for the point `p` of the world.
+    /// Returns the point at which a field is evaluated for the point `p` of the world.
     pub fn point(&self, p: Vec3) -> Vec3 {
         match self {
             Self::Identity => p,
@@ -162,8 +163,8 @@ impl Warp {
         }
     }
 
-    /// Lengths in scene units of intervals at `distance`, `[M]`, whose lengths in the coordinate are `delta`: δ dt/ds, the inverse
-    /// of [`Self::rate`].
+    /// Returns the lengths in scene units of intervals at `distance`, `[M]`, whose lengths in the coordinate are
+    /// `delta`: δ dt/ds, the inverse of [`Self::rate`].
     pub fn lengths(&self, distance: &Tensor<1>, delta: Tensor<1>) -> Tensor<1> {
         match self {
             Self::Identity => delta,
@@ -175,8 +176,8 @@ impl Warp {
         }
     }
 
-    /// Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points of the world of
-    /// what has the gradient g at the points `q` that they are mapped to.
+    /// Returns Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points
+    /// of the world of what has the gradient g at the points `q` that they are mapped to.
     pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
         if self.is_identity() {
             return gradient;
@@ -189,7 +190,7 @@ impl Warp {
         world.grad(&gradients).expect("the world is mapped")
     }
 
-    /// The inverse of [`Self::point`], with distances clamped to the horizon.
+    /// Returns the inverse of [`Self::point`], with distances clamped to the horizon.
     pub fn world(&self, q: Vec3) -> Vec3 {
         match self {
             Self::Identity => q,
@@ -205,7 +206,7 @@ impl Warp {
         }
     }
 
-    /// A box that holds [`Self::point`] of everything that the training cameras of `scene` see.
+    /// Returns a box that holds [`Self::point`] of everything that the training cameras of `scene` see.
     pub fn bounds(&self, scene: &Scene) -> Aabb {
         match self {
             Self::Identity => scene.space.bounds,
@@ -224,7 +225,7 @@ impl Warp {
         }
     }
 
-    /// The coordinate `s` at distance `t` along a ray.
+    /// Returns the coordinate `s` at distance `t` along a ray.
     pub fn coordinate(&self, t: f32) -> f32 {
         match self {
             Self::Identity => t,
@@ -236,7 +237,7 @@ impl Warp {
         }
     }
 
-    /// ds/dt at distance `t`: a density σ per unit of the coordinate is `σ ds/dt` per scene unit.
+    /// Returns ds/dt at distance `t`: a density σ per unit of the coordinate is `σ ds/dt` per scene unit.
     pub fn rate(&self, t: f32) -> f32 {
         match self {
             Self::Identity => 1.0,
@@ -248,7 +249,7 @@ impl Warp {
         }
     }
 
-    /// The distance at coordinate `s`: the inverse of [`Self::coordinate`].
+    /// Returns the distance at coordinate `s`: the inverse of [`Self::coordinate`].
     pub fn distance(&self, s: f32) -> f32 {
         match self {
             Self::Identity => s,
@@ -260,8 +261,8 @@ impl Warp {
     }
 }
 
-/// Radius of the ball about the centre that holds [`SHARE`] of the surface points; at most that of the cameras, which it is
-/// without points.
+/// Returns the radius of the ball about the centre that holds [`SHARE`] of the surface points; at most that of the
+/// cameras, which it is without points.
 fn content_radius(space: &infonerf_scene::Space) -> f32 {
     let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
     let Some(last) = distances.len().checked_sub(1) else { return space.radius };
@@ -269,12 +270,13 @@ fn content_radius(space: &infonerf_scene::Space) -> f32 {
     distance.clamp(1e-3 * space.radius, space.radius)
 }
 
-/// All training cameras, of chosen and other views.
+/// Returns all training cameras, of chosen and other views.
 fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
 }
 
-/// The first camera moved to the mean position and direction of all; none if any faces away from that direction.
+/// Returns the first camera moved to the mean position and direction of all; none if any faces away from that
+/// direction.
 fn mean_camera(scene: &Scene) -> Option<Camera> {
     let first = cameras(scene).next()?;
     let count = cameras(scene).count() as f64;

@@ -6,7 +6,7 @@ use infonerf_metrics::MetricError;
 /// Error at which [`error_image`] reaches the end of its scale.
 pub const ERROR_FULL_SCALE: f32 = 0.5;
 
-/// A dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+/// Returns a dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
 ///
 /// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
 /// `t` is clamped, NaN counts as 0.
@@ -25,7 +25,7 @@ pub fn viridis(t: f32) -> [f32; 3] {
     )
 }
 
-/// A blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+/// Returns a blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
 ///
 /// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped,
 /// NaN counts as 0.
@@ -45,7 +45,7 @@ pub fn turbo(t: f32) -> [f32; 3] {
     )
 }
 
-/// Picture of a depth map: near is red, far is blue ([`turbo`]), faded to white where little was hit.
+/// Draws a depth map: near is red, far is blue ([`turbo`]), faded to white where little was hit.
 ///
 /// `colour = A · turbo((far − d) / (far − near)) + (1 − A)` with `A` the accumulated weight `acc`. `depth` and `acc`
 /// are row-major `[height × width]`; `depth`, `near` and `far` share a unit. A pixel whose depth or `acc` is not
@@ -80,8 +80,7 @@ pub fn depth_image(
     Ok(picture(&pixels, width))
 }
 
-/// Picture of normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was
-/// hit.
+/// Draws normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was hit.
 ///
 /// `colour = A (n/|n| + 1)/2 + (1 − A)` with `A` the accumulated weight `acc`. `normals` of any length and `acc` are
 /// row-major `[height × width]`. A pixel without a normal is white.
@@ -102,7 +101,7 @@ pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) 
     Ok(picture(&normals.iter().zip(acc).map(pixel).collect::<Vec<_>>(), width))
 }
 
-/// Picture of the mean absolute error over channels: dark is right, yellow is [`ERROR_FULL_SCALE`] off or more
+/// Draws the mean absolute error over channels: dark is right, yellow is [`ERROR_FULL_SCALE`] off or more
 /// ([`viridis`]). A pixel that is not finite is white.
 ///
 /// Images are row-major `[height × width]`, values in `[0, 1]`.
@@ -134,7 +133,7 @@ fn picture(pixels: &[[f32; 3]], width: u32) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| Rgb(to_bytes(pixels[y as usize * width as usize + x as usize])))
 }
 
-/// Rounded to 8 bits.
+/// Rounds colours in [0, 1] to 8 bits.
 pub(crate) fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|channel| (255.0 * channel.clamp(0.0, 1.0)).round() as u8)
 }

@@ -93,7 +93,7 @@ pub struct TestViews {
     pub ids: Vec<usize>,
 }
 
-/// Name of a key in columns and charts: the paper's symbol, or the key without its table.
+/// Returns the name of a key in columns and charts: the paper's symbol, or the key without its table.
 pub(crate) fn short_key(key: &str) -> &str {
     match key {
         "loss.entropy.weight" => "λ₁",

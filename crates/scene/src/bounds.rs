@@ -33,7 +33,7 @@ impl Aabb {
         0.5 * (self.min + self.max)
     }
 
-    /// Returns edge lengths.
+    /// Returns the edge lengths.
     pub fn size(&self) -> Vec3 {
         self.max - self.min
     }

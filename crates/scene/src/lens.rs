@@ -18,13 +18,12 @@ const SOLVED: f64 = 1e-13;
 #[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "model")]
 pub enum LensModel {
-    /// Straight lines stay straight.
+    /// Pinhole without distortion: straight lines stay straight.
     #[default]
     Perspective,
-    /// With `r² = x² + y²` and
-    /// `d = (1 + k₁r² + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + q₁r² + q₂r⁴ + q₃r⁶)`:
-    /// `x ↦ x·d + 2p₁xy + p₂(r² + 2x²)`, `y ↦ y·d + 2p₂xy + p₁(r² + 2y²)`.
-    /// COLMAP's FULL_OPENCV has q = its k₄ to k₆ and `k₄ = 0`; nerfstudio's OPENCV has `q = 0`.
+    /// Radial-tangential (OpenCV): with `r² = x² + y²` and `d = (1 + k₁r² + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + q₁r² + q₂r⁴ +
+    /// q₃r⁶)`: `x ↦ x·d + 2p₁xy + p₂(r² + 2x²)`, `y ↦ y·d + 2p₂xy + p₁(r² + 2y²)`. COLMAP's FULL_OPENCV has q = its k₄
+    /// to k₆ and `k₄ = 0`; nerfstudio's OPENCV has `q = 0`.
     RadialTangential {
         /// Coefficients of the numerator.
         k: [f64; 4],
@@ -33,7 +32,7 @@ pub enum LensModel {
         /// Tangential coefficients.
         p: [f64; 2],
     },
-    /// A direction at the angle θ to the axis falls at `θ(1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸)` from the centre.
+    /// Fisheye: a direction at the angle θ to the axis falls at `θ(1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸)` from the centre.
     Fisheye {
         /// Coefficients of the angle's polynomial.
         k: [f64; 4],
@@ -46,7 +45,7 @@ pub enum LensModel {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     model: LensModel,
-    /// Where the invertible domain ends: a tangent for radial-tangential lenses, an angle in radians for fisheyes.
+    /// End of the invertible domain: a tangent for radial-tangential lenses, an angle in radians for fisheyes.
     reach: f64,
 }
 
@@ -168,7 +167,7 @@ impl Lens {
         }
     }
 
-    /// As [`Lens::unproject`]; outside the domain, the direction at its edge on the same side.
+    /// Returns [`Lens::unproject`] or, outside the invertible domain, the direction at its edge on the same side.
     pub fn nearest_direction(&self, image: DVec2) -> DVec3 {
         if let Some(direction) = self.unproject(image) {
             return direction;

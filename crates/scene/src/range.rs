@@ -11,16 +11,16 @@ use crate::Ray;
 pub enum Range {
     /// Between two distances along the ray.
     Distance {
-        /// The first, scene units, ≥ 0.
+        /// Near end of the interval, scene units, ≥ 0.
         near: f32,
-        /// The second, > `near`.
+        /// Far end of the interval, > `near`.
         far: f32,
     },
     /// Between two depths along the camera's viewing axis, as LLFF gives them.
     Depth {
-        /// The first, scene units, ≥ 0.
+        /// Near end of the interval, scene units, ≥ 0.
         near: f32,
-        /// The second, > `near`.
+        /// Far end of the interval, > `near`.
         far: f32,
     },
     /// Within `radius` of the point of the ray that is nearest to `centre`, as IDR and NeuS sample it.

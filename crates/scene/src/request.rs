@@ -14,8 +14,8 @@ pub struct SceneRequest {
     pub train: ViewSelection,
     /// Choice of test views.
     pub test: TestProtocol,
-    /// The longest side of the images in pixels, reached with a box filter, which enlarges none; `None` for the size they
-    /// have (procedural scenes have a default).
+    /// Longest side of the images in pixels: larger images are reduced with a box filter, none is enlarged. `None` for
+    /// the size that they have (procedural scenes have a default).
     pub image_size: Option<u32>,
     /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.
     pub background: [f32; 3],
@@ -31,7 +31,7 @@ pub struct SceneRequest {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MaskUse {
-    /// Neither trained on, as in nerfstudio, nor measured.
+    /// Left out of training, as in nerfstudio, and of all metrics.
     #[default]
     LeaveOut,
     /// Trained on, and left out by masked metrics alone.
@@ -39,7 +39,7 @@ pub enum MaskUse {
 }
 
 impl Default for SceneRequest {
-    /// Returns four views of seed 0, every 8th test view, native size, white.
+    /// Returns the request for four training views of seed 0, every 8th test view, native size, white.
     fn default() -> Self {
         Self {
             train: ViewSelection::Seed { seed: 0, count: 4 },

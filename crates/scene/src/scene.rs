@@ -69,7 +69,7 @@ pub struct Scene {
     pub train: Vec<View>,
     /// The chosen test views, of the same size.
     pub test: Vec<View>,
-    /// Where it came from.
+    /// Format that the scene was loaded from.
     pub format: Format,
     /// The colour of a ray that meets nothing, display-encoded RGB in `[0, 1]`: what transparent pixels were composited on,
     /// or, of photographs without a known backdrop, the mean colour of the training views.
@@ -93,7 +93,7 @@ pub struct Scene {
 }
 
 impl Default for Scene {
-    /// Returns no views, and the space of NeRF's synthetic scenes.
+    /// Returns a scene without views, with the space of NeRF's synthetic scenes.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -137,7 +137,7 @@ impl Scene {
         self.unrefined_cameras.clone().unwrap_or_else(now)
     }
 
-    /// How many pixels its views have.
+    /// Returns the number of pixels of the scene's views.
     pub fn pixels(&self) -> PixelCount {
         let of = |views: &[View]| views.iter().map(|view| view.image.rgb.len() as u64).sum();
         PixelCount { views: self.train.len(), train: of(&self.train), test: of(&self.test) }

@@ -54,7 +54,7 @@ impl Fault {
 }
 
 impl fmt::Display for Fault {
-    /// One line, whatever was typed.
+    /// Writes the fault in one line: control characters in user input are escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = format!("{}: expected {}, found {}", self.key, self.expected, self.found);
         text.chars()

@@ -1,4 +1,4 @@
-//! Numbers that change over a training run, and faults of the configs that hold them.
+//! Schedules: values that change over a training run; and [`Fault`], an error about one key of a config.
 //!
 //! A [`Schedule`] maps a [`Moment`] of a run to a number. One type serves loss weights, learning rates, image sizes,
 //! numbers of samples and annealing, with one syntax in config files:

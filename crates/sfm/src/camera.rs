@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-/// World to camera: `x ↦ rotation · x + translation`; the camera looks along +z, y is down.
+/// Pose of a camera, world to camera: `x ↦ rotation · x + translation`; the camera looks along +z, y is down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// World to camera.
@@ -20,7 +20,7 @@ impl Pose {
         self.rotation * point + self.translation
     }
 
-    /// Where the camera is.
+    /// Returns the position of the camera in the world.
     pub fn centre(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)
     }
@@ -32,7 +32,7 @@ impl Pose {
     }
 }
 
-/// Square pixels, the centre of the picture, and one coefficient of radial distortion (COLMAP's SIMPLE_RADIAL):
+/// Lens with square pixels, the centre of the image, and one coefficient of radial distortion (COLMAP's SIMPLE_RADIAL):
 /// `p = focal · (1 + k1 r²) · (x, y) / z + centre` with `r² = (x² + y²) / z²`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimpleRadial {
@@ -45,7 +45,7 @@ pub struct SimpleRadial {
 }
 
 impl SimpleRadial {
-    /// Where a point in the camera's axes is seen; `None` behind the camera.
+    /// Returns the pixel at which a point in the camera's axes is seen; `None` behind the camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let p = point.truncate() / point.z;
         (point.z > 0.0).then(|| self.focal * (1.0 + self.k1 * p.length_squared()) * p + self.centre)

@@ -1,9 +1,10 @@
 //! Cameras and points from a few photographs of a scene that does not move: structure from motion.
 //!
-//! SIFT features of each photograph are matched among all pairs; the relative pose on which most matches of a pair agree
-//! comes from five points and RANSAC. From the pair with many matches under a large angle on, photographs are placed one by
-//! one by the points that they see (P3P and RANSAC), and after each all is adjusted together, the lens too.
-//! The same photographs give the same result, on any number of threads.
+//! SIFT features (Lowe 2004) are matched between all pairs of photographs. The relative pose that most matches of a
+//! pair agree on comes from the five-point method and RANSAC. The reconstruction starts from a pair with many matches
+//! under large angles; each further photograph is placed by the points that it sees (P3P and RANSAC), after which
+//! bundle adjustment refines all poses, all points and the lens. The same photographs give the same result, on any
+//! number of threads.
 
 mod bundle;
 mod camera;

@@ -19,7 +19,7 @@ const SAMPLES: usize = 5000;
 const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// Pairs of views that a point is tried from, at most.
 const TRIED: usize = 30;
-/// How many times the tolerance is allowed at first where cameras are known roughly.
+/// Factors on the tolerance, one adjustment each, where cameras are known roughly.
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
 /// From this many photographs on, the lens is adjusted.
 const FOR_LENS: usize = 3;
@@ -41,7 +41,7 @@ pub(crate) struct Mapper<'a> {
 }
 
 impl<'a> Mapper<'a> {
-    /// Returns photographs `a` and `b`, and the pose of the second from the first.
+    /// Makes a map of two photographs out of `count`: `a` at the origin, and `b` at `pose`.
     pub(crate) fn new(
         tracks: &'a [Track],
         count: usize,
@@ -55,7 +55,7 @@ impl<'a> Mapper<'a> {
         Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected: None, tolerance, seed }
     }
 
-    /// All photographs, where they are expected.
+    /// Makes a map of all photographs at the poses where they are `expected`.
     pub(crate) fn at(
         tracks: &'a [Track],
         (lens, prior): (SimpleRadial, Prior),
@@ -89,8 +89,8 @@ impl<'a> Mapper<'a> {
         self.keep_certain()
     }
 
-    /// Takes the pose off the photograph that sees fewest points, as long as these are too few: what two photographs alone
-    /// saw is then no point to the other.
+    /// Takes the pose off the photograph that sees fewest points while these are fewer than [`MIN_POINTS`]. A point
+    /// that two photographs saw is none once one of them has lost its pose, so that the other may follow.
     fn keep_certain(mut self) -> Self {
         loop {
             let points = self.points();
@@ -163,14 +163,15 @@ impl<'a> Mapper<'a> {
         }
     }
 
-    /// Returns the position, if two views agree on it under a sufficient angle.
+    /// Returns `position` if two views that agree on it see it under an angle of at least [`SMALLEST_ANGLE`].
     fn kept(&self, track: usize, position: DVec3) -> Option<DVec3> {
         let agreeing = self.seen(track).into_iter().filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel));
         let centres: Vec<DVec3> = agreeing.map(|(_, pose, _)| pose.centre()).collect();
         (angle(position, &centres) >= SMALLEST_ANGLE).then_some(position)
     }
 
-    /// Returns the point of two views that most views agree with, from all of these.
+    /// Triangulates a track: from the pair of views whose point most views agree with, then anew from all views that
+    /// agree.
     fn triangulated(&self, track: usize) -> Option<DVec3> {
         let seen: Vec<(Pose, DVec2, DVec2)> =
             self.seen(track).into_iter().map(|(_, pose, pixel)| (pose, pixel, self.lens.unproject(pixel))).collect();

@@ -12,7 +12,7 @@ const RATIO: f32 = 0.8;
 /// Rows of similarities that are held at once.
 const BLOCK: usize = 512;
 
-/// Features of photographs `a` and `b` that are taken for the same thing.
+/// Matches between the features of photographs `a` and `b`.
 pub(crate) struct Matches {
     pub(crate) a: usize,
     pub(crate) b: usize,
@@ -28,7 +28,7 @@ pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
     matched.filter(|matches| matches.pairs.len() >= FEWEST).collect()
 }
 
-/// Indices `(a, b)` of features that are each other's closest, by far in both photographs.
+/// Returns the indices `(a, b)` of features that are each other's closest, by far in both photographs.
 pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
     let (rows, columns) = (a.pixels.len(), b.pixels.len());
     let mut to_b = vec![Best::default(); rows];
@@ -51,7 +51,7 @@ pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
     to_b.iter().enumerate().filter_map(mutual).collect()
 }
 
-/// `out = a · bᵀ`, row-major.
+/// Computes `out = a · bᵀ`, row-major.
 #[allow(unsafe_code, reason = "gemm takes pointers; lengths and strides are those of the slices")]
 fn products(a: &[f32], b: &[f32], out: &mut [f32]) {
     let (m, n, k) = (a.len() / LENGTH, b.len() / LENGTH, LENGTH);
@@ -83,7 +83,7 @@ fn products(a: &[f32], b: &[f32], out: &mut [f32]) {
     }
 }
 
-/// The two largest similarities seen, and whose the largest is.
+/// Two largest similarities so far, and the index of the feature with the largest.
 #[derive(Clone, Copy)]
 struct Best {
     first: f32,

@@ -28,8 +28,8 @@ pub struct ImageMatches {
     pub pixels: Vec<(DVec2, DVec2)>,
 }
 
-/// Matches all pairs of `images` and keeps the matches on whose relative pose most of a pair agree, whatever the poses of
-/// the cameras; `focal` are the focal lengths in pixels that the cameras are thought to have.
+/// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
+/// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have.
 pub fn verified_matches(images: &[GreyImage], focal: &[f64], settings: &SfmSettings) -> Vec<ImageMatches> {
     let found: Vec<Features> = images.par_iter().map(|image| features(image, settings.features)).collect();
     let verify = |Matches { a, b, pairs }: &Matches| {

@@ -36,7 +36,7 @@ pub(crate) fn real_roots(coefficients: &[f64]) -> Vec<f64> {
     ends.windows(2).filter_map(|w| root_between(c, &derivative, w[0], w[1])).collect()
 }
 
-/// Newton's method, bisecting where it leaves the bracket or converges slowly.
+/// Finds the root in a bracket by Newton's method, bisecting where it leaves the bracket or converges slowly.
 fn root_between(c: &[f64], derivative: &[f64], mut low: f64, mut high: f64) -> Option<f64> {
     let (at_low, at_high) = (evaluate(c, low), evaluate(c, high));
     if at_low == 0.0 {

@@ -14,19 +14,20 @@ use infonerf_scene::image::GreyImage;
 
 /// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
-/// How far off a guess, or what EXIF says, may be: deviation of its logarithm.
+/// Uncertainty of a guessed focal length, and of one from EXIF: deviation of its logarithm.
 const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.03;
 /// The usual focal length, over the longer side, and the deviation of its logarithm among cameras.
 const USUAL: (f64, f64) = (0.85, 0.5);
-/// Reconstructions whose score is at least this share of the best one's leave the focal length open.
+/// Rivals of the best reconstruction: those whose score is at least this share of its, from which the uncertainty of
+/// the focal length is judged.
 const RIVAL: f64 = 0.9;
-/// Ratio of focal lengths that is worth a word.
+/// Ratio between rival focal lengths above which the focal length is reported as uncertain.
 const UNCERTAIN: f64 = 1.2;
 /// A pair shows no depth if one homography explains this share of its matches.
 const FLAT: f64 = 0.95;
-/// Pairs that are tried to start from.
+/// Number of pairs of photographs from which a reconstruction is started in turn.
 const STARTS: usize = 3;
 /// Angles above this, in radians, make a pair no better to start from.
 const WIDE: f64 = 0.2;
@@ -45,9 +46,10 @@ pub struct Photograph {
 pub struct SfmSettings {
     /// Features per photograph, at most.
     pub features: usize,
-    /// How far a point may be seen from where it falls, over the longer side of a photograph.
+    /// Greatest distance between the pixel at which a point is seen and its projection, over the longer side of a
+    /// photograph.
     pub tolerance: f64,
-    /// Seed of the samples that are drawn.
+    /// Seed of the random samples of RANSAC.
     pub seed: u64,
 }
 

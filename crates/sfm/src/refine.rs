@@ -25,8 +25,8 @@ pub struct Posed<'a> {
     pub image: GreyImage,
     /// Rough pose.
     pub pose: Pose,
-    /// Returns `(x, y) / z`, in the camera's axes, of what is seen at a pixel through the lens; `None` if that is unknown, or
-    /// the pixel is to be left out.
+    /// Function that returns `(x, y) / z`, in the camera's axes, of the point seen at a pixel through the lens; `None`
+    /// if that is unknown, or the pixel is to be left out.
     pub unproject: &'a (dyn Fn(DVec2) -> Option<DVec2> + Sync),
 }
 

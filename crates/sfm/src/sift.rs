@@ -87,7 +87,7 @@ struct Extremum {
     y: f32,
     /// Blur at which it is extremal.
     sigma: f32,
-    /// The blurred image closest to that.
+    /// Index of the blurred image whose blur is closest to `sigma`.
     level: usize,
     contrast: f32,
 }
@@ -118,7 +118,7 @@ impl Octave {
         found
     }
 
-    /// Whether the difference there is above or below all 26 around it.
+    /// Whether the difference of Gaussians at a pixel is above or below all 26 around it.
     fn is_extremal(&self, s: usize, x: usize, y: usize) -> bool {
         let value = self.differences[s].at(x, y);
         if value.abs() < 0.5 * CONTRAST {

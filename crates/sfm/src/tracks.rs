@@ -8,8 +8,8 @@ use crate::sift::Features;
 /// Photographs and the pixels in which they see one point, each photograph once.
 pub(crate) type Track = Vec<(usize, DVec2)>;
 
-/// Returns the connected components of `matches`. A photograph that sees one of
-/// them in two places is left out of it.
+/// Returns the connected components of `matches`, a track each. A photograph that would see the point of a track at two
+/// pixels is left out of that track.
 pub(crate) fn tracks(features: &[Features], matches: &[Matches]) -> Vec<Track> {
     let mut first = vec![0];
     first.extend(features.iter().scan(0, |sum, f| {

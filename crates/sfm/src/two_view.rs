@@ -24,9 +24,9 @@ pub(crate) struct TwoView {
     pub(crate) pose: Pose,
     /// The matches that agree, by index.
     pub(crate) inliers: Vec<usize>,
-    /// The angles between the two rays to what these see, in radians.
+    /// Angles between both cameras' rays to each inlier's point, in radians.
     pub(crate) angles: Vec<f64>,
-    /// Share of these matches that one homography explains as well: a camera that was only turned, or a flat scene.
+    /// Share of the inliers that one homography explains as well: a camera that was only turned, or a flat scene.
     pub(crate) flat: f64,
 }
 

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use crate::map::DepthMap;
 
-/// Clears the pixels of each map whose surface point no other view of `pairs` has within `tolerance` steps of where it is.
+/// Clears each pixel whose surface point is confirmed by no other view of `pairs`: one whose own map has, at the pixel
+/// where it sees the point, the point's disparity to within `tolerance` steps.
 pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>], tolerance: f32) -> Vec<DepthMap> {
     let checked = |view: usize| {
         let (map, camera) = (&maps[view], &cameras[view]);

@@ -1,8 +1,9 @@
 //! Depth maps of posed photographs by plane-sweep stereo.
 //!
-//! For each view, its neighbours are warped onto surfaces of constant disparity (Collins 1996), compared with it by
-//! normalised cross-correlation over windows, smoothed by semi-global matching (Hirschmüller 2008), and what two views do
-//! not agree on is dropped. Only the photographs and their cameras are used, and of these only valid pixels.
+//! Each view's neighbours are warped onto surfaces of constant disparity (Collins 1996) and compared with it by
+//! normalised cross-correlation over windows. Semi-global matching (Hirschmüller 2008) smooths the disparities, and a
+//! depth is kept only where another view's depth confirms it. Only the photographs and their cameras are used, and only
+//! valid pixels.
 //!
 //! ```
 //! use infonerf_procedural::load;
@@ -60,8 +61,8 @@ const REDUCTION: u32 = 3;
 /// Fewer matches than this share of all pixels do not show which depths occur.
 const MIN_MATCHES: f32 = 0.01;
 
-/// Returns the depth of each training view of `scene`, in their order; nothing is matched in a view that no other one is
-/// close to.
+/// Computes a depth map for each training view of `scene`, in their order. A view without another one close to it gets
+/// an empty map.
 ///
 /// The scene's near and far are often far too wide. A first search in small images finds which disparities occur,
 /// and the second spends its planes on those.

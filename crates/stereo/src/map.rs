@@ -1,6 +1,6 @@
 use infonerf_scene::Camera;
 
-/// How far away the surface is that each pixel of a view shows.
+/// Depth map of a view: the inverse distance to the surface that each pixel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthMap {
     /// Width in pixels.
@@ -32,7 +32,7 @@ impl DepthMap {
         found.get(found.len().saturating_sub(1 + found.len() / 100)).copied()
     }
 
-    /// Returns number of pixels that have a depth.
+    /// Returns the number of pixels that have a depth.
     pub fn matched(&self) -> usize {
         self.disparity.iter().filter(|disparity| disparity.is_finite()).count()
     }

@@ -70,7 +70,7 @@ fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
     }
 }
 
-/// Returns the place of the least of `costs`, between whole numbers.
+/// Returns the index of the least of `costs`, refined to a fraction by a parabola through it and its neighbours.
 fn refined_minimum(costs: &[f32]) -> f32 {
     let best = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
     if best == 0 || best + 1 == costs.len() {

@@ -10,7 +10,7 @@ use infonerf_scene::image::GreyImage;
 /// Fewest planes that are tried.
 const MIN_PLANES: usize = 16;
 
-/// Cost of a plane that no other view shows.
+/// Cost of a plane that lies in no other view's image.
 const UNSEEN_COST: f32 = 0.5;
 
 /// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of
@@ -109,7 +109,7 @@ impl Sweep {
     }
 }
 
-/// [`Camera::project`] of many points.
+/// Projection of many points by one camera, as [`Camera::project`] computes it.
 struct PointProjection<'a> {
     camera: &'a Camera,
     to_camera: Mat4,

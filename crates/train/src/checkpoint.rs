@@ -80,7 +80,7 @@ impl Checkpoint {
         })
     }
 
-    /// Progress of the run.
+    /// Returns the progress of the run.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -179,7 +179,7 @@ impl Checkpoint {
         load(model, &self.model)
     }
 
-    /// The averaged weights in a model of the same config.
+    /// Returns the averaged weights in a model of the same config.
     pub(crate) fn restore_average<F: Field>(&self, model: &Model<F>) -> Result<WeightAverage<F>, TrainError> {
         let mean = self.average.as_ref().map(|bytes| load(model.clone(), bytes)).transpose()?;
         Ok(WeightAverage::restored(mean, self.averaged))
@@ -191,7 +191,7 @@ impl Checkpoint {
         Ok(optimizer.load_record(record))
     }
 
-    /// The errors of training pixels.
+    /// Returns the errors of training pixels.
     pub(crate) fn restore_pixel_errors(&self) -> Result<PixelErrors, TrainError> {
         let Some(bytes) = &self.pixel_errors else { return Ok(PixelErrors::default()) };
         let fault = "checkpoint: pixel_errors.bin: expected numbers of four bytes";
@@ -243,7 +243,7 @@ fn encode_occupancy(grid: &OccupancyGrid) -> Vec<u8> {
     bytes
 }
 
-/// The checkpoint, the one before, and the one being written.
+/// Returns the checkpoint, the one before, and the one being written.
 fn paths(run: &Path) -> [PathBuf; 3] {
     ["checkpoint", "checkpoint.previous", "checkpoint.writing"].map(|name| run.join(name))
 }

@@ -13,8 +13,8 @@ const STEPS: usize = 50;
 pub struct EmptySteps(usize);
 
 impl EmptySteps {
-    /// Takes in a step whose seen rays have mean opacity `acc`, and of whose pixels a share of `foreground` shows
-    /// something; says whether the field has collapsed.
+    /// Counts a step whose seen rays have mean opacity `acc`, and of whose pixels a share of `foreground` shows
+    /// something. Returns whether the field has collapsed.
     pub(crate) fn add(&mut self, acc: f32, foreground: f32) -> bool {
         let empty = acc < EMPTY * foreground && foreground > EMPTY;
         self.0 = if empty { self.0 + 1 } else { 0 };

@@ -17,7 +17,7 @@ pub struct EarlyStopping {
 }
 
 impl EarlyStopping {
-    /// Takes in the error of a step, and says whether it has plateaued just now.
+    /// Adds the error of a step, and returns whether the error has plateaued with this step.
     pub(crate) fn add(&mut self, config: &EarlyStoppingConfig, error: f64) -> bool {
         if config.patience == 0 {
             return false;

@@ -1,4 +1,4 @@
-//! Several fields of one scene, each from other random numbers, whose pictures are averaged.
+//! Ensembles: several fields of one scene, each trained with its own random numbers, whose pictures are averaged.
 //!
 //! Four photographs leave much of a scene open, and each field fills it in another way. What they agree on stays in the
 //! mean of their pictures, what one of them made up fades (deep ensembles, Lakshminarayanan et al. 2017).
@@ -16,8 +16,8 @@ use crate::trainer::{Outcome, Trainer};
 /// Events of a step of one field, and its outcome.
 pub type MemberStep = (Vec<Event>, Result<Outcome, TrainError>);
 
-/// Takes a step of each of `trainers` at once, a thread each: faster than threads that share every operation of one field
-/// and wait for each other. Each step counts as its share of the time that all took together, so that the times of all fields
+/// Takes a step of each of `trainers` at once, a thread each. This is faster than sharing every operation of one field
+/// among all threads. Each step counts as its share of the time that all took together, so that the times of all fields
 /// add up to that of the run. No field's numbers depend on the others.
 pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<MemberStep> {
     let start = Instant::now();
@@ -42,7 +42,7 @@ pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>
     if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }
 }
 
-/// Seed of a run's `index`th field: the run's own for the first.
+/// Returns the seed of a run's `index`th field: the run's own for the first.
 pub fn member_seed(seed: u64, index: usize) -> u64 {
     if index == 0 { seed } else { Noise::new(seed, index as u64, RandomStream::EnsembleMember).bits() }
 }

@@ -39,14 +39,14 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// A fault of the config at `key`.
+    /// Returns a fault of the config at `key`.
     pub(crate) fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
         // What was typed may hold line breaks; a message is one line.
         let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
         Self::Config(format!("{key}: {cause}").chars().map(escaped).collect())
     }
 
-    /// A fault of a file.
+    /// Returns a fault of a file.
     pub fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
         let cause = cause.to_string();
         Self::File { path: path.to_owned(), cause: cause.lines().next().unwrap_or_default().to_owned() }

@@ -26,7 +26,7 @@ pub struct TestView {
 }
 
 impl TestView {
-    /// The metric of this key; `None` if it could not be computed.
+    /// Returns the metric of this key; `None` if it could not be computed.
     pub fn value(&self, key: &str) -> Option<f64> {
         self.values.get(key).copied().flatten()
     }
@@ -36,7 +36,7 @@ impl TestView {
         self.opacity() < EMPTY_PICTURE
     }
 
-    /// Mean opacity of the picture.
+    /// Returns the mean opacity of the picture.
     fn opacity(&self) -> f32 {
         self.image.acc.iter().sum::<f32>() / self.image.acc.len() as f32
     }
@@ -77,8 +77,8 @@ impl<'a> Evaluation<'a> {
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
     }
 
-    /// [`Self::add`] after the pose of each member's camera was fitted to the image of the view in `steps` steps, if any
-    /// ([`fit_test_pose`]).
+    /// Does as [`Self::add`] after the pose of each member's camera was fitted to the image of the view in `steps`
+    /// steps, if any ([`fit_test_pose`]).
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -127,7 +127,7 @@ impl<'a> Evaluation<'a> {
         Ok(view)
     }
 
-    /// The means; `None` without views.
+    /// Returns the means; `None` without views.
     pub fn finish(self) -> Option<Evaluated> {
         (self.views > 0).then(|| Evaluated {
             measured: self.evaluator.finish(),
@@ -138,7 +138,7 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-/// One view with every metric that needs no network.
+/// Renders one view, and measures it with every metric that needs no network.
 ///
 /// # Errors
 /// As [`Evaluation::add`].

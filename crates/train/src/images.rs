@@ -60,7 +60,7 @@ struct ValidPixels {
 }
 
 impl ValidPixels {
-    /// The squares of `factor` × `factor` pixels that are valid throughout; `None` where a view has none.
+    /// Returns the squares of `factor` × `factor` pixels that are valid throughout; `None` where a view has none.
     fn of(views: &[View], factor: u32) -> Option<Self> {
         let image = &views[0].image;
         let (stride, width, height) = (image.width, image.width / factor, image.height / factor);
@@ -93,8 +93,8 @@ impl ValidPixels {
 }
 
 impl TrainingImages {
-    /// Images of `scene` at full size, and box-filtered by each factor that `config` asks for and at which every view has
-    /// a valid pixel.
+    /// Returns the images of `scene` at full size, and box-filtered by each factor that `config` asks for and at which
+    /// every view has a valid pixel.
     ///
     /// # Panics
     /// If a view has no valid pixel at full size.
@@ -115,7 +115,7 @@ impl TrainingImages {
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
     }
 
-    /// The images that a run learns from at a moment; at full size if there are none of its size.
+    /// Returns the images that a run learns from at a moment; at full size if there are none of its size.
     pub(crate) fn at(&self, config: &TrainConfig, at: Moment) -> &Images {
         let factor = config.downscale_at(at);
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
@@ -146,7 +146,7 @@ impl TrainingImages {
 }
 
 impl Images {
-    /// Width of their pixels, in pixels of the full size.
+    /// Returns the width of their pixels, in pixels of the full size.
     pub(crate) fn pixel_width(&self) -> f32 {
         self.factor as f32
     }
@@ -156,7 +156,7 @@ impl Images {
         self.factor == 1
     }
 
-    /// Factor by which they are smaller, and number of pixels of all views.
+    /// Returns the factor by which they are smaller, and number of pixels of all views.
     pub(crate) fn size(&self) -> (u32, usize) {
         (self.factor, self.area() * self.rgba.len())
     }
@@ -250,8 +250,8 @@ fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
-/// Share of the 3 × 3 pixels around each, less at the border of the image, that do not show `background`: 0 in the open, 1
-/// within an object, between the two at its edge, whose pixels are mixtures.
+/// Returns the share of the 3 × 3 pixels around each, less at the border of the image, that do not show `background`: 0
+/// in the open, 1 within an object, between the two at its edge, whose pixels are mixtures.
 fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
     let (width, height) = (width as usize, rgba.len() / width as usize);
     let foreground: Vec<bool> = rgba.iter().map(|&pixel| is_foreground(pixel, background)).collect();

@@ -20,7 +20,7 @@ pub struct Information {
 }
 
 impl Information {
-    /// The mean over several fields; none for none.
+    /// Returns the mean over several fields; none for none.
     pub fn mean(all: &[Self]) -> Option<Self> {
         let of = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / all.len() as f64;
         (!all.is_empty()).then(|| Self { entropy_bits: of(|one| one.entropy_bits), gain: of(|one| one.gain) })
@@ -73,7 +73,7 @@ pub fn information<F: Field>(
     Some(Information { entropy_bits: entropy_sum / count as f64, gain: gain_sum / count as f64 })
 }
 
-/// The `i`th ray, and its neighbour.
+/// Returns the `i`th ray, and its neighbour.
 fn pair<F: Field>(
     trained: &TrainedModel<F>,
     scene: &Scene,

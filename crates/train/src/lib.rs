@@ -1,4 +1,5 @@
-//! Training: configs, the loop, checkpoints, events and evaluation.
+//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events, early stopping,
+//! ensembles and evaluation on test views.
 //!
 //! ```text
 //! Config + Scene ─► Trainer ─► Event … ─► Checkpoint ─► evaluate

@@ -33,8 +33,8 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// The plan of `config` on scenes with `pixels` in all: `fields` fields share the images, and `side_by_side` of them are
-    /// trained at the same time.
+    /// Returns the plan of `config` on scenes with `pixels` in all: `fields` fields share the images, and
+    /// `side_by_side` of them are trained at the same time.
     pub fn new(config: &Config, pixels: PixelCount, fields: usize, side_by_side: usize) -> Self {
         let (fields, side_by_side) = (fields as u64, side_by_side.min(fields) as u64);
         let Footprint { parameters, per_sample } = config.field.footprint();
@@ -68,14 +68,14 @@ impl MemoryPlan {
         }
     }
 
-    /// The plan without the images, which are in memory already.
+    /// Returns the plan without the images, which are in memory already.
     #[must_use]
     pub fn with_images_loaded(mut self) -> Self {
         self.parts[2].1 = 0;
         self
     }
 
-    /// Bytes in all.
+    /// Returns the bytes in all.
     pub fn total(&self) -> u64 {
         self.parts.iter().fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
     }
@@ -103,8 +103,8 @@ impl MemoryPlan {
     }
 }
 
-/// Memory that can be had without swapping, in bytes; `None` if the system does not report it: that of the machine, or what is left to the
-/// control group of this process (a container, a Slurm job) where that is less.
+/// Returns the memory that can be had without swapping, in bytes; `None` if the system does not report it: that of the
+/// machine, or what is left to the control group of this process (a container, a Slurm job) where that is less.
 pub fn available_memory() -> Option<u64> {
     let mut system = System::new();
     system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
@@ -117,8 +117,8 @@ pub fn available_memory() -> Option<u64> {
     least(system.available_memory(), group)
 }
 
-/// Minimum of what is free on the machine, 0 if unknown, and what the control group may still take. Its page cache counts
-/// as free.
+/// Returns the minimum of what is free on the machine, 0 if unknown, and what the control group may still take. Its
+/// page cache counts as free.
 fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
     let machine = Some(machine).filter(|&bytes| bytes > 0);
     let group = group.map(|group| group.total_memory.saturating_sub(group.rss));
@@ -129,9 +129,9 @@ fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
 }
 
-/// The most samples that a step asks fields for, along the rays of all kinds that the terms need: as many as it aims for where
-/// it aims for a number, but for the first step, which knows of no empty space. A coarse pass has a gradient, and so keeps its
-/// activations, along seen rays alone.
+/// Returns the greatest number of samples that a step asks fields for, along the rays of all kinds that the terms need:
+/// as many as it aims for where it aims for a number, but for the first step, which knows of no empty space. A coarse
+/// pass has a gradient, and so keeps its activations, along seen rays alone.
 fn samples(config: &Config) -> u64 {
     let (train, render) = (&config.train, &config.render);
     let needs = config.loss.needs();

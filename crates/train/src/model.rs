@@ -70,7 +70,7 @@ impl<F: Field> FieldBuilder<F> {
         self.sees_images
     }
 
-    /// A model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.
+    /// Returns a model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.
     pub(crate) fn model(
         &self,
         config: &Config,
@@ -94,7 +94,7 @@ pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.traits().sources != SourceImages::None
 }
 
-/// `model` with the weights of the run in `train.init`, if one is named.
+/// Returns `model` with the weights of the run in `train.init`, if one is named.
 fn with_initial_weights<F: Field>(config: &Config, model: Model<F>) -> Result<Model<F>, TrainError> {
     let folder = &config.train.init;
     if folder.as_os_str().is_empty() {
@@ -114,7 +114,7 @@ fn with_initial_weights<F: Field>(config: &Config, model: Model<F>) -> Result<Mo
     Ok(restored?)
 }
 
-/// Learning rates of the step at `at`: of cameras, and of all other parameters.
+/// Returns the learning rates of the step at `at`: of cameras, and of all other parameters.
 pub(crate) fn learning_rates(config: &TrainConfig, at: Moment) -> ModuleLearningRate {
     let cameras = ParamGroup::from_predicate("cameras");
     ModuleLrScheduler::new(config.lr.at(at)).with_group(cameras, config.cameras.lr.at(at)).step()

@@ -22,7 +22,7 @@ pub struct Pixels {
 }
 
 impl Pixels {
-    /// View of the first pixel, and of all where a batch is of one image.
+    /// Returns the view of the first pixel, and of all where a batch is of one image.
     pub(crate) fn view(&self) -> usize {
         self.at[0].view
     }
@@ -32,7 +32,7 @@ impl Pixels {
         self.at.iter().map(ray).collect()
     }
 
-    /// The rays of the same pixels after the cameras are rotated by `rotation`.
+    /// Returns the rays of the same pixels after the cameras are rotated by `rotation`.
     pub(crate) fn neighbours(&self, rotation: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
         let centre = config.about.of(region);
         let turned = |camera: &Camera| {
@@ -42,24 +42,24 @@ impl Pixels {
         self.seen_by(self.cameras.iter().map(turned).collect()).rays()
     }
 
-    /// The pixels with other `cameras`.
+    /// Returns the pixels with other `cameras`.
     pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
         Self { cameras, ..self.clone() }
     }
 }
 
-/// The columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps` they are
-/// the central half.
+/// Returns the columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps`
+/// they are the central half.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { central_half(size) } else { (0, size) }
 }
 
-/// The first of the central half of `size` columns or rows, and their number.
+/// Returns the first of the central half of `size` columns or rows, and their number.
 pub(crate) fn central_half(size: u32) -> (u32, u32) {
     (size / 4, (size / 2).max(1))
 }
 
-/// The rotation that takes the cameras of a step to those of neighbouring rays: one for all.
+/// Returns the rotation that takes the cameras of a step to those of neighbouring rays: one for all.
 pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
     near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }

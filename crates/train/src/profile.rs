@@ -6,9 +6,9 @@ use infonerf_ops::Traffic;
 /// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Asking the field where there is something.
+    /// Update of the occupancy grid.
     Occupancy,
-    /// Choosing rays.
+    /// Drawing of pixels, and their rays.
     Rays,
     /// Rendering rays of training images.
     Seen,
@@ -16,18 +16,18 @@ pub enum Phase {
     Unseen,
     /// Rendering neighbouring rays.
     Neighbours,
-    /// Gradients.
+    /// Backward pass.
     Backward,
-    /// Adam.
+    /// Adam's update of the parameters.
     Optimizer,
 }
 
 impl Phase {
-    /// All of them, in the order of a step.
+    /// Every phase, in the order of a step.
     pub const ALL: [Self; 7] =
         [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Neighbours, Self::Backward, Self::Optimizer];
 
-    /// For tables.
+    /// Returns the name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Occupancy => "occupancy",
@@ -69,18 +69,18 @@ impl Profile {
         result
     }
 
-    /// Time booked under `phase`.
+    /// Returns the time booked under `phase`.
     pub fn spent(&self, phase: Phase) -> Duration {
         self.spent[phase as usize]
     }
 
-    /// Books what passed since `before`.
+    /// Adds the traffic since `before`.
     pub(crate) fn count_since(&mut self, before: Traffic) {
         self.traffic = self.traffic + (Traffic::now() - before);
     }
 
-    /// Traffic between the host and the device in all steps. It is counted for the whole process: that of other fields
-    /// trained at the same time is included.
+    /// Returns the traffic between the host and the device in all steps. It is counted for the whole process: that of
+    /// other fields trained at the same time is included.
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }

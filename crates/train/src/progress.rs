@@ -40,7 +40,7 @@ impl Progress {
         self.samples_per_ray = (0.9 * before + 0.1 * samples_per_ray).max(1.0);
     }
 
-    /// Progress after a fresh start: nothing is known of the new field.
+    /// Returns the progress after a fresh start: nothing is known of the new field.
     pub(crate) fn restarted(&self) -> Self {
         Self {
             step: 0,

@@ -23,7 +23,7 @@ impl SourceImages {
         Self(Sources { views, middle })
     }
 
-    /// All of them, to render with.
+    /// Returns all of them, to render with.
     pub(crate) fn all(&self) -> &Sources {
         &self.0
     }

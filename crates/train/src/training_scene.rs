@@ -26,7 +26,7 @@ pub(crate) struct TrainingScene {
 }
 
 impl TrainingScene {
-    /// A scene for a field that `sees` images or does not.
+    /// Returns a scene for a field that `sees` images or does not.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;
@@ -43,7 +43,7 @@ impl TrainingScene {
         })
     }
 
-    /// The union of what the terms of the step at `at` need rendered.
+    /// Returns the union of what the terms of the step at `at` need rendered.
     pub(crate) fn needs(&self, at: Moment) -> Vec<Need> {
         needs(&self.objective.due(at))
     }

@@ -25,7 +25,7 @@ impl<F: Field> Default for WeightAverage<F> {
 }
 
 impl<F: Field> WeightAverage<F> {
-    /// A mean of `count` models, as a checkpoint kept it.
+    /// Returns a mean of `count` models, as a checkpoint kept it.
     pub(crate) fn restored(mean: Option<Model<F>>, count: usize) -> Self {
         Self { mean, count }
     }
@@ -44,18 +44,18 @@ impl<F: Field> WeightAverage<F> {
         });
     }
 
-    /// The mean; none before the first model.
+    /// Returns the mean; none before the first model.
     pub(crate) fn mean(&self) -> Option<&Model<F>> {
         self.mean.as_ref()
     }
 
-    /// How many models are in it.
+    /// Returns how many models are in it.
     pub(crate) fn count(&self) -> usize {
         self.count
     }
 }
 
-/// a + share · (b − a), weight by weight, for two models of one shape.
+/// Returns a + share · (b − a), weight by weight, for two models of one shape.
 fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
     let mut weights = Weights(Vec::new());
     b.visit(&mut weights);

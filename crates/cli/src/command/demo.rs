@@ -103,14 +103,14 @@ fn show_or_warn(picture: Result<RgbImage>) {
     }
 }
 
-/// The first test view as learned so far.
+/// Returns the first test view as learned so far.
 fn preview(trainer: &Trainer) -> Result<RgbImage> {
     let view = first_test_view(trainer)?;
     let factor = view.image.width.max(view.image.height).div_ceil(PREVIEW_SIZE);
     rendered(trainer, &view.reduced(factor))
 }
 
-/// The first test view, and its truth to the right of it.
+/// Returns the first test view, and its truth to the right of it.
 fn next_to_truth(trainer: &Trainer) -> Result<RgbImage> {
     let view = first_test_view(trainer)?;
     let (width, height) = (view.image.width, view.image.height);

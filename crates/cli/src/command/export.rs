@@ -137,7 +137,7 @@ fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
     Ok(trained)
 }
 
-/// Bytes of a file, a description of its contents, and the surface's error with its voxel.
+/// Returns the bytes of a file, a description of its contents, and the surface's error with its voxel.
 type Exported<E> = (Vec<u8>, String, E);
 
 fn cameras<E>(plan: &RunPlan) -> Result<Exported<Option<E>>> {

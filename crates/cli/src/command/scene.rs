@@ -136,7 +136,7 @@ fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// How far the first field of a run has moved the training cameras.
+/// Prints how far the first field of a run has moved the training cameras.
 fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
     let trained = Trained::read(RunPlan::of_run(dir)?, dir, &open_device(DeviceName::Auto)?)?;
     let (scene, learned) = (trained.scene(), trained.trainers[0].cameras());

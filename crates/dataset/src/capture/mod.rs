@@ -51,17 +51,17 @@ pub(crate) struct Found<'a> {
     pub extent: Extent,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
-    /// Lines for a person to read.
+    /// Warnings for the user, a line each.
     pub warnings: Vec<String>,
 }
 
 /// Statement of a format about where the content is.
 pub(crate) enum Extent {
-    /// All of it.
+    /// Complete: near, far, box and layout are known.
     Known(Box<Space>),
     /// The nearest and the farthest depth along the viewing axes.
     Depths(f32, f32),
-    /// Little: the rest is estimated from cameras and points.
+    /// Partial or nothing: the rest is estimated from cameras and points.
     Estimated(Estimate),
 }
 

@@ -18,7 +18,7 @@ const DISTANT_PLACE: f64 = 1e4;
 /// Names that a warning lists.
 const MAX_LISTED: usize = 5;
 
-/// Returns median position of cameras, and the 75 % quantile of their distances from it.
+/// Returns the median position of the cameras, and the 75 % quantile of their distances from it.
 fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
     let median = |mut values: Vec<f64>, share: f64| {
         values.sort_by(f64::total_cmp);

@@ -151,7 +151,7 @@ pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
     )
 }
 
-/// COLMAP's world-to-camera quaternion (w, x, y, z) and translation: the inverse of [`pose`].
+/// Returns COLMAP's world-to-camera quaternion (w, x, y, z) and translation: the inverse of [`pose`].
 fn world_to_camera(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
     let axes = DMat3::from_cols(pose.x_axis.truncate(), -pose.y_axis.truncate(), -pose.z_axis.truncate());
     let turned = axes.transpose();

@@ -63,7 +63,7 @@ fn write_vertices(path: &Path, body: &Body) -> Result<(), SceneError> {
     fs::write(path, text).map_err(|e| SceneError::io(path, e))
 }
 
-/// Writes one image, and its depth if wanted, and gives its frame.
+/// Writes one image, and its depth if wanted, and returns its entry of `frames`.
 fn write_view(
     name: &str,
     folder: &Path,

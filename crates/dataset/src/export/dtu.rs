@@ -45,7 +45,7 @@ pub(crate) fn projection(camera: &Camera) -> DMat4 {
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
 
-/// Returns the surface points in the subject's pixels.
+/// Returns the surface points that the subject's pixels show.
 fn points(photograph: &ExportedView, mask: &[bool]) -> Vec<Vec3> {
     let width = photograph.camera.width as usize;
     let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());

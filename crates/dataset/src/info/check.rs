@@ -35,13 +35,13 @@ const CHECKED_SIZE: u32 = 512;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Concern {
-    /// Something that the loader found.
+    /// Data: a warning of the loader.
     Data,
     /// Where the cameras are, or what they see of the box.
     Cameras,
     /// The up direction.
     Up,
-    /// How far apart the training views are.
+    /// Baselines: angles between the training views.
     Baseline,
     /// Images that are blurred, blank or masked.
     Images,
@@ -101,7 +101,7 @@ pub fn check(scene: &Scene) -> Vec<Warning> {
         .collect()
 }
 
-/// Returns cameras of all views, with their names.
+/// Returns the cameras of all views, with their names.
 fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
     let chosen = || scene.train.iter().chain(&scene.test);
     let views = chosen().map(|view| (view.name.clone(), &view.camera));

@@ -26,11 +26,11 @@ pub struct Info {
     pub name: String,
     /// Format of the folder.
     pub format: Format,
-    /// Views to train on, all there are.
+    /// Number of views in the training pool.
     pub train_views: usize,
-    /// Views to test on, all there are; some formats let a view be either.
+    /// Number of views in the test pool; in some formats a view is in both pools.
     pub test_views: usize,
-    /// Different sets of intrinsics.
+    /// Number of different sets of intrinsics.
     pub cameras: usize,
     /// The lens of the first camera, as text.
     pub lens: String,
@@ -94,7 +94,8 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     })
 }
 
-/// Returns the background of the content in one image.
+/// Returns whether one image shows its content on a known background: by its matte, its alpha channel or a white
+/// border.
 fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let white = SceneRequest::default().background;
     let shown = frame.is_matted() || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);

@@ -29,7 +29,7 @@ const REGNERF: [usize; 9] = [25, 22, 28, 40, 44, 48, 0, 8, 13];
 const PIXELNERF: [usize; 3] = [22, 25, 28];
 /// Views that no protocol tests: the exposure is wrong.
 const LEFT_OUT: [usize; 15] = [3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 36, 37, 38, 39];
-/// Between these pixelNeRF samples its copy.
+/// Near and far between which pixelNeRF samples its copy.
 const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
 /// Skew up to this share of the focal length is rounding.
 const SKEW: f64 = 1e-3;

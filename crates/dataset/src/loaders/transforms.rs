@@ -179,7 +179,7 @@ fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> 
     Ok(Some(Split { train: names(train)?, test: names(test)?, test_field }))
 }
 
-/// Returns path of an image below `dir`, without extension.
+/// Returns the path of an image below `dir`, without extension.
 fn name_of(dir: &Path, image: &Path) -> String {
     without_extension(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy())
 }

@@ -88,7 +88,7 @@ fn mask_path(folder: &Path, image: &str) -> PathBuf {
     folder.join(image).with_extension("png")
 }
 
-/// Where the body is, and the cameras `train` about it.
+/// Derives the space of a frame from the body and the cameras `train` about it.
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
     let body = match body_folders(dir) {

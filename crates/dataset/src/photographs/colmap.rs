@@ -54,7 +54,7 @@ pub(super) fn pose(
     found
 }
 
-/// COLMAP's steps with their arguments.
+/// Returns COLMAP's steps, each a name with its arguments.
 fn steps(images: &Path, database: &Path, sparse: &Path) -> Vec<(&'static str, Vec<OsString>)> {
     let path = |p: &Path| p.as_os_str().to_owned();
     let with = |step: &str, paths: &[(&str, &Path)], options: &[&str]| {

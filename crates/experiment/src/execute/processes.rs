@@ -49,7 +49,7 @@ pub struct Workers {
 }
 
 impl Runner {
-    /// The command that runs the item whose number is put at its end.
+    /// Returns the command that runs the item whose number is put at its end.
     pub(super) fn command(&self, manifest: &Path) -> Vec<OsString> {
         let mut command: Vec<OsString> =
             vec![self.program.clone().into(), "sweep-item".into(), "--device".into(), self.device.name().into()];
@@ -134,13 +134,13 @@ impl Workers {
     }
 }
 
-/// Processor cores of this machine.
+/// Returns the number of processor cores of this machine.
 fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// How many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each takes `peak`
-/// bytes; at least one. An unknown value does not limit.
+/// Returns how many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each takes
+/// `peak` bytes; at least one. An unknown value does not limit.
 fn fitting(jobs: usize, cores: usize, free: Option<u64>, peak: Option<u64>) -> usize {
     let in_memory = match (free, peak) {
         (Some(free), Some(peak)) if peak > 0 => (MEMORY_SHARE * free as f64 / peak as f64) as usize,

@@ -79,7 +79,7 @@ pub(super) fn evaluate(
     }))
 }
 
-/// Ray entropy and information gain on test rays, the mean over the fields.
+/// Returns the ray entropy and information gain on test rays, the mean over the fields.
 fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     let query = InformationQuery {
         loss: &plan.config.loss,
@@ -91,8 +91,8 @@ fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
-/// How far the training cameras were from the true ones before and after training, in the mean over the fields; none if they
-/// were never disturbed.
+/// Returns how far the training cameras were from the true ones before and after training, in the mean over the fields;
+/// none if they were never disturbed.
 fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     let scene = trainers[0].scene();
     let exact = scene.exact_cameras.as_ref()?;
@@ -112,7 +112,7 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     })
 }
 
-/// How much of pictures of mean `opacity` shows what was filled in, before an unknown backdrop.
+/// Returns how much of pictures of mean `opacity` shows what was filled in, before an unknown backdrop.
 fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
     let percent = 100.0 * (1.0 - opacity);
     (scene.backdrop == Backdrop::Unknown && percent >= 0.05).then(|| {

@@ -37,7 +37,7 @@ impl Log {
     }
 }
 
-/// The lines of a log up to `progress`, fresh starts included: what came after is about to happen again.
+/// Returns the lines of a log up to `progress`, fresh starts included: what came after is about to happen again.
 fn events_until(text: &str, progress: &Progress) -> String {
     let mut restarts = 0;
     let lines = text.lines().take_while(|line| {

@@ -9,7 +9,8 @@ pub(crate) struct PeakMemory {
 }
 
 impl PeakMemory {
-    /// Begins anew. Linux forgets the peak so far on request; where it cannot, only the first run of a process has one.
+    /// Starts a measurement. Linux resets the peak on request; where it cannot, only the first run of a process has a
+    /// peak of its own.
     pub(crate) fn start() -> Self {
         static FIRST: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(true);
         let first = FIRST.swap(false, std::sync::atomic::Ordering::Relaxed);
@@ -17,7 +18,8 @@ impl PeakMemory {
         Self { own: reset || first }
     }
 
-    /// Bytes since the start.
+    /// Returns the largest resident memory since the start, in bytes; `None` if the system does not report it for this
+    /// run alone.
     pub(crate) fn peak(&self) -> Option<u64> {
         if !self.own {
             return None;

@@ -44,12 +44,12 @@ impl Training {
         Ok(Self { trainer, folder, log, state: State::Running })
     }
 
-    /// The field.
+    /// Returns the field.
     pub(crate) fn trainer(&self) -> &Trainer {
         &self.trainer
     }
 
-    /// The field.
+    /// Returns the field.
     pub(crate) fn into_trainer(self) -> Trainer {
         self.trainer
     }

@@ -83,28 +83,28 @@ impl Trained {
         Ok(Self { plan, trainers, warnings })
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         self.trainers[0].scene()
     }
 
-    /// The renderer of the scene.
+    /// Returns the renderer of the scene.
     pub fn renderer(&self) -> &Renderer {
         self.trainers[0].renderer()
     }
 
-    /// The fields alone, from which pictures are rendered. Worth keeping.
+    /// Returns the fields alone, from which pictures are rendered. Worth keeping.
     pub fn models(&self) -> Vec<TrainedModel> {
         self.trainers.iter().map(Trainer::trained).collect()
     }
 
-    /// The fields with the residuals of the training views, if `render.residuals` is set.
+    /// Returns the fields with the residuals of the training views, if `render.residuals` is set.
     pub fn models_with_residuals(&self) -> Vec<TrainedModel> {
         self.trainers.iter().map(Trainer::trained_with_residuals).collect()
     }
 }
 
-/// Steps, seconds, samples and fresh starts of all fields together.
+/// Returns steps, seconds, samples and fresh starts of all fields together.
 pub fn total_progress(trainers: &[Trainer]) -> Progress {
     let mut total = Progress::default();
     for progress in trainers.iter().map(Trainer::progress) {

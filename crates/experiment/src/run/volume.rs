@@ -9,7 +9,7 @@ use infonerf_scene::Aabb;
 
 use super::Trained;
 
-/// Points at which a field is asked at a time: bounds the memory.
+/// Points at which a field is evaluated at a time, which bounds the memory.
 const CHUNK: usize = 1 << 15;
 /// Least weight of a field's colour among others, for points at which none of them has any opacity.
 const MIN_WEIGHT: f32 = 1e-6;
@@ -29,7 +29,7 @@ pub struct TrainedVolume {
 }
 
 impl Trained {
-    /// The fields, to be exported within the scene's box.
+    /// Returns the fields, to be exported within the scene's box.
     pub fn volume(&self) -> TrainedVolume {
         let (renderer, models) = (self.renderer(), self.models());
         TrainedVolume {
@@ -81,7 +81,7 @@ impl Volume for TrainedVolume {
 }
 
 impl TrainedVolume {
-    /// Points of the scene as a field sees them that was trained in a frame of its own.
+    /// Returns the points of the scene as a field sees them that was trained in a frame of its own.
     fn warped(&self, model: &TrainedModel, points: &[Vec3]) -> Vec<Vec3> {
         let there = |p: Vec3| model.frame.map_or(p, |frame| frame.similarity.point(p));
         points.iter().map(|&p| self.warp.point(there(p))).collect()
@@ -103,22 +103,22 @@ impl TrainedVolume {
         densities
     }
 
-    /// Asks a field at points on no ray, each of which stands for the space of a step.
+    /// Evaluates a field at points on no ray, each of which stands for the space of a step.
     fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
         let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
         let positions = points.iter().flat_map(|p| p.to_array()).collect();
         evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
     }
 
-    /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training
-    /// camera.
+    /// Returns how much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest
+    /// training camera.
     fn rate(&self, p: Vec3) -> f32 {
         let nearest = self.cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
         self.warp.rate(nearest)
     }
 }
 
-/// The density σ with `exp(−σh) = mean exp(−σᵢh)`: that of the least dense plus what the others add.
+/// Returns the density σ with `exp(−σh) = mean exp(−σᵢh)`: that of the least dense plus what the others add.
 fn mean_density(densities: impl ExactSizeIterator<Item = f32> + Clone, step: f32) -> f32 {
     let count = densities.len() as f32;
     let least = densities.clone().fold(f32::INFINITY, f32::min);

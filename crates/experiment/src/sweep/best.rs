@@ -8,9 +8,10 @@ use super::figures::{Means, means, variants};
 use super::grid::Grid;
 use super::{Sweep, assignments};
 
-/// For each variant a claim: the setting with the highest mean PSNR is better than each of its neighbours, whose value of
-/// one key is the next lower or higher one. Like every [`Claim`] it is tested on differences within a scene and seed. The
-/// setting was chosen on the very runs that test it, so its lead is overestimated, and the statement says so.
+/// Returns a claim for each variant: the setting with the highest mean PSNR is better than each of its neighbours,
+/// whose value of one key is the next lower or higher one. Like every [`Claim`] it is tested on differences within a
+/// scene and seed. The setting was chosen on the very runs that test it, so its lead is overestimated, and the
+/// statement says so.
 ///
 /// Nothing if values have no order: grids of other things than numbers.
 pub(super) fn claims(sweep: &Sweep, records: &[Record]) -> Vec<Claim> {
@@ -22,7 +23,7 @@ pub(super) fn claims(sweep: &Sweep, records: &[Record]) -> Vec<Claim> {
     variants(sweep).iter().filter_map(|variant| claim(sweep, variant, &ranks, &means)).collect()
 }
 
-/// The rank of each value, which is how many are smaller; `None` unless all are numbers.
+/// Returns the rank of each value, which is how many are smaller; `None` unless all are numbers.
 fn ranks(grid: &Grid) -> Option<Vec<usize>> {
     let numbers = (0..grid.values.len()).map(|index| grid.number(index)).collect::<Option<Vec<f64>>>()?;
     Some(numbers.iter().map(|number| numbers.iter().filter(|other| *other < number).count()).collect())

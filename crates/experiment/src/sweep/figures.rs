@@ -15,7 +15,7 @@ const WIDE: f64 = 30.0;
 /// Mean PSNR over scenes and seeds, by the name of a variant with its values.
 pub(super) type Means = HashMap<String, f64>;
 
-/// The mean of each variant with its values that has a PSNR.
+/// Returns the mean PSNR of each setting (a variant with its values) that has one.
 pub(super) fn means(records: &[Record]) -> Means {
     let table = overview_table(records, &[Quantity::PSNR]);
     let mean = |row: &infonerf_report::TableRow| Some((row.label.clone(), row.cells.first()?.summary?.mean));
@@ -33,7 +33,7 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
     }
 }
 
-/// The experiment's variants, in the order of the sweep.
+/// Returns the experiment's variants, in the order of the sweep.
 pub(super) fn variants(sweep: &Sweep) -> Vec<String> {
     let mut variants: Vec<String> = Vec::new();
     for Item { variant, .. } in &sweep.items {

@@ -56,17 +56,17 @@ impl Grid {
         Ok(Self { path, values })
     }
 
-    /// The key, dotted.
+    /// Returns the dotted key.
     pub(super) fn key(&self) -> String {
         self.path.join(".")
     }
 
-    /// The value at `index` as a number, if it is one.
+    /// Returns the value at `index` as a number, if it is one.
     pub(super) fn number(&self, index: usize) -> Option<f64> {
         self.values.get(index)?.parse::<f64>().ok().filter(|number| number.is_finite())
     }
 
-    /// `key=value`.
+    /// Returns `key=value` of the value at `index`.
     fn assignment(&self, index: usize) -> String {
         format!("{}={}", self.key(), self.values[index])
     }
@@ -77,7 +77,7 @@ fn overlap(a: &[String], b: &[String]) -> bool {
     a.starts_with(b) || b.starts_with(a)
 }
 
-/// Every combination of values, as an index for each grid; the last grid's values change fastest.
+/// Returns every combination of values, as an index for each grid; the last grid's values change fastest.
 pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
     let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
     if count.is_none_or(|count| count > MAX_RUNS) {
@@ -90,12 +90,12 @@ pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
     Ok(grids.iter().fold(vec![Vec::new()], longer))
 }
 
-/// `key=value` of each grid.
+/// Returns `key=value` of each grid.
 pub(super) fn assignments(grids: &[Grid], choice: &[usize]) -> Vec<String> {
     grids.iter().zip(choice).map(|(grid, &index)| grid.assignment(index)).collect()
 }
 
-/// The elements of a list, as written. Arrays, tables and quoted strings may hold commas of their own.
+/// Returns the elements of a list, as written. Arrays, tables and quoted strings may hold commas of their own.
 fn split(list: &str) -> Result<Vec<String>> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]

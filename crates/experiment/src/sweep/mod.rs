@@ -55,7 +55,7 @@ struct Item {
 const MAX_NAME: usize = 160;
 
 impl From<Experiment> for Sweep {
-    /// The runs of an experiment as they are.
+    /// Makes a sweep of the runs of an experiment as they are.
     fn from(experiment: Experiment) -> Self {
         let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, choice: Vec::new() };
         let items = experiment.runs.into_iter().map(item).collect();
@@ -64,7 +64,7 @@ impl From<Experiment> for Sweep {
 }
 
 impl Sweep {
-    /// The runs of the experiment called `experiment` for every combination of the values of `grids`, each
+    /// Returns the runs of the experiment called `experiment` for every combination of the values of `grids`, each
     /// `dotted.key=value,value,...`.
     ///
     /// # Errors
@@ -98,7 +98,7 @@ impl Sweep {
         Ok(Self { about, existing: Existing::Continue, notices, grids, items })
     }
 
-    /// The sweep, with what happens to its runs that exist already.
+    /// Returns the sweep, with what happens to its runs that exist already.
     #[must_use]
     pub fn with_existing(self, existing: Existing) -> Self {
         Self { existing, ..self }
@@ -109,7 +109,7 @@ impl Sweep {
         self.items.iter().map(|item| &item.plan)
     }
 
-    /// Number of runs.
+    /// Returns the number of runs.
     pub fn len(&self) -> usize {
         self.items.len()
     }
@@ -119,18 +119,18 @@ impl Sweep {
         self.items.is_empty()
     }
 
-    /// The run at `index`.
+    /// Returns the run at `index`.
     pub(crate) fn run(&self, index: usize) -> &RunPlan {
         &self.items[index].plan
     }
 
-    /// Folder of its results below `out`.
+    /// Returns the folder of the sweep's results below `out`.
     pub fn folder(&self, out: &Path) -> PathBuf {
         out.join(&self.about.name)
     }
 }
 
-/// A variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
+/// Returns a variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
 ///
 /// If a value has other characters or the name would be too long, a checksum keeps names apart.
 fn safe_name(variant: &str, assignments: &[String]) -> String {

@@ -31,7 +31,7 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// The manifest: one line per run.
+    /// Returns the manifest: one line per run.
     pub(crate) fn manifest(&self) -> PathBuf {
         self.folder.join(manifest::NAME)
     }
@@ -137,7 +137,7 @@ impl Sweep {
     }
 }
 
-/// All that a run's numbers depend on, its names left out; `None` if the clock has a part in them.
+/// Returns all that a run's numbers depend on, its names left out; `None` if the clock has a part in them.
 fn numbers(plan: &RunPlan) -> Result<Option<String>> {
     if plan.budget.is_some() {
         return Ok(None);

@@ -50,7 +50,7 @@ pub enum HitRule {
 }
 
 impl EntropyConfig {
-    /// The rays whose neighbours are included.
+    /// Returns the rays whose neighbours are included.
     fn rays_with_neighbours(&self) -> RaySet {
         if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
     }

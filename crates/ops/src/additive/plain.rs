@@ -3,7 +3,7 @@ use burn::tensor::{FloatDType, Tensor};
 use crate::composite::{Padding, exclusive_sum, working_dtype};
 use crate::{Segments, upload};
 
-/// [`additive_depth`](super::additive_depth) from plain tensor operations, on any backend.
+/// Computes [`additive_depth`](super::additive_depth) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     if segments.samples() == 0 {
         return tau;

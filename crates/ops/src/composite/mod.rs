@@ -97,7 +97,7 @@ pub fn composite_over(
     }
 }
 
-/// [`composite_over`] by way of [`composite`].
+/// Computes [`composite_over`] by way of [`composite`].
 fn over(
     tau: Tensor<1>,
     color: Option<Tensor<2>>,

@@ -7,7 +7,7 @@ use burn::tensor::{Bool, Device, FloatDType, Int, Tensor};
 use super::Composite;
 use crate::{Segments, upload};
 
-/// [`composite`](super::composite()) from plain tensor operations, on any backend.
+/// Computes [`composite`](super::composite()) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
     let (rays, channels) = (segments.rays(), values.dims()[1]);
     let device = tau.device();

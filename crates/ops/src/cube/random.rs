@@ -9,26 +9,26 @@ pub(super) struct Bits {
     pub(super) low: u32,
 }
 
-/// a + b, modulo 2⁶⁴.
+/// Computes a + b modulo 2⁶⁴.
 #[cube]
 fn plus(a: Bits, high: u32, low: u32) -> Bits {
     let sum = a.low + low;
     Bits { high: a.high + high + select(sum < low, 1u32, 0u32), low: sum }
 }
 
-/// a · b, modulo 2⁶⁴.
+/// Computes a · b modulo 2⁶⁴.
 #[cube]
 fn times(a: Bits, high: u32, low: u32) -> Bits {
     Bits { high: u32::mul_hi(a.low, low) + a.low * high + a.high * low, low: a.low * low }
 }
 
-/// z ^ (z >> shift), for a shift of 1 to 31.
+/// Computes z ^ (z >> shift), for a shift of 1 to 31.
 #[cube]
 fn folded(z: Bits, #[comptime] shift: u32) -> Bits {
     Bits { high: z.high ^ (z.high >> shift), low: z.low ^ ((z.low >> shift) | (z.high << (32u32 - shift))) }
 }
 
-/// [`mix`](crate::random::mix).
+/// Computes [`mix`](crate::random::mix).
 #[cube]
 fn mix(x: Bits) -> Bits {
     let z = folded(plus(x, 0x9e37_79b9u32, 0x7f4a_7c15u32), 30u32);
@@ -36,14 +36,14 @@ fn mix(x: Bits) -> Bits {
     folded(times(z, 0x94d0_49bbu32, 0x1331_11ebu32), 31u32)
 }
 
-/// [`number`](crate::random::number), of an item below 2³².
+/// Computes [`number`](crate::random::number) of an item below 2³².
 #[cube]
 fn number(key: &Bits, item: u32, index: u32) -> Bits {
     let inner = mix(Bits { high: item >> 8u32, low: (item << 24u32) ^ index });
     mix(Bits { high: key.high ^ inner.high, low: key.low ^ inner.low })
 }
 
-/// First 24 bits of [`number`] as a value in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
+/// Returns the first 24 bits of [`number`] as a value in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
 pub(super) fn uniform(key: &Bits, item: u32, index: u32) -> f32 {
     f32::cast_from(number(key, item, index).high >> 8u32) / 16_777_216.0f32

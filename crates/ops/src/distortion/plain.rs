@@ -4,7 +4,7 @@ use super::Intervals;
 use crate::Segments;
 use crate::composite::{Padding, exclusive_sum, plain_alpha, working_dtype};
 
-/// [`ray_distortion`](super::ray_distortion) from plain tensor operations, on any backend.
+/// Computes [`ray_distortion`](super::ray_distortion) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
     let device = tau.device();
     if segments.longest() == 0 {

@@ -3,7 +3,7 @@ use burn::tensor::{FloatDType, Tensor};
 use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
 
-/// [`ray_divergence`](super::ray_divergence) from plain tensor operations, on any backend.
+/// Computes [`ray_divergence`](super::ray_divergence) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
     let device = tau.device();
     if segments.longest() == 0 {

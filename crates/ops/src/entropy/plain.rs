@@ -4,7 +4,7 @@ use super::{RayDistribution, RayEntropy};
 use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, exclusive_sum, plain_alpha, working_dtype};
 
-/// [`ray_entropy`](super::ray_entropy) from plain tensor operations, on any backend.
+/// Computes [`ray_entropy`](super::ray_entropy) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments, distribution: RayDistribution, epsilon: f32) -> RayEntropy {
     let device = tau.device();
     if segments.longest() == 0 {

@@ -29,7 +29,8 @@ pub enum SampleRule {
 }
 
 impl SampleRule {
-    /// Number of values that place `samples` samples of a ray: distances, or edges, of which there is one more.
+    /// Returns the number of values that place `samples` samples of a ray: distances, or edges, of which there is one
+    /// more.
     pub fn columns(self, samples: usize) -> usize {
         samples + usize::from(self == Self::Edges)
     }
@@ -46,7 +47,7 @@ pub enum LastInterval {
 }
 
 impl LastInterval {
-    /// The length, unless it depends on the other intervals.
+    /// Returns the length, unless it depends on the other intervals.
     pub fn length(self) -> Option<f32> {
         (self == Self::Infinite).then_some(1e10)
     }

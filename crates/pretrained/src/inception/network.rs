@@ -23,13 +23,13 @@ pub(super) struct UnitShape {
 }
 
 impl UnitShape {
-    /// Name and shape of the convolution's weight.
+    /// Returns the name and shape of the convolution's weight.
     pub(super) fn weight(&self) -> TensorShape {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
         (format!("{}.conv.weight", self.name), vec![outputs, inputs, height, width])
     }
 
-    /// Name and shape of γ, β, mean and variance of the normalisation.
+    /// Returns the name and shape of γ, β, mean and variance of the normalisation.
     pub(super) fn normalisation(&self) -> [TensorShape; 4] {
         let part = |part: &str| (format!("{}.bn.{part}", self.name), vec![self.channels[1]]);
         ["weight", "bias", "running_mean", "running_var"].map(part)

@@ -55,7 +55,7 @@ impl Store {
         &self.folders
     }
 
-    /// Folder of imports and downloads.
+    /// Returns the folder of imports and downloads.
     pub(super) fn target(&self) -> &Path {
         &self.folders[0]
     }

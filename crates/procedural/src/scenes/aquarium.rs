@@ -72,7 +72,7 @@ fn tank(scene: &mut Builder) {
     scene.solid(surface, Material::glass(rgb(120, 210, 220), 0.10));
 }
 
-/// Sand, rocks, an arch, weeds and corals.
+/// Adds sand, rocks, an arch, weeds and corals.
 fn bottom(scene: &mut Builder) {
     let sand = Texture::Patches { a: rgb(236, 206, 150), b: rgb(200, 164, 108), per_unit: 14.0, cap: 9.0 };
     let size = v(2.0 * HALF.x - 0.03, 2.0 * HALF.y - 0.03, SAND - BASE);
@@ -139,7 +139,7 @@ fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin
     }
 }
 
-/// A bell that can be looked through, with threads.
+/// Adds a bell that can be looked through, with threads.
 fn jellyfish(scene: &mut Builder) {
     let foot = Frame::at(v(-0.10, 0.02, 0.16));
     let bell = Material { reflectance: 0.02, ..Material::glass(rgb(230, 130, 220), 0.34) };

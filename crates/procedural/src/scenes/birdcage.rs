@@ -74,7 +74,7 @@ fn wires(scene: &mut Builder) {
     scene.ring(Frame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, brass());
 }
 
-/// Perches, two bowls, and a swing.
+/// Adds perches, two bowls, and a swing.
 fn furniture(scene: &mut Builder) {
     let wood = stripes(rgb(172, 118, 66), rgb(124, 78, 40), v(0.0, 0.0, 9.0));
     scene.rod(polar(RADIUS, 20.0, -0.45), polar(RADIUS, 145.0, -0.45), 0.026, Material::matt(wood));
@@ -92,7 +92,7 @@ fn furniture(scene: &mut Builder) {
     scene.rod(v(-0.20, 0.0, -0.28), v(0.20, 0.0, -0.28), 0.022, Material::matt(wood));
 }
 
-/// A parrot that faces −y.
+/// Adds a parrot that faces −y.
 fn parrot(scene: &mut Builder) {
     let down = Texture::Shingles { a: rgb(226, 60, 36), b: rgb(246, 150, 40), around: 11.0, per_unit: 26.0 };
     let body = Frame::along(v(0.0, 0.10, -0.30), v(0.0, -0.28, 1.0));

@@ -174,7 +174,7 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
     }
 }
 
-/// A lamp, a clock and a pile of books.
+/// Adds a lamp, a clock and a pile of books.
 fn on_top(scene: &mut Builder) {
     let z = floor(SHELVES);
     let mut at = v(0.36, 0.0, z);

@@ -44,7 +44,7 @@ fn island(scene: &mut Builder) {
     scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), Material::matt(cobble));
 }
 
-/// A round tower with arrow slits, battlements and a pointed roof with a flag.
+/// Adds a round tower with arrow slits, battlements and a pointed roof with a flag.
 fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
     let foot = v(at.x, at.y, FLOOR);
     let radius = 0.19;
@@ -65,7 +65,7 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
     scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), Material::matt(flag));
 }
 
-/// Four walls with battlements; the front one has an arched gate.
+/// Adds four walls with battlements; the front one has an arched gate.
 fn walls(scene: &mut Builder) {
     for k in 0..4u8 {
         let angle = f64::from(k) * 90.0;
@@ -88,7 +88,7 @@ fn walls(scene: &mut Builder) {
     }
 }
 
-/// The portcullis and the drawbridge on its chains.
+/// Adds the portcullis and the drawbridge on its chains.
 fn gate(scene: &mut Builder) {
     let iron = Material::metal(rgb(120, 122, 130));
     for i in -2..=2 {
@@ -106,7 +106,7 @@ fn gate(scene: &mut Builder) {
     }
 }
 
-/// The keep: a square tower with tall windows right through it, turrets and a polished dome.
+/// Adds the keep: a square tower with tall windows right through it, turrets and a polished dome.
 fn keep(scene: &mut Builder) {
     let foot = v(0.08, 0.12, FLOOR);
     let (half, height) = (0.30, 1.12);
@@ -136,7 +136,7 @@ fn keep(scene: &mut Builder) {
     scene.sphere(foot + DVec3::Z * (height + 0.54), 0.035, gold);
 }
 
-/// A well, a tree and some barrels in the yard.
+/// Adds a well, a tree and some barrels in the yard.
 fn yard(scene: &mut Builder) {
     let well = v(-0.42, -0.40, FLOOR);
     let bore = vec![Convex::cylinder(well + DVec3::Z * 0.02, 0.09, 0.3)];

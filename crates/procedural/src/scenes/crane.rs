@@ -22,7 +22,7 @@ pub(crate) fn crane() -> Builder {
     scene
 }
 
-/// A brick block with a vaulted passage each way, crates and barrels around it.
+/// Adds a brick block with a vaulted passage each way, crates and barrels around it.
 fn base(scene: &mut Builder) {
     let brick = bricks(rgb(176, 74, 52), rgb(214, 206, 190), [0.16, 0.075], false);
     let centre = v(-0.25, 0.0, -0.93);
@@ -51,7 +51,7 @@ fn strut(scene: &mut Builder, a: DVec3, b: DVec3, radius: f64, material: Materia
     scene.rod(a, b, radius, material);
 }
 
-/// A square lattice mast on the block.
+/// Adds a square lattice mast on the block.
 fn mast(scene: &mut Builder, paint: Material) {
     let (low, high, half, bays) = (-0.68, 0.62, 0.13, 6);
     let corner = |k: usize, z: f64| {
@@ -72,7 +72,7 @@ fn mast(scene: &mut Builder, paint: Material) {
     }
 }
 
-/// A triangular lattice jib with its counterweight, stayed from a peak.
+/// Adds a triangular lattice jib with its counterweight, stayed from a peak.
 fn jib(scene: &mut Builder, paint: Material) {
     let (back, tip, z) = (-1.02, 1.12, 0.66);
     let lower = |x: f64, side: f64| v(x, side * 0.10, z);
@@ -104,7 +104,7 @@ fn jib(scene: &mut Builder, paint: Material) {
     scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), Material::glossy(warning));
 }
 
-/// The driver's cabin, with windows cut out, next to the mast.
+/// Adds the driver's cabin, with windows cut out, next to the mast.
 fn cabin(scene: &mut Builder) {
     let centre = v(-0.03, -0.21, 0.47);
     let red = glossy(rgb(200, 36, 32));
@@ -117,7 +117,7 @@ fn cabin(scene: &mut Builder) {
     scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
 }
 
-/// A polished ball with a ring, hung from the trolley.
+/// Adds a polished ball with a ring, hung from the trolley.
 fn load(scene: &mut Builder) {
     let steel = Material::metal(rgb(190, 196, 204));
     let x = 0.72;

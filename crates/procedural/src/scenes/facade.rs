@@ -52,7 +52,7 @@ fn body(scene: &mut Builder) {
     scene.carved(storeys(1.0, 3.0), cuts, Material::matt(brick));
 }
 
-/// The middle of a window on the wall.
+/// Returns the middle of a window on the wall.
 fn window(side: u32, column: i32, floor: u32) -> DVec3 {
     let turn = f64::from(side) * 90.0;
     polar(HALF, turn - 90.0, LOW + (f64::from(floor) + 0.5) * STOREY) + polar(0.40 * f64::from(column), turn, 0.0)
@@ -141,7 +141,7 @@ fn flowers(scene: &mut Builder, at: DVec3, along: DVec3, key: i32) {
     }
 }
 
-/// A door in the middle of the ground floor, shop windows with awnings next to it.
+/// Adds a door in the middle of the ground floor, shop windows with awnings next to it.
 fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     let turn = f64::from(side) * 90.0;
     let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
@@ -212,7 +212,7 @@ fn roof(scene: &mut Builder) {
     }
 }
 
-/// A skylight, a sunshade with a table, and a bed of herbs.
+/// Adds a skylight, a sunshade with a table, and a bed of herbs.
 fn terrace(scene: &mut Builder, z: f64) {
     let pane = Material { reflectance: 0.20, ..glossy(rgb(70, 110, 130)) };
     let white = satin(rgb(200, 200, 196));

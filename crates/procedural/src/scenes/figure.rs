@@ -70,7 +70,7 @@ pub(crate) fn figure() -> Builder {
     scene
 }
 
-/// A tapered rod with balls at its ends.
+/// Adds a tapered rod with balls at its ends.
 fn limb(scene: &mut Builder, a: DVec3, b: DVec3, from: f64, to: f64, material: Material) {
     scene.solid(Convex::taper(a, b, from, to), material);
     scene.sphere(a, from, material);

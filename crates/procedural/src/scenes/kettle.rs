@@ -81,7 +81,7 @@ fn body(scene: &mut Builder) {
     scene.ring(Frame::at(at(0.0, 0.30)), 0.605, 0.014, Material { texture: band, ..gold() });
 }
 
-/// A milk can of copper, a sphere, a cup and a lemon.
+/// Adds a milk can of copper, a sphere, a cup and a lemon.
 fn company(scene: &mut Builder) {
     let copper = Material::mirror(rgb(214, 120, 78));
     let can = Frame::at(v(0.52, 0.58, TOP));

@@ -36,8 +36,8 @@ fn brass() -> Material {
     Material::metal(rgb(212, 170, 80))
 }
 
-/// A marble drum with eight arched windows right through its wall, open at the top under three rods
-/// that carry the knot.
+/// Adds a marble drum with eight arched windows right through its wall, open at the top under three rods that carry the
+/// knot.
 fn plinth(scene: &mut Builder) {
     let marble = Texture::Marble { a: rgb(232, 228, 220), b: rgb(70, 84, 96), per_unit: 2.6 };
     let mut cuts = vec![Convex::cylinder(v(0.0, 0.0, -0.93), 0.60, 0.6)];

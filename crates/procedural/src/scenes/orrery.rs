@@ -25,7 +25,7 @@ fn copper() -> Material {
     Material::metal(rgb(196, 116, 76))
 }
 
-/// A wooden foot, a toothed wheel with round holes, and the column.
+/// Adds a wooden foot, a toothed wheel with round holes, and the column.
 fn stand(scene: &mut Builder) {
     let wood = Texture::Bands { a: rgb(126, 74, 38), b: rgb(84, 44, 22), c: rgb(150, 96, 54), per_unit: 9.0 };
     scene.cone(v(0.0, 0.0, -1.12), 0.74, 0.62, 0.14, Material::glossy(wood));
@@ -50,7 +50,7 @@ fn stand(scene: &mut Builder) {
     }
 }
 
-/// An arm from the column to under a planet at `at`, and the pin that carries it.
+/// Adds an arm from the column to under a planet at `at`, and the pin that carries it.
 fn arm(scene: &mut Builder, height: f64, at: DVec3) {
     let elbow = v(at.x, at.y, height);
     scene.rod(v(0.0, 0.0, height), elbow, 0.016, brass());
@@ -98,7 +98,7 @@ fn planets(scene: &mut Builder) {
     scene.sphere(mirror, 0.085, Material::metal(rgb(228, 232, 240)));
 }
 
-/// Two great hoops about everything, with beads.
+/// Adds two great hoops about everything, with beads.
 fn armillary(scene: &mut Builder) {
     let centre = v(0.0, 0.0, 0.10);
     scene.ring(Frame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, brass());

@@ -27,8 +27,8 @@ fn lacquer() -> Material {
     Material { reflectance: 0.045, ..glossy(rgb(22, 22, 24)) }
 }
 
-/// A grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of it
-/// `shrink` smaller.
+/// Returns a grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of
+/// it `shrink` smaller.
 fn outline(low: f64, high: f64, y: f64, shrink: f64) -> [(Convex, Vec<Convex>); 2] {
     let (front, back) = (y + shrink, 0.62);
     let size = v(1.36 - 2.0 * shrink, back - front, high - low);

@@ -33,7 +33,7 @@ fn gilt() -> Material {
     Material::metal(rgb(226, 196, 130))
 }
 
-/// A scalloped board.
+/// Adds a scalloped board.
 fn plate(scene: &mut Builder) {
     let veins = Texture::Marble { a: rgb(200, 201, 204), b: rgb(168, 174, 184), per_unit: 2.2 };
     scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, Material::satin(veins));
@@ -77,7 +77,7 @@ fn pot(scene: &mut Builder) {
     scene.closed_tube(handle, 24, 0.032, white());
 }
 
-/// A tall vase with rings about its neck and twigs with buds.
+/// Adds a tall vase with rings about its neck and twigs with buds.
 fn vase(scene: &mut Builder) {
     let foot = Frame::at(v(-0.36, 0.46, TOP));
     let outline = [
@@ -112,7 +112,7 @@ fn vase(scene: &mut Builder) {
     }
 }
 
-/// A cup of tea with milk on a saucer.
+/// Adds a cup of tea with milk on a saucer.
 fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
     let foot = Frame::at(at);
     scene.lathe(foot, &[(0.10, 0.0), (0.12, 0.012), (0.22, 0.035), (0.245, 0.055)], white());
@@ -124,7 +124,7 @@ fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
     scene.ring(Frame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
 }
 
-/// A crouching hare.
+/// Adds a crouching hare.
 fn hare(scene: &mut Builder) {
     let ground = v(0.58, 0.52, TOP);
     let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);

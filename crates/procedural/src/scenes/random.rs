@@ -45,7 +45,7 @@ fn turn(rng: &mut impl Rng) -> f64 {
     rng.random_range(0.0..360.0)
 }
 
-/// One solid, or two on top of one another, that stands on `foot` within `size` of the vertical through it.
+/// Adds one solid, or two on top of one another, that stands on `foot` within `size` of the vertical through it.
 fn thing(scene: &mut Builder, rng: &mut impl Rng, foot: DVec3, size: f64) {
     let tall = size * rng.random_range(1.0..2.6);
     let material = material(rng);
@@ -84,7 +84,7 @@ fn material(rng: &mut impl Rng) -> Material {
     if rng.random() { Material::matt(texture) } else { Material::satin(texture) }
 }
 
-/// A colour of any hue, linear.
+/// Returns a colour of any hue, linear.
 fn colour(rng: &mut impl Rng) -> DVec3 {
     let hue = TAU * rng.random::<f64>();
     let light = rng.random_range(0.25..0.75);

@@ -143,7 +143,7 @@ fn low_table(scene: &mut Builder) {
     scene.sphere(c + v(0.33, 0.0, 0.243), 0.07, Material::metal(rgb(214, 168, 84)));
 }
 
-/// A dresser along the left wall with a lamp on it.
+/// Adds a dresser along the left wall with a lamp on it.
 fn dresser(scene: &mut Builder) {
     let wood = Material::satin(Texture::Planks { a: rgb(190, 140, 84), b: rgb(140, 92, 50), width: 0.22, length: 1.5 });
     let front = -SIDE + 0.45;
@@ -171,7 +171,7 @@ fn dresser(scene: &mut Builder) {
     scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, Material::glossy(globe));
 }
 
-/// An armchair to the right and a plant behind it.
+/// Adds an armchair to the right and a plant behind it.
 fn corner(scene: &mut Builder) {
     let pot = Frame::at(v(1.55, 4.0, 0.0));
     scene.lathe(

@@ -31,7 +31,7 @@ pub(crate) fn table() -> Builder {
     scene
 }
 
-/// A bowl of fruit.
+/// Adds a bowl of fruit.
 fn bowl(scene: &mut Builder) {
     let at = v(-0.18, -0.36, TOP + 0.006);
     let blue = flowers(rgb(240, 240, 234), rgb(40, 84, 160), 9.0, true);
@@ -58,7 +58,7 @@ fn bowl(scene: &mut Builder) {
     }
 }
 
-/// A copper jug with dried poppies.
+/// Adds a copper jug with dried poppies.
 fn jug(scene: &mut Builder) {
     let at = v(-0.46, 0.30, TOP + 0.006);
     let copper = Material { reflectance: 0.7, ..Material::metal(rgb(206, 116, 76)) };
@@ -85,7 +85,7 @@ fn jug(scene: &mut Builder) {
     }
 }
 
-/// A small radio and two books.
+/// Adds a small radio and two books.
 fn radio(scene: &mut Builder) {
     let (at, turn) = (v(0.50, 0.10, TOP + 0.006), -24.0);
     let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));

@@ -38,7 +38,7 @@ pub struct OccupancyGrid {
 }
 
 impl OccupancyGrid {
-    /// A grid over `bounds` with all cells occupied.
+    /// Returns a grid over `bounds` with all cells occupied.
     pub fn new(config: &OccupancyConfig, bounds: Aabb) -> Self {
         let cells = config.resolution.pow(3);
         Self {
@@ -111,7 +111,7 @@ impl OccupancyGrid {
         alive
     }
 
-    /// Mean density of the cells that are not carved.
+    /// Returns the mean density of the cells that are not carved.
     fn mean_density(&self) -> f32 {
         let open = self.density.iter().zip(&self.carved).filter(|(_, carved)| !**carved);
         let (sum, count) = open.fold((0.0, 0u32), |(sum, count), (d, _)| (sum + f64::from(*d), count + 1));
@@ -144,8 +144,8 @@ impl OccupancyGrid {
             .collect();
     }
 
-    /// A grid of `factor` times the resolution for pictures: each part of an occupied cell is evaluated at eight random
-    /// points, and is occupied if the opacity of a sample at any of them reaches `alpha_threshold`.
+    /// Returns a grid of `factor` times the resolution for pictures: each part of an occupied cell is evaluated at
+    /// eight random points, and is occupied if the opacity of a sample at any of them reaches `alpha_threshold`.
     ///
     /// Finer and not dilated, it follows surfaces more closely. As in [`Self::update`], the threshold of a faint field is
     /// relative: half the density of the mean cell, as what training keeps is dilated.
@@ -185,32 +185,32 @@ impl OccupancyGrid {
         self.cell(self.in_cells(p)).is_none_or(|cell| self.occupied[cell])
     }
 
-    /// Cells along each axis.
+    /// Returns the number of cells along each axis.
     pub fn resolution(&self) -> usize {
         self.config.resolution
     }
 
-    /// The box that is divided into cells.
+    /// Returns the box that is divided into cells.
     pub fn bounds(&self) -> Aabb {
         self.bounds
     }
 
-    /// The smallest box around all occupied cells.
+    /// Returns the smallest box around all occupied cells.
     pub fn tight_bounds(&self) -> Aabb {
         self.tight
     }
 
-    /// A point in units of cells, from the corner of the box.
+    /// Returns a point in units of cells, from the corner of the box.
     pub(crate) fn in_cells(&self, p: Vec3) -> Vec3 {
         self.cells_along(p - self.bounds.min)
     }
 
-    /// A displacement in units of cells.
+    /// Returns a displacement in units of cells.
     pub(crate) fn cells_along(&self, displacement: Vec3) -> Vec3 {
         displacement * self.cells_per_unit
     }
 
-    /// The state of the cell at a [fixed-point](super::fixed) place.
+    /// Returns the state of the cell at a [fixed-point](super::fixed) place.
     #[inline]
     pub(crate) fn state_at(&self, place: I64Vec3) -> CellState {
         self.lookup.at(place)
@@ -235,7 +235,7 @@ impl OccupancyGrid {
         });
     }
 
-    /// Density of the cell at `p`; `None` if it is empty, 0 outside the box.
+    /// Returns the density of the cell at `p`; `None` if it is empty, 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
         match self.cell(self.in_cells(p)) {
             Some(cell) => self.occupied[cell].then(|| self.density[cell]),
@@ -243,8 +243,8 @@ impl OccupancyGrid {
         }
     }
 
-    /// Mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all cells are empty.
-    /// Outside the box it is 0.
+    /// Returns the mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all
+    /// cells are empty. Outside the box it is 0.
     pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
         let lookups = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
         let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / lookups);
@@ -269,17 +269,18 @@ impl OccupancyGrid {
         }
     }
 
-    /// Variance per axis of a uniform point in a cell, mean of the three axes, scene units².
+    /// Returns the variance per axis of a uniform point in a cell, mean of the three axes, scene units².
     pub fn cell_variance(&self) -> f32 {
         self.cell_size().length_squared() / (3.0 * 12.0)
     }
 
-    /// Share of occupied cells.
+    /// Returns the share of occupied cells.
     pub fn fraction(&self) -> f64 {
         self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
     }
 
-    /// Density and occupancy of each cell, x fastest, and whether there was an update: the state that a checkpoint keeps.
+    /// Returns the density and occupancy of each cell, x fastest, and whether there was an update: the state that a
+    /// checkpoint keeps.
     pub fn state(&self) -> (&[f32], &[bool], bool) {
         (&self.density, &self.occupied, self.updated)
     }
@@ -310,13 +311,13 @@ impl OccupancyGrid {
         self.bounds.min + (self.coordinates(cell) + 0.5) * self.cell_size()
     }
 
-    /// The `index`th random point of a cell.
+    /// Returns the `index`th random point of a cell.
     fn random_point(&self, cell: usize, noise: Noise, index: usize) -> [f32; 3] {
         let jitter = Vec3::from_array([0, 1, 2].map(|axis| noise.uniform(cell, 4 * index + axis)));
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
-    /// The cell that holds a point in units of cells.
+    /// Returns the cell that holds a point in units of cells.
     fn cell(&self, c: Vec3) -> Option<usize> {
         let n = self.config.resolution;
         // Written so that NaN is outside.

@@ -20,16 +20,16 @@ pub(crate) struct CellState(u16);
 
 impl CellState {
     const EMPTY: u16 = 1 << 15;
-    /// Occupied, by any density.
+    /// Occupied, at an unknown density.
     const UNKNOWN: Self = Self(Self::EMPTY - 1);
 
-    /// The state of an occupied cell; ordered like the density.
+    /// Returns the state of an occupied cell; ordered like the density.
     pub(crate) fn of_density(density: f32) -> Self {
         Self((density.to_bits() >> 16) as u16)
     }
 
-    /// Cells to the nearest occupied one, along the axis on which they are most, at most [`MAX_DISTANCE`]; 0 in an occupied
-    /// cell and outside the box.
+    /// Returns the number of cells to the nearest occupied one, along the axis on which they are most, at most
+    /// [`MAX_DISTANCE`]; 0 in an occupied cell and outside the box.
     pub(crate) fn distance(self) -> u16 {
         self.0.saturating_sub(Self::EMPTY)
     }
@@ -43,12 +43,13 @@ pub(super) struct Lookup {
 }
 
 impl Lookup {
-    /// A lookup in which every cell is occupied by an unknown density.
+    /// Returns a lookup in which every cell is occupied by an unknown density.
     pub(super) fn unknown(resolution: usize) -> Self {
         Self { resolution, states: vec![CellState::UNKNOWN; resolution.pow(3)] }
     }
 
-    /// The states that follow from which cells are occupied, and from the maximal density near each if it is known.
+    /// Returns the states that follow from which cells are occupied, and from the maximal density near each if it is
+    /// known.
     pub(super) fn new(resolution: usize, occupied: &[bool], nearby: Option<&[f32]>) -> Self {
         let mut near: Vec<u8> = occupied.iter().map(|&occupied| u8::from(occupied)).collect();
         let mut distance = vec![0u8; near.len()];
@@ -64,7 +65,7 @@ impl Lookup {
         Self { resolution, states: distance.into_iter().enumerate().map(state).collect() }
     }
 
-    /// The state at a [fixed-point](fixed) place.
+    /// Returns the state at a [fixed-point](fixed) place.
     #[inline]
     pub(super) fn at(&self, place: I64Vec3) -> CellState {
         let n = self.resolution;

@@ -84,7 +84,7 @@ impl Sampler {
         self.config.placement.rule()
     }
 
-    /// Mean length of a sample's interval, which the occupancy threshold refers to.
+    /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
     pub(crate) fn step_length(&self, at: Moment) -> f32 {
         let c = &self.config;
         let samples = c.samples.at(at) as f32;
@@ -92,23 +92,23 @@ impl Sampler {
         self.longest / (coarse + c.fine_samples as f32)
     }
 
-    /// Number of samples of the longest ray.
+    /// Returns the number of samples of the longest ray.
     pub(crate) fn max_samples(&self, at: Moment) -> usize {
         (self.longest / self.step_length(at)).round() as usize
     }
 
-    /// Length of the longest ray, in coordinates.
+    /// Returns the length of the longest ray, in coordinates.
     pub(crate) fn longest(&self) -> f32 {
         self.longest
     }
 
-    /// A batch of `rays` for a field on `device`.
+    /// Returns a batch of `rays` for a field on `device`.
     pub(crate) fn batch(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
         let ends = rays.par_iter().map(|ray| self.interval(ray)).collect();
         RayBatch::new(rays, ends, device)
     }
 
-    /// Samples of a single pass with steps of one length.
+    /// Returns the samples of a single pass with steps of one length.
     pub(crate) fn march(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
         let march_config = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
         let packed = march(
@@ -135,7 +135,7 @@ impl Sampler {
         PlacedSamples { samples: samples.on(device), points, kept: None }
     }
 
-    /// The steps of one ray but those in cells that `grid` knows to be empty.
+    /// Returns the steps of one ray but those in cells that `grid` knows to be empty.
     pub(crate) fn steps<'a>(
         &'a self,
         ray: &'a Ray,
@@ -147,7 +147,7 @@ impl Sampler {
         Steps::new(ray, &self.warp, ends, (step, shift), grid, self.clips())
     }
 
-    /// Stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
+    /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
     pub(crate) fn first(&self, rays: &RayBatch, at: Moment) -> PassDistances {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
@@ -178,7 +178,7 @@ impl Sampler {
         PassDistances { t: self.rule().fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
-    /// The samples of a pass for a field on `device`, less those that are skipped.
+    /// Returns the samples of a pass for a field on `device`, less those that are skipped.
     pub(crate) fn place(
         &self,
         rays: &RayBatch,
@@ -230,7 +230,7 @@ impl Sampler {
         self.config.clip_to_bounds && self.warp.is_identity()
     }
 
-    /// Near and far of the part of a ray that can hold content, in coordinates.
+    /// Returns near and far of the part of a ray that can hold content, in coordinates.
     pub(crate) fn interval(&self, ray: &Ray) -> Option<[f32; 2]> {
         let within = self.range.along(ray);
         let (mut near, mut far) = match self.warp.horizon() {
@@ -258,7 +258,8 @@ impl Sampler {
         self.keep_indexed(samples.map(|sample| ((), sample)), ray, skip, |(), sample| keep(sample));
     }
 
-    /// [`Self::keep`] of samples that have an index. A sample that stands for its interval lies in every cell that this passes.
+    /// Does as [`Self::keep`] with samples that have an index. A sample that stands for its interval lies in every cell
+    /// that this passes.
     fn keep_indexed<I>(
         &self,
         samples: impl Iterator<Item = (I, (f32, f32))>,

@@ -39,8 +39,9 @@ struct CellLine {
 }
 
 impl<'a> Steps<'a> {
-    /// The steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at the share `shift`
-    /// of it. If the ray `is_clipped` to the box of the grid, steps before and behind all occupied cells are left out at once.
+    /// Returns the steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at
+    /// the share `shift` of it. If the ray `is_clipped` to the box of the grid, steps before and behind all occupied
+    /// cells are left out at once.
     pub(crate) fn new(
         ray: &'a Ray,
         warp: &'a Warp,
@@ -74,12 +75,12 @@ impl<'a> Steps<'a> {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    /// Distance of a place in units of steps.
+    /// Returns the distance of a place in units of steps.
     fn distance(&self, at: f32) -> f32 {
         self.warp.distance(self.near + at * self.length)
     }
 
-    /// State of the cell at the sample of a step.
+    /// Returns the state of the cell at the sample of a step.
     #[inline]
     fn state(&self, grid: &OccupancyGrid, step: usize) -> CellState {
         match self.cells {
@@ -91,7 +92,7 @@ impl<'a> Steps<'a> {
         }
     }
 
-    /// Number of steps from the next on, whose cell has state `first`, that are one sample.
+    /// Returns the number of steps from the next on, whose cell has state `first`, that are one sample.
     fn together(&self, grid: &OccupancyGrid, first: CellState) -> usize {
         let [two, four] = self.joined;
         let thin = |ahead: usize, most: CellState| self.state(grid, self.next + ahead) < most;

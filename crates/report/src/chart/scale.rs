@@ -65,7 +65,7 @@ impl ScaleKind {
         }
     }
 
-    /// Value whose coordinate is `place`.
+    /// Returns the value whose coordinate is `place`.
     fn value(&self, place: f64) -> f64 {
         match self {
             Self::Linear | Self::Labels(_) => place,

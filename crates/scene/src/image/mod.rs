@@ -51,7 +51,7 @@ impl Image {
         self.rgb.get(y as usize * self.width as usize + x as usize).copied()
     }
 
-    /// Every channel rounded to 8 bits by [`round_to_u8`], interleaved RGB.
+    /// Returns every channel rounded to 8 bits by [`round_to_u8`], interleaved RGB.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|&v| round_to_u8(v)).collect()
     }

@@ -53,8 +53,9 @@ impl Span {
     }
 }
 
-/// Integer arithmetic: in units of `1/m` of an input pixel, input pixel `i` is `[i·m, (i+1)·m]` and
-/// output pixel `k` is `[k·n, (k+1)·n]`, so that the weights are exact fractions of `n`.
+/// Returns the span of input pixels under each output pixel, in integer arithmetic: in units of `1/m` of an input
+/// pixel, input pixel `i` is `[i·m, (i+1)·m]` and output pixel `k` is `[k·n, (k+1)·n]`, so that the weights are exact
+/// fractions of `n`.
 fn spans(n: u32, m: u32) -> Vec<Span> {
     let (n, m) = (u64::from(n), u64::from(m));
     (0..m)

@@ -48,18 +48,18 @@ impl Similarity {
         Self { rotation, scale, translation: mean_to - scale * (rotation * mean) }
     }
 
-    /// From where it leads, back.
+    /// Returns the inverse similarity.
     pub fn inverse(&self) -> Self {
         let (rotation, scale) = (self.rotation.transpose(), self.scale.recip());
         Self { rotation, scale, translation: -scale * (rotation * self.translation) }
     }
 
-    /// Where a point goes.
+    /// Maps a point: `s R p + t`.
     pub fn point(&self, p: Vec3) -> Vec3 {
         (self.scale * (self.rotation * p.as_dvec3()) + self.translation).as_vec3()
     }
 
-    /// Where a direction goes.
+    /// Maps a direction: `R d`, whose length stays.
     pub fn direction(&self, d: Vec3) -> Vec3 {
         (self.rotation * d.as_dvec3()).as_vec3()
     }
@@ -72,7 +72,7 @@ impl Similarity {
     }
 }
 
-/// How far poses are from the true ones, in the mean over the cameras.
+/// Errors of poses against the true ones, means over the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseError {
     /// Angle between the orientations, degrees.

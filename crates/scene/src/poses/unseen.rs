@@ -108,7 +108,7 @@ impl ViewRegion {
         look_along(self.focus.centre + radius * direction, forward, self.up)
     }
 
-    /// Sine of the elevation of the lowest camera, and all distinct directions.
+    /// Returns the distinct directions of the cameras from the centre, unit vectors.
     pub(crate) fn directions(&self) -> &[DVec3] {
         &self.directions
     }

@@ -111,7 +111,7 @@ impl ViewSelection {
     }
 }
 
-/// `ids` must be non-empty, below `n` and without repetition.
+/// Refuses `ids` that are empty, not below `n` or given twice.
 pub(crate) fn check_ids(field: &'static str, ids: &[usize], n: usize) -> Result<(), SceneError> {
     if ids.is_empty() {
         return Err(SceneError::request(field, "at least one view id", "none"));

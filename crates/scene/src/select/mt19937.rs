@@ -44,8 +44,8 @@ impl Mt19937 {
         y ^ (y >> 18)
     }
 
-    /// Uniform in `0..=max`: bits above those of `max` are masked off, larger values drawn again
-    /// (NumPy's `random_interval`).
+    /// Draws uniformly from `0..=max`: bits above those of `max` are masked off, larger values drawn again (NumPy's
+    /// `random_interval`).
     fn interval(&mut self, max: u32) -> u32 {
         let mask = u32::MAX.checked_shr(max.leading_zeros()).unwrap_or(0);
         loop {

@@ -4,19 +4,19 @@ use super::ViewSelection;
 use super::pool::Named;
 use crate::Camera;
 
-/// InfoNeRF's selection for NeRF's synthetic scenes: four views of a hundred.
+/// Returns InfoNeRF's selection for NeRF's synthetic scenes: four views of a hundred.
 pub fn synthetic(cameras: &[Camera]) -> Named {
     let four = ViewSelection::Seed { seed: 0, count: 4 };
     four.select(cameras).map_or_else(|_| Vec::new(), |ids| vec![("infonerf-4".to_owned(), ids)])
 }
 
-/// RegNeRF's selections for forward-facing captures, by name: `count` of `n` training views, spread evenly.
+/// Returns RegNeRF's selections for forward-facing captures, by name: `count` of `n` training views, spread evenly.
 pub fn forward_facing(n: usize) -> Named {
     [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(n, count))).into()
 }
 
-/// RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy does.
-/// None where there are fewer.
+/// Returns RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy
+/// does. `None` if there are fewer.
 fn spread(n: usize, count: usize) -> Vec<usize> {
     if count > n || count < 2 {
         return Vec::new();

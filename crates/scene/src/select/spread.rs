@@ -9,7 +9,7 @@ use crate::poses::view_directions;
 /// Random sets that [`wide`] tries.
 const TRIES: usize = 256;
 
-/// Greedy farthest-point sampling on camera positions. `count ≤ cameras.len()`.
+/// Selects views by greedy farthest-point sampling of camera positions. `count ≤ cameras.len()`.
 pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
     if cameras.is_empty() || count == 0 {
         return Vec::new();

@@ -10,11 +10,11 @@ use crate::SceneError;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TestProtocol {
-    /// All of them.
+    /// Every test view.
     All,
-    /// Every n-th, starting with the first: `Every(8)` takes 25 of Blender's 200.
+    /// Every n-th test view, starting with the first: `Every(8)` takes 25 of Blender's 200.
     Every(usize),
-    /// The first n.
+    /// The first n test views.
     First(usize),
     /// Test views by their ids, in this order.
     Ids(Vec<usize>),
@@ -23,8 +23,8 @@ pub enum TestProtocol {
     Split,
     /// A published protocol by its name, such as `pixelnerf` for DTU.
     Published(String),
-    /// The chosen training views, which says how well they are fitted and nothing of new views. Captures hold no view out: for
-    /// the few photographs that somebody has, which are all to be learned from.
+    /// The chosen training views: metrics then measure how well these are fitted, not how new views look. Captures hold
+    /// no view out: for the few photographs that somebody has, which are all to be learned from.
     Training,
 }
 

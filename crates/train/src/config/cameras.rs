@@ -20,7 +20,7 @@ pub struct CameraConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Refine {
-    /// Nothing: they stay as they are.
+    /// No refinement: cameras stay as they are given.
     #[default]
     None,
     /// Matches between their photographs, before training (`infonerf_dataset::with_refined_cameras`).
@@ -44,7 +44,7 @@ impl Refine {
 }
 
 impl Default for CameraConfig {
-    /// Off; as preset `paper` has it.
+    /// Returns the values of preset `paper`: no refinement.
     fn default() -> Self {
         let curve = Curve::Exponential { from: 2e-3, to: 1e-5, start: 0.0, end: 1.0 };
         Self { refine: Refine::None, lr: Schedule { curve, warmup: 100 }, focal: Focal::Fixed, prior: 1e-3 }

@@ -125,7 +125,7 @@ fn enough_views(key: &str, images: usize, views: usize) -> Result<(), Fault> {
     Fault::unless(images <= views, &format!("field.{key}"), expected, images)
 }
 
-/// A value of an enum as configs write it.
+/// Returns the name of an enum's value as config files write it.
 fn name(value: &impl serde::Serialize) -> String {
     toml::Value::try_from(value).map_or_else(|error| error.to_string(), |value| value.to_string())
 }

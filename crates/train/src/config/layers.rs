@@ -1,4 +1,4 @@
-//! Configs are built in layers, each a TOML table that says how it differs from the one below.
+//! Layers of configs: presets and changes to them, each a TOML table that says how it differs from the one below.
 
 use infonerf_scene::Layout;
 use serde::{Deserialize, Serialize};
@@ -24,21 +24,21 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// All of them.
+    /// Every preset.
     pub const ALL: [Self; 5] = [Self::Fast, Self::Capture, Self::Dense, Self::Paper, Self::Released];
 
     /// Minimal number of training views that [`Self::Dense`] is for.
     pub const DENSE_VIEWS: usize = 9;
 
-    /// The preset for a number of training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`] on, `Dense` takes
-    /// the place of `Capture` unless the cameras face forward.
+    /// Returns the preset for a number of training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`]
+    /// on, `Dense` takes the place of `Capture` unless the cameras face forward.
     #[must_use]
     pub fn for_views(self, views: usize, layout: Layout) -> Self {
         let is_dense = views >= Self::DENSE_VIEWS && layout != Layout::Forward;
         if self == Self::Capture && is_dense { Self::Dense } else { self }
     }
 
-    /// Name on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
@@ -49,7 +49,7 @@ impl Preset {
         }
     }
 
-    /// The preset's table.
+    /// Returns the preset's table.
     pub fn table(self) -> Table {
         let paper = parse(include_str!("../../presets/paper.toml"));
         match self {

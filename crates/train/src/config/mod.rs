@@ -30,21 +30,21 @@ use crate::TrainError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Choice of views and their size.
+    /// Scene: choice of views and their size.
     pub scene: SceneConfig,
-    /// The network.
+    /// Field: kind and sizes of the network.
     pub field: FieldConfig,
     /// Sampling and skipping.
     pub render: RenderConfig,
     /// Loss terms and their weights.
     pub loss: LossConfig,
-    /// The loop.
+    /// Training: the optimization loop.
     pub train: TrainConfig,
-    /// Measurements at the end.
+    /// Evaluation: measurements at the end of a run.
     pub eval: EvalConfig,
 }
 
-/// Choice of views and their size.
+/// Scene: choice of views and their size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneConfig {
@@ -69,7 +69,7 @@ pub struct SceneConfig {
     pub disturb: Disturbance,
 }
 
-/// How far training cameras are from their true poses, in directions that the run's seed draws: see
+/// Disturbance of the training cameras from their true poses, in directions that the run's seed draws: see
 /// [`infonerf_scene::Scene::disturbed`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -90,12 +90,13 @@ pub enum PixelPosition {
     Corner,
 }
 
-/// Keys that have a default are not written with it: files of earlier versions say the same.
+/// Whether a key has its default value and is then not written: config files of earlier versions, which lack the key,
+/// stay identical.
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// Measurements at the end.
+/// Evaluation: measurements at the end of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
@@ -112,14 +113,14 @@ pub struct EvalConfig {
 }
 
 impl EvalConfig {
-    /// The measurement of pictures.
+    /// Returns the protocol by which pictures are measured.
     pub fn metric_protocol(&self) -> infonerf_metrics::Protocol {
         infonerf_metrics::Protocol::named(&self.protocol).unwrap_or_default()
     }
 }
 
 impl Config {
-    /// A preset with keys changed by `settings`, each `dotted.key=value`.
+    /// Returns a preset with keys changed by `settings`, each `dotted.key=value`.
     ///
     /// # Errors
     /// As [`assign`] and [`Self::from_table`].

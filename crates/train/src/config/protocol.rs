@@ -25,7 +25,7 @@ fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
 }
 
 impl TestViews {
-    /// The choice as the loader takes it.
+    /// Returns the choice as the loader takes it.
     pub fn test(&self) -> TestProtocol {
         self.0.clone()
     }
@@ -130,7 +130,7 @@ impl<'de> Deserialize<'de> for Views {
 }
 
 impl Views {
-    /// Number of views; `None` if it depends on the scene.
+    /// Returns the number of views; `None` if it depends on the scene.
     pub fn count(&self) -> Option<usize> {
         match self {
             Self::Seed { count } | Self::Farthest { count } | Self::Narrow { count, .. } | Self::Wide { count } => {
@@ -141,7 +141,7 @@ impl Views {
         }
     }
 
-    /// The choice as the loader takes it, with the run's seed.
+    /// Returns the choice as the loader takes it, with the run's seed.
     pub fn select(&self, seed: u64) -> ViewSelection {
         match self.clone() {
             Self::Seed { count } => ViewSelection::Seed { seed, count },

@@ -130,14 +130,14 @@ pub enum NeighbourSampling {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ErrorSamplingConfig {
-    /// Largest difference of a channel below which a pixel is well fitted; 0 draws all alike.
+    /// Greatest error of a colour channel below which a pixel is well fitted; 0 draws all alike.
     pub threshold: f32,
     /// Probability with which a drawn pixel that is well fitted is taken.
     pub keep: f32,
 }
 
 impl ErrorSamplingConfig {
-    /// Whether steps need the errors that earlier ones found. On a GPU they then read their colours back.
+    /// Whether error-driven sampling is on. Steps on a GPU then read their colours back.
     pub(crate) fn is_on(&self) -> bool {
         self.threshold > 0.0
     }
@@ -148,9 +148,9 @@ impl ErrorSamplingConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EarlyStoppingConfig {
-    /// Steps; 0 takes all that there are.
+    /// Number of steps per window; 0 for no early stopping.
     pub patience: usize,
-    /// Relative improvement.
+    /// Least relative improvement between windows with which a run goes on.
     pub min_delta: f64,
 }
 
@@ -159,7 +159,7 @@ pub struct EarlyStoppingConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EnsembleConfig {
-    /// Fields.
+    /// Number of fields.
     pub size: usize,
     /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to
     /// `size`.
@@ -167,7 +167,7 @@ pub struct EnsembleConfig {
 }
 
 impl RotationCentre {
-    /// The point in the world, given the region that the training cameras span.
+    /// Returns the point in the world, given the region that the training cameras span.
     pub(crate) fn of(self, region: &ViewRegion) -> DVec3 {
         match self {
             Self::Origin => DVec3::ZERO,
@@ -177,8 +177,8 @@ impl RotationCentre {
 }
 
 impl EnsembleConfig {
-    /// Number of fields that a run trains: `size`, or with a budget of `budget` seconds as many as have `seconds_per_member`
-    /// each if those are more.
+    /// Returns the number of fields that a run trains: `size`, or with a budget of `budget` seconds as many as have
+    /// `seconds_per_member` each if those are more.
     pub fn members(&self, budget: Option<f64>) -> usize {
         let seconds = self.seconds_per_member;
         let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
@@ -187,20 +187,20 @@ impl EnsembleConfig {
 }
 
 impl TrainConfig {
-    /// The config of each of `members` fields. The weights of several are not averaged over the end of the run: the mean of
-    /// their pictures evens out the same noise, and the fields stay sharper.
+    /// Returns the config of each of `members` fields. The weights of several are not averaged over the end of the run:
+    /// the mean of their pictures evens out the same noise, and the fields stay sharper.
     pub fn of_member(&self, members: usize) -> Self {
         let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
         Self { weight_averaging, ..self.clone() }
     }
 
-    /// Factor by which images are smaller at a moment of the run.
+    /// Returns the factor by which images are smaller at a moment of the run.
     pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
         self.downscale.at(at).round().max(1.0) as u32
     }
 
-    /// 1, and every whole factor between the extremes of `downscale`: all images of factors above 1 together are smaller than
-    /// those of full size.
+    /// Returns 1 and every whole factor between the extremes of `downscale`: all images of factors above 1 together are
+    /// smaller than those of full size.
     pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
         let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
         std::iter::once(1).chain(least.max(2)..=largest)

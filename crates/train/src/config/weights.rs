@@ -23,7 +23,7 @@ impl Config {
         })
     }
 
-    /// The config without files of weights, for a model that is trained already.
+    /// Returns the config without files of weights, for a model that is trained already.
     pub fn without_weight_files(&self) -> Self {
         let mut config = self.clone();
         config.train.init = PathBuf::new();

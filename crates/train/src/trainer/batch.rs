@@ -106,8 +106,8 @@ pub(super) struct RayGroup {
 }
 
 impl StepBatch {
-    /// The rays of training images, and those of the batch that are needed, in the order in which they are rendered: groups come
-    /// after their partners. Rays of cameras that `model` corrects are in its graph.
+    /// Returns the rays of training images, and those of the batch that are needed, in the order in which they are
+    /// rendered: groups come after their partners. Rays of cameras that `model` corrects are in its graph.
     pub(super) fn ray_groups<F: Field>(
         &self,
         config: &Config,
@@ -151,7 +151,7 @@ impl StepBatch {
         groups
     }
 
-    /// The colours of the seen pixels, on the device of `model`.
+    /// Returns the colours of the seen pixels, on the device of `model`.
     pub(super) fn target<F: Field>(&self, scene: &TrainingScene, model: &Model<F>) -> Target {
         let seen = &self.seen;
         let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();

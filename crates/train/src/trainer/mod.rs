@@ -37,7 +37,7 @@ const READ_EVERY: usize = 16;
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
     batches: Batches,
-    /// Seconds after which to stop, if the clock and not the number of steps decides.
+    /// Time budget in seconds; `None` if the number of steps decides when training ends.
     budget: Option<f64>,
     device: Device,
     builder: FieldBuilder<F>,
@@ -130,7 +130,8 @@ impl<F: Field> Trainer<F> {
         Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
     }
 
-    /// A run that differs in its seed alone, before its first step. Both share what training makes of the scene.
+    /// Returns a run that differs in its seed alone, before its first step. Both share what training makes of the
+    /// scene.
     ///
     /// # Errors
     /// If a file of weights that the config names cannot be used.
@@ -181,7 +182,8 @@ impl<F: Field> Trainer<F> {
         Ok(())
     }
 
-    /// Everything needed to resume the run later, or to initialise another. Steps that are not reported yet are reported first.
+    /// Makes a checkpoint: everything needed to resume the run later, or to initialise another. Steps that are not
+    /// reported yet are reported first.
     ///
     /// # Errors
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
@@ -197,7 +199,7 @@ impl<F: Field> Trainer<F> {
         })
     }
 
-    /// Steps, time and samples so far.
+    /// Returns steps, time and samples so far.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -220,52 +222,53 @@ impl<F: Field> Trainer<F> {
         self.profile.wait_for(self.device.clone());
     }
 
-    /// Time spent in each phase.
+    /// Returns the time spent in each phase.
     pub fn profile(&self) -> &Profile {
         &self.profile
     }
 
-    /// The scene that the field learns; the first of many.
+    /// Returns the scene that the field learns; the first of many.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.batches.scenes[0].scene
     }
 
-    /// The model without gradients, to render with: the mean over the end of the run, once there is one.
+    /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
         model.conditioned(self.batches.scenes[0].sources.all(), None)
     }
 
-    /// The renderer of the scene.
+    /// Returns the renderer of the scene.
     pub fn renderer(&self) -> &Renderer {
         &self.batches.scenes[0].renderer
     }
 
-    /// The occupancy grid once it may be used.
+    /// Returns the occupancy grid once it may be used.
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
         let config = &self.config.render.occupancy;
         self.occupancy.as_ref().filter(|_| config.carve || self.progress.step > config.warmup)
     }
 
-    /// The model and its occupancy grid as training has them.
+    /// Returns the model and its occupancy grid as training has them.
     pub fn snapshot(&self) -> TrainedModel<F> {
         let occupancy = self.occupancy().cloned();
         TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame(), residuals: None }
     }
 
-    /// The training cameras as they are learned, in the model's own frame; those of the scene if they are not.
+    /// Returns the training cameras as they are learned, in the model's own frame; those of the scene if they are not.
     pub fn cameras(&self) -> Vec<Camera> {
         let given = self.given_cameras();
         let mean = self.weight_average.mean().unwrap_or(&self.model);
         mean.cameras.as_ref().map_or_else(|| given.clone(), |cameras| cameras.apply(&given))
     }
 
-    /// The training cameras with which training began.
+    /// Returns the training cameras with which training began.
     fn given_cameras(&self) -> Vec<Camera> {
         self.scene().train.iter().map(|view| view.camera.clone()).collect()
     }
 
-    /// From the scene's frame, which is that of test views, to that of the cameras as they are learned; `None` if both are one.
+    /// Returns the map from the scene's frame, which is that of test views, to that of the cameras as they are learned;
+    /// `None` if both are one.
     fn frame(&self) -> Option<ModelFrame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
@@ -274,8 +277,8 @@ impl<F: Field> Trainer<F> {
         differ.then(|| ModelFrame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
     }
 
-    /// Returns what pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` is
-    /// above 1: the field is evaluated for it, so that the result is worth keeping.
+    /// Returns the model from which pictures are rendered: the [snapshot](Self::snapshot), with a finer grid if
+    /// `render.occupancy.refine` is above 1: the field is evaluated for it, so that the result is worth keeping.
     pub fn trained(&self) -> TrainedModel<F> {
         let TrainedModel { model, occupancy, at, frame, .. } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
@@ -291,13 +294,13 @@ impl<F: Field> Trainer<F> {
         TrainedModel { model, occupancy, at, frame, residuals: None }
     }
 
-    /// [`Self::trained`] with the residuals of the training views, if `render.residuals` is on.
+    /// Returns [`Self::trained`] with the residuals of the training views, if `render.residuals` is on.
     pub fn trained_with_residuals(&self) -> TrainedModel<F> {
         let residuals = || Arc::new(Residuals::new(self.scene().clone(), self.cameras()));
         TrainedModel { residuals: self.config.render.residuals.then(residuals), ..self.trained() }
     }
 
-    /// Share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.
+    /// Returns the share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.
     pub fn done(&self) -> f64 {
         let share = match self.budget {
             Some(budget) => self.progress.seconds / budget,
@@ -307,7 +310,7 @@ impl<F: Field> Trainer<F> {
     }
 }
 
-/// The box that a field of `scene` is made for.
+/// Returns the box that a field of `scene` is made for.
 fn field_bounds(config: &Config, scene: &Scene) -> Aabb {
     Warp::of(scene, config.render.space).bounds(scene)
 }

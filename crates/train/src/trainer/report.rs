@@ -68,17 +68,17 @@ impl StepLosses {
         }
     }
 
-    /// The objective.
+    /// Returns the objective.
     fn total(&self) -> f32 {
         self.values[0]
     }
 
-    /// Mean squared error of the seen rays' colours, over rays and channels.
+    /// Returns the mean squared error of the seen rays' colours, over rays and channels.
     fn mse(&self) -> f32 {
         self.values[1]
     }
 
-    /// Mean opacity of the seen rays.
+    /// Returns the mean opacity of the seen rays.
     fn acc(&self) -> f32 {
         self.values[2]
     }
@@ -172,8 +172,8 @@ impl<F: Field> Trainer<F> {
         })
     }
 
-    /// Notices an error that has plateaued, and a field that went empty; the latter starts over with other weights while that
-    /// is allowed. Returns whether it went empty.
+    /// Checks whether the training error has plateaued and whether the field went empty; an empty field starts over
+    /// with other weights while that is allowed. Returns whether the field went empty.
     fn watch(&mut self, at: Moment, losses: &StepLosses, report: &mut impl FnMut(Event)) -> Result<bool, TrainError> {
         let step = at.step + 1;
         let full_size = self.batches.scenes[0].images.at(&self.config.train, at).is_full_size();

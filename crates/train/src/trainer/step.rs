@@ -86,7 +86,7 @@ impl<F: Field> Trainer<F> {
         profile.time(Phase::Rays, || batches.draw(config, counts, at, model.cameras.as_ref()))
     }
 
-    /// Numbers of rays of training images and of unseen poses of a step.
+    /// Returns the numbers of rays of training images and of unseen poses of a step.
     fn ray_counts(&self) -> [usize; 2] {
         let train = &self.config.train;
         let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
@@ -99,7 +99,7 @@ impl<F: Field> Trainer<F> {
         [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
     }
 
-    /// The model as the step has it: conditioned on the images that its fields are shown.
+    /// Returns the model as the step has it: conditioned on the images that its fields are shown.
     fn conditioned(&mut self, batch: &StepBatch, at: Moment) -> Model<F> {
         let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
@@ -192,7 +192,7 @@ impl<F: Field> Trainer<F> {
         self.progress.pixels_skipped += batch.seen.rejected;
     }
 
-    /// Changes the weights by the gradient of the objective, unless it is not finite.
+    /// Takes an Adam step on the objective, unless the objective is not finite.
     fn optimize(&mut self, total: Tensor<1>, losses: StepLosses, cost: RenderCost, at: Moment) -> PendingStep {
         let finite = finite_after(self.pending.last().map(|step| step.finite.clone()), total.clone());
         let Self { profile, model, optimizer, .. } = self;

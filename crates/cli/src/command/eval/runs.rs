@@ -14,7 +14,7 @@ use crate::print::{errln, outln};
 use crate::progress::counting_bar;
 use crate::terminal::open_device;
 
-/// `1/8` gives 8.
+/// Parses a scale such as `1/8` into its denominator.
 pub(super) fn parse_scale(text: &str) -> Result<u32, String> {
     let factor = text.trim().strip_prefix("1/").and_then(|factor| factor.parse().ok());
     factor
@@ -55,7 +55,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `plan` with the test views of another protocol.
+/// Returns `plan` with the test views of another protocol.
 ///
 /// Some formats hold out views of one list, and all of them are for training where these are what is tested: a run is then of
 /// other views, in another space, than it would be by the other protocol, and is not tested by that.
@@ -111,7 +111,7 @@ fn each_view(trained: &Trained, models: &[TrainedModel], networks: &Networks) ->
     Ok(())
 }
 
-/// The metrics that have a value, each with its name.
+/// Returns the metrics that have a value, each with its name.
 fn line(values: &Values) -> String {
     let shown = |metric: &&Metric| {
         let value = values.get(metric.key()).copied().flatten()?;
@@ -126,7 +126,7 @@ fn line(values: &Values) -> String {
     METRICS.iter().filter_map(shown).collect()
 }
 
-/// Mean PSNR at full size and at each smaller one.
+/// Returns the mean PSNR at full size and at each smaller one.
 fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result<Vec<f64>> {
     let (networks, protocol) = (Networks::none(), trained.plan.config.eval.metric_protocol());
     let at = |factor: u32| -> Result<f64> {
@@ -146,7 +146,7 @@ fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result
     std::iter::once(&1).chain(factors).map(|&factor| at(factor)).collect()
 }
 
-/// One row per run: PSNR at full size, then at each scale, with the difference from full size.
+/// Prints one row per run: PSNR at full size, then at each scale, with the difference from full size.
 fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
     let wide = table.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
     let headings: String = factors.iter().map(|factor| format!("{:>16}", format!("1/{factor}"))).collect();

@@ -64,7 +64,7 @@ impl Route {
         })
     }
 
-    /// Name of its animations.
+    /// Returns the name of the path's animations.
     pub(super) fn name(&self) -> &str {
         match self {
             Self::BuiltIn { name, .. } => name,
@@ -72,7 +72,7 @@ impl Route {
         }
     }
 
-    /// Frames per second.
+    /// Returns the frames per second.
     pub(super) fn fps(&self) -> f64 {
         match self {
             Self::BuiltIn { .. } => FPS,
@@ -80,8 +80,8 @@ impl Route {
         }
     }
 
-    /// The cameras along it: like `scene`'s first training camera, unless the file has a field of view or a size; `size` is
-    /// the longest side of their pictures.
+    /// Returns the cameras along the path: like `scene`'s first training camera, unless the file has a field of view or
+    /// a size; `size` is the longest side of their pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let (frames, of_file): (Vec<Keyframe>, _) = match self {
@@ -97,8 +97,8 @@ impl Route {
     }
 }
 
-/// The camera of a frame: with the intrinsics and lens of `like`, or, where the file has a field of view or a size, a
-/// pinhole with square pixels and the vertical field of view of the file or of `like`.
+/// Returns the camera of a frame: with the intrinsics and lens of `like`, or, where the file has a field of view or a
+/// size, a pinhole with square pixels and the vertical field of view of the file or of `like`.
 fn camera(like: &Camera, of_file: Option<(u32, u32)>, longest: Option<u32>, frame: Keyframe) -> Camera {
     let (width, height) = of_file.unwrap_or((like.width, like.height));
     let (width, height) = longest.map_or((width, height), |longest| resized_dimensions(width, height, longest));

@@ -21,7 +21,7 @@ impl Array {
         items.chunk_by(same).map(array).collect()
     }
 
-    /// The ids as ranges, such as `0-3,7,9-12`.
+    /// Returns the ids as ranges, such as `0-3,7,9-12`.
     pub(super) fn ranges(&self) -> String {
         let runs = self.tasks.chunk_by(|a, b| a + 1 == *b);
         let range = |run: &[usize]| match run {
@@ -31,7 +31,7 @@ impl Array {
         runs.map(range).collect::<Vec<_>>().join(",")
     }
 
-    /// The first and the last item.
+    /// Returns the first and the last item.
     pub(super) fn ends(&self) -> (usize, usize) {
         let end = |task: Option<&usize>| self.base + task.copied().unwrap_or(0);
         (end(self.tasks.first()), end(self.tasks.last()))

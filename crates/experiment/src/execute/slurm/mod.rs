@@ -72,7 +72,7 @@ pub struct JobProgress {
     pub running: usize,
 }
 
-/// Folder of the scripts, the logs and the list of jobs of the manifest in `folder`.
+/// Returns the folder of the scripts, the logs and the list of jobs of the manifest in `folder`.
 fn launch_folder(folder: &Path) -> PathBuf {
     folder.join("launch")
 }
@@ -122,8 +122,8 @@ impl Slurm {
         Ok(Jobs { ids: all, records })
     }
 
-    /// The script of an array. `exec` makes the item the process that Slurm's signal reaches (`B:`, the batch shell alone),
-    /// and `--requeue` lets Slurm start it again if it was preempted or its node failed.
+    /// Returns the script of an array. `exec` makes the item the process that Slurm's signal reaches (`B:`, the batch
+    /// shell alone), and `--requeue` lets Slurm start it again if it was preempted or its node failed.
     fn array_script(&self, name: &str, folder: &Path, array: &Array, after: Option<&String>) -> Result<Script> {
         let mut script = self.script(name, &launch_folder(folder), "%A_%a.log", self.runner.timeout)?;
         let limit = self.resources.at_once.map_or_else(String::new, |limit| format!("%{limit}"));
@@ -143,7 +143,7 @@ impl Slurm {
         Ok(script)
     }
 
-    /// A script with what each job asks for.
+    /// Returns a script with what each job asks for.
     fn script(&self, name: &str, folder: &Path, log: &str, time: Option<Duration>) -> Result<Script> {
         let mut script = Script::new();
         script.option("job-name", name)?;
@@ -179,12 +179,12 @@ impl Slurm {
 }
 
 impl Jobs {
-    /// Number of runs.
+    /// Returns the number of runs.
     pub fn runs(&self) -> usize {
         self.records.len()
     }
 
-    /// How far they are.
+    /// Returns how many of the runs are finished, run and wait.
     ///
     /// # Errors
     /// If Slurm does not answer.
@@ -195,7 +195,7 @@ impl Jobs {
         Ok(JobProgress { finished, waiting, running })
     }
 
-    /// The command that cancels them.
+    /// Returns the command that cancels the jobs.
     pub fn cancel(&self) -> String {
         cancel(&self.ids)
     }
@@ -231,7 +231,7 @@ fn cancel(ids: &[String]) -> String {
     format!("scancel {}", ids.join(" "))
 }
 
-/// How many tasks of jobs wait, and how many run.
+/// Returns how many tasks of jobs wait, and how many run.
 fn live(ids: &[String]) -> Result<(usize, usize)> {
     // One line a task; %F is the id of its array's job. Asked for all jobs of the user: an id that Slurm has forgotten would
     // be an error.
@@ -249,7 +249,7 @@ fn live(ids: &[String]) -> Result<(usize, usize)> {
     Ok((waiting, running))
 }
 
-/// `MaxArraySize`: how many tasks an array may have.
+/// Returns Slurm's `MaxArraySize`: how many tasks an array may have.
 fn array_limit() -> Result<usize> {
     let printed = output("scontrol", &["show", "config"])?;
     let line = printed.lines().find_map(|line| line.trim().strip_prefix("MaxArraySize")?.trim().strip_prefix('='));

@@ -46,7 +46,7 @@ impl Script {
     }
 }
 
-/// A command as a shell reads it.
+/// Returns a command as a shell reads it.
 pub(super) fn quoted(command: &[OsString]) -> Result<String> {
     let quote = |word: &OsString| {
         let text = word.to_str().with_context(|| format!("{}: expected UTF-8", word.display()))?;

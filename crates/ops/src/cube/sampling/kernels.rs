@@ -5,26 +5,26 @@ use burn::cubecl::{self, prelude::*};
 use crate::cube::random::{self, Bits};
 use crate::cube::rays::alpha_of;
 
-/// Number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
+/// Returns number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
 fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
     let key = Bits { high: streams[3 * row + 1], low: streams[3 * row] };
     random::uniform(&key, streams[3 * row + 2], u32::cast_from(index))
 }
 
-/// Near (0) or far (1) end of a row's interval; a single interval serves all rows.
+/// Returns the near (0) or far (1) end of a row's interval; a single interval serves all rows.
 #[cube]
 fn end(ends: &Tensor<f32>, row: usize, which: usize) -> f32 {
     ends[(2 * row + which) % ends.len()]
 }
 
-/// Distance of the share `u` of [near, far].
+/// Returns the distance of the share `u` of [near, far].
 #[cube]
 fn between(ends: &Tensor<f32>, row: usize, u: f32) -> f32 {
     end(ends, row, 0) * (1.0f32 - u) + end(ends, row, 1) * u
 }
 
-/// Stratified distances: of samples in the middle of equal intervals, or else by NeRF's rule.
+/// Computes stratified distances: of samples in the middle of equal intervals, or else by NeRF's rule.
 #[cube(launch)]
 pub(super) fn stratified(
     ends: &Tensor<f32>,
@@ -65,8 +65,8 @@ pub(super) fn stratified(
     }
 }
 
-/// The cumulative distribution over the bins that importance samples are drawn from, one thread per row: of NeRF's bins
-/// between midpoints, with weights of the inner samples + 1e-5.
+/// Computes the cumulative distribution over the bins that importance samples are drawn from, one thread per row: of
+/// NeRF's bins between midpoints, with weights of the inner samples + 1e-5.
 #[cube(launch)]
 pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     let row = ABSOLUTE_POS;
@@ -92,7 +92,8 @@ pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     cdf[to + bins - 1] = 1.0f32;
 }
 
-/// The cumulative distribution over mip-NeRF's intervals, one thread per row: weights are the mean of the maxima over each pair of neighbouring weights, + 0.01.
+/// Computes the cumulative distribution over mip-NeRF's intervals, one thread per row: weights are the mean of the
+/// maxima over each pair of neighbouring weights, + 0.01.
 #[cube(launch)]
 pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     let row = ABSOLUTE_POS;
@@ -127,7 +128,7 @@ pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     cdf[to + intervals] = 1.0f32;
 }
 
-/// Number of values at most `u` among `count` sorted ones from `start` on.
+/// Returns the number of values at most `u` among `count` sorted ones from `start` on.
 #[cube]
 fn at_most(sorted: &Tensor<f32>, start: usize, count: usize, u: f32) -> usize {
     let mut low = 0usize;
@@ -237,8 +238,8 @@ pub(super) fn resample_draw(
     out[at] = edges[below] + share * (edges[above] - edges[below]);
 }
 
-/// Distance and length of samples at the near end of their intervals; the last interval has length `last`, or that of the one
-/// before if `last` is 0.
+/// Computes the distance and length of samples at the near end of their intervals; the last interval has length `last`,
+/// or that of the one before if `last` is 0.
 #[cube(launch)]
 pub(super) fn lengths_left(
     t: &Tensor<f32>,
@@ -267,7 +268,7 @@ pub(super) fn lengths_left(
     length[at] = own;
 }
 
-/// Distance and length of samples whose intervals lie between the midpoints to both neighbours.
+/// Computes the distance and length of samples whose intervals lie between the midpoints to both neighbours.
 #[cube(launch)]
 pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
     let at = ABSOLUTE_POS;
@@ -288,7 +289,7 @@ pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Te
     length[at] = f32::max(upper - lower, 0.0f32);
 }
 
-/// Middle and length of intervals whose edges, one more in each row, are `t`.
+/// Computes the middle and length of intervals whose edges, one more in each row, are `t`.
 #[cube(launch)]
 pub(super) fn lengths_between(t: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
     let at = ABSOLUTE_POS;

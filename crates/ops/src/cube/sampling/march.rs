@@ -14,7 +14,7 @@ use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::{Segments, to_host};
 
-/// [`march`](crate::sampling::march::march) on a GPU.
+/// Computes [`march`](crate::sampling::march::march) on a GPU.
 pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
@@ -99,7 +99,7 @@ impl CubeKernel for Write {
     }
 }
 
-/// The tensor with its bits read as integers.
+/// Returns the tensor with its bits read as integers.
 fn integers(tensor: &CubeTensor) -> CubeTensor {
     CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
@@ -113,7 +113,7 @@ struct RaySteps {
     shift: f32,
 }
 
-/// RaySteps of a ray, a row of `rays`: origin, direction, near and far. None if near ≥ far.
+/// Returns the steps of a ray, a row of `rays`: origin, direction, near and far. There are none if near ≥ far.
 #[cube]
 fn steps(
     rays: &Tensor<f32>,
@@ -137,7 +137,7 @@ fn steps(
     RaySteps { near, length, count: usize::cast_from(count), shift }
 }
 
-/// Density of the cell at distance `t` of a ray, −1 if it is empty; 0 outside, or without cells.
+/// Returns the density of the cell at distance `t` of a ray, −1 if it is empty; 0 outside, or without cells.
 #[cube]
 fn density_at(
     rays: &Tensor<f32>,
@@ -168,7 +168,7 @@ fn density_at(
     found
 }
 
-/// Number of samples of each ray.
+/// Counts the samples of each ray.
 #[cube(launch)]
 fn count(
     rays: &Tensor<f32>,
@@ -197,7 +197,8 @@ fn count(
     counts[ray] = kept;
 }
 
-/// Samples of each ray. Rounding may differ between both kernels: a sample that was counted and is not found again has length 0.
+/// Writes the samples of each ray. Rounding may differ between both kernels: a sample that was counted and is not found
+/// again has length 0.
 #[cube(launch)]
 fn write(
     rays: &Tensor<f32>,

@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 /// A rule that places the samples of rays. Tensors are in no graph; `H` is the number of rays.
 pub(crate) trait Rule: Debug + Sync {
-    /// Sorted coordinates of `count` samples of the first pass between the `ends`, near and far, `[H, 2]`: `[H, count]`, or
-    /// one more of edges. Evenly spaced without `jitter`.
+    /// Returns the sorted coordinates of `count` samples of the first pass between the `ends`, near and far, `[H, 2]`:
+    /// `[H, count]`, or one more of edges. Evenly spaced without `jitter`.
     fn first(&self, ends: Tensor<2>, count: usize, jitter: Option<&Streams>) -> Tensor<2>;
 
     /// Coordinates of the fine pass, drawn from the weights of samples at `t`, `[H, N]`, of optical depths `tau`, `[H N]`: by
@@ -23,7 +23,7 @@ pub(crate) trait Rule: Debug + Sync {
         importance(t, tau, count, jitter)
     }
 
-    /// Coordinate of each sample that `t` places, and length of its interval, `[M]` each.
+    /// Returns the coordinate of each sample that `t` places, and length of its interval, `[M]` each.
     fn intervals(&self, t: Tensor<2>, ends: Tensor<2>, last: LastInterval) -> [Tensor<1>; 2];
 
     /// Whether a sample stands for all of its interval, and has none in common with another pass.
@@ -51,7 +51,7 @@ macro_rules! placements {
             /// Every placement.
             pub const ALL: &[Self] = &[$(Self::$name,)*];
 
-            /// The rule that places samples so.
+            /// Returns the rule that places samples so.
             pub(crate) fn rule(self) -> &'static dyn Rule {
                 match self {
                     $(Self::$name => &$rule,)*
