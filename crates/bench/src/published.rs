@@ -1,10 +1,10 @@
-//! PublishedFigures few-shot figures of other systems, from `published.toml`.
+//! Published few-shot figures of other systems, from `published.toml`.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::Mark;
 use serde::Deserialize;
 
-/// PublishedFigures figures for a number of training views.
+/// Published figures for a number of training views.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PublishedFigures {

@@ -27,7 +27,7 @@ pub(crate) struct Reporter {
     in_process: bool,
     out: PathBuf,
     runs: usize,
-    /// How far the runs in processes of their own are.
+    /// Progress of the runs in processes of their own.
     bar: ProgressBar,
     /// The run of this process.
     progress: Option<(usize, Progress)>,

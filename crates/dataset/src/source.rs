@@ -1,4 +1,4 @@
-//! Where a scene comes from, and loading it.
+//! Sources of scenes, and loading from them.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
 
 use crate::{capture, loaders};
 
-/// Where a scene comes from.
+/// Source of a scene: built in, or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SceneSource {
     /// A built-in scene, one of [`infonerf_procedural::NAMES`] or `random-<seed>`.

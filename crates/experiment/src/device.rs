@@ -12,7 +12,7 @@ use infonerf_pretrained::Store;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DeviceName {
-    /// The fastest one that is built in.
+    /// The fastest device that is built in.
     #[default]
     Auto,
     /// CPU: Burn's flex backend with the kernels of infonerf-ops.
@@ -80,7 +80,7 @@ impl DeviceName {
         })
     }
 
-    /// Whether it is the processor.
+    /// Whether the device is the CPU.
     pub fn is_cpu(self) -> bool {
         matches!(self, Self::Flex | Self::Ndarray)
     }
@@ -105,11 +105,11 @@ impl fmt::Display for DeviceName {
 /// A device with its name.
 #[derive(Clone, Debug)]
 pub struct OpenDevice {
-    /// For tensors.
+    /// Device for tensors.
     pub device: Device,
     /// Name of the device; never [`DeviceName::Auto`].
     pub name: DeviceName,
-    /// A GPU's own name.
+    /// Name of the GPU as its driver reports it; `None` for a CPU.
     pub adapter: Option<String>,
 }
 
@@ -183,13 +183,13 @@ pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks>
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
 }
 
-/// Returns the GPU's own name.
+/// Returns the name of the GPU as its driver reports it.
 #[cfg(not(any(feature = "wgpu", feature = "vulkan", feature = "cuda")))]
 fn adapter(_device: &Device, name: DeviceName) -> Result<String> {
     bail!("--device {name}: not built in")
 }
 
-/// Returns the GPU's own name.
+/// Returns the name of the GPU as its driver reports it.
 #[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 fn adapter(device: &Device, name: DeviceName) -> Result<String> {
     use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

@@ -166,8 +166,8 @@ impl Variant {
     }
 }
 
-/// Names and titles of the built-in experiments that can be run: one without variants and base is there for others to
-/// build on.
+/// Returns the names and titles of the built-in experiments that can be run: one without variants and base is there for
+/// others to build on.
 ///
 /// # Errors
 /// If one of them cannot be read, which a test excludes.

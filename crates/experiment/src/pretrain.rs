@@ -15,7 +15,7 @@ use crate::{Existing, Experiment, Identity, RunEvent, RunPlan, Session, Watch};
 pub struct Pretrained {
     /// Folder of the weights: what `train.init` takes.
     pub folder: PathBuf,
-    /// How far it is.
+    /// Progress of the pre-training.
     pub progress: Progress,
     /// Whether it is done; otherwise it was stopped and can be resumed.
     pub finished: bool,

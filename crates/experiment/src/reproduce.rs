@@ -81,7 +81,7 @@ pub const EXPERIMENTS: [&str; CHAPTERS.len()] = {
     names
 };
 
-/// How much is reproduced.
+/// Extent of a reproduction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plan {
     /// An hour on two cores.

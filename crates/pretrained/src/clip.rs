@@ -87,7 +87,7 @@ struct ClipNorm {
     beta: Tensor<1>,
 }
 
-/// ClipDense layer, x W + b.
+/// Dense layer, x W + b.
 struct ClipDense {
     weight: Tensor<2>,
     bias: Tensor<1>,

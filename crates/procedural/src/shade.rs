@@ -18,7 +18,7 @@ const SKY_SIZE: f64 = 0.85;
 const GROUND_COLOUR: DVec3 = DVec3::new(0.30, 0.26, 0.22);
 const FILL: DVec3 = DVec3::new(-0.70, 0.50, 0.35);
 const FILL_COLOUR: DVec3 = DVec3::new(0.38, 0.42, 0.55);
-/// How far off the surface secondary rays start.
+/// Distance from the surface at which secondary rays start.
 const LIFT: f64 = 1e-4;
 
 /// Returns the linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the

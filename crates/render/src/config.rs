@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::sampler::Placement;
 use crate::warp::SpaceChoice;
 
-/// Sampling of rays, and skipping.
+/// Config of rendering: sampling of rays, compositing, and skipping.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {

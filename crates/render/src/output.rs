@@ -4,7 +4,7 @@ use infonerf_ops::{Segments, upload};
 use crate::exposure::Exposure;
 use crate::samples::Samples;
 
-/// Outputs to evaluate in addition to opacity and distance.
+/// Request: outputs to evaluate in addition to opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderRequest {
     /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
@@ -92,9 +92,9 @@ impl Passes {
 /// Numbers of samples before and after skipping.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Candidates.
+    /// Candidate samples, before skipping.
     pub total: u64,
-    /// Evaluated by a field.
+    /// Samples that a field evaluated.
     pub evaluated: u64,
 }
 

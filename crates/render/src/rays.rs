@@ -1,4 +1,4 @@
-//! Bundles of rays.
+//! Batches of rays.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::noise::{Noise, RandomStream};
 use crate::samples::Samples;
 use crate::warp::Warp;
 
-/// A bundle of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
+/// Batch of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
 ///
 /// The host keeps the rays that it was given, and places samples along them; a GPU places samples along the tensors.
 #[derive(Clone, Debug)]

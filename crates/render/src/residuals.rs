@@ -10,11 +10,12 @@ use crate::image::RenderedImage;
 
 /// Number of views that contribute to a picture: the nearest ones.
 const NEAREST: usize = 6;
-/// θ₀, radians.
+/// θ₀ of [`Residuals`], radians.
 const ANGLE: f32 = 0.03;
-/// c: a single photograph contributes half of its residual where its weight is c, which it is at θ = 0.27.
+/// c of [`Residuals`]: a single photograph contributes half of its residual where its weight is c, which it is at θ =
+/// 0.27.
 const PRIOR: f32 = 0.01;
-/// ε: relative difference of distances.
+/// ε of [`Residuals`]: relative difference of distances.
 const TOLERANCE: f32 = 0.02;
 /// Approximate number of pixels that decide which views are the nearest.
 const PROBES: usize = 500;
@@ -36,8 +37,8 @@ pub struct Residuals {
     sources: Vec<OnceLock<Source>>,
 }
 
-/// A training view's residual and the distance that the field renders, row-major, each with 1 after it; 0 and 0 where there is
-/// none.
+/// Residual of a training view, and the distance that the field renders, row-major. Each pixel has a 1 after its
+/// values, and only zeros where there is no residual or distance.
 #[derive(Debug)]
 struct Source {
     residual: Vec<Vec4>,
@@ -191,8 +192,8 @@ mod tests {
         Scene { train: vec![View::new(0, "photograph", camera, image)], ..Scene::default() }
     }
 
-    /// How far a picture by the residuals of `scene` is from the grey one, with what the photograph's pattern is at the
-    /// same points. The field has `factor` of the photograph's true distances.
+    /// Returns how far a picture by the residuals of `scene` is from the grey one, with what the photograph's pattern
+    /// is at the same points. The field has `factor` of the photograph's true distances.
     fn added(scene: Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
         let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
         let mut shown = picture(at, 1.0);

@@ -6,7 +6,7 @@ use infonerf_ops::{Segments, to_host};
 
 use crate::rays::on;
 
-/// Packed samples of a bundle of rays.
+/// Packed samples of a batch of rays.
 #[derive(Clone, Debug)]
 pub struct Samples {
     /// Samples of each ray.

@@ -13,14 +13,14 @@ pub enum SpaceChoice {
     /// Chosen by the scene: the world if it is bounded, NDC if the cameras face forward, else contraction.
     #[default]
     Auto,
-    /// The scene's box.
+    /// World coordinates as they are, in the scene's box.
     Box,
     /// Normalised device coordinates.
     Ndc,
     /// Contraction.
     Contraction,
-    /// As `auto`, but contraction begins at the ball about the centre that holds three quarters of the surface points, if that
-    /// is within the cameras' distance: fields are finest there.
+    /// Chosen as `auto` does, but contraction begins at the ball about the centre that holds three quarters of the
+    /// surface points, if that is within the cameras' distance: fields are finest there.
     Content,
 }
 

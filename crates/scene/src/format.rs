@@ -1,10 +1,10 @@
-//! Where a scene came from, and what is behind its content.
+//! Format and backdrop of a scene.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Where a scene came from. On a command line (feature `clap`): the formats that built-in scenes are exported to.
+/// Format of a scene's source. On a command line (feature `clap`): the formats that built-in scenes are exported to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]

@@ -166,7 +166,7 @@ fn mean_color(views: &[View]) -> [f32; 3] {
     if count == 0 { [1.0; 3] } else { sum.map(|sum| (sum / count as f64) as f32) }
 }
 
-/// How many views are chosen of a scene and how many pixels they have, which decides how much memory it takes.
+/// Numbers of chosen views and of their pixels, which decide how much memory a scene takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelCount {
     /// Number of training views.

@@ -1,4 +1,4 @@
-//! From photographs to cameras and points.
+//! Structure from motion: from photographs to cameras and points.
 
 use glam::DVec2;
 use rayon::prelude::*;

@@ -46,7 +46,7 @@ pub struct StereoSettings {
     pub planes: usize,
     /// Half the side of the windows that are compared, in pixels.
     pub window: usize,
-    /// How far two views may disagree on where a point is, in steps between planes.
+    /// Greatest difference between two views' disparities of one point, in steps between planes.
     pub tolerance: f32,
 }
 

@@ -30,7 +30,7 @@ pub struct Checkpoint {
     pixel_errors: Option<Vec<u8>>,
 }
 
-/// Parts of a run that a checkpoint is taken of.
+/// State of a run from which a checkpoint is made.
 pub(crate) struct RunState<'a, F: Field> {
     pub(crate) progress: &'a Progress,
     pub(crate) model: &'a Model<F>,
@@ -85,7 +85,7 @@ impl Checkpoint {
         &self.progress
     }
 
-    /// Writes to `run/checkpoint`; what was there becomes `run/checkpoint.previous`.
+    /// Writes the checkpoint to `run/checkpoint`; the previous one becomes `run/checkpoint.previous`.
     ///
     /// # Errors
     /// If anything cannot be written; the checkpoint that was there stays usable.

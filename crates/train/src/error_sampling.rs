@@ -14,10 +14,10 @@ pub(crate) struct PixelErrors {
 }
 
 impl PixelErrors {
-    /// Draws of a pixel before one is taken whatever its error.
+    /// Maximum number of draws of a pixel; the last one is taken whatever its error.
     pub(crate) const DRAWS: usize = 4;
 
-    /// Forgets what it knows of images of another size: a factor, and the number of all pixels.
+    /// Resets the errors if the images' size (factor and number of all pixels) has changed.
     pub(crate) fn resize(&mut self, (factor, pixels): (u32, usize)) {
         if (self.factor, self.errors.len()) != (factor, pixels) {
             *self = Self { factor, errors: vec![f32::INFINITY; pixels] };
@@ -61,7 +61,7 @@ impl PixelErrors {
         (chosen, rejected)
     }
 
-    /// Remembers the errors that a step found at the pixels with `indices`.
+    /// Stores the errors that a step found at the pixels with `indices`.
     pub(crate) fn remember(&mut self, indices: &[usize], errors: impl Iterator<Item = f32>) {
         for (&index, error) in indices.iter().zip(errors) {
             self.errors[index] = error;

@@ -21,7 +21,7 @@ pub struct TestView {
     pub image: RenderedImage,
     /// Each metric by its key; `None` if it could not be computed.
     pub values: Values,
-    /// Wall clock of rendering alone.
+    /// Wall-clock time of rendering alone, seconds.
     pub seconds: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct Evaluation<'a> {
 pub struct Evaluated {
     /// Metrics of each view and of all.
     pub measured: Measured,
-    /// Mean wall clock of rendering a picture.
+    /// Mean wall-clock time of rendering a picture, seconds.
     pub seconds_per_image: f64,
     /// Mean opacity of the pictures.
     pub opacity: f64,
@@ -66,12 +66,12 @@ pub struct Evaluated {
 }
 
 impl<'a> Evaluation<'a> {
-    /// Measures every metric for which there is a network, as `protocol` says.
+    /// Starts an evaluation by every metric for which there is a network, under `protocol`.
     pub fn new(networks: &'a Networks, protocol: &'a Protocol) -> Self {
         Self::of(METRICS, networks, protocol)
     }
 
-    /// Measures `metrics` alone.
+    /// Starts an evaluation by `metrics` alone.
     pub fn of(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
         let evaluator = Evaluator::new(metrics, networks, protocol);
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// One line of `metrics.jsonl`.
+/// Event of training; one line of `metrics.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
@@ -29,12 +29,12 @@ pub enum Event {
     },
     /// Early stopping: the training error has plateaued, and the run ends before its time.
     Plateau {
-        /// At which step.
+        /// Step at which it happened.
         step: usize,
     },
     /// The field went empty.
     Collapse {
-        /// At which step.
+        /// Step at which it happened.
         step: usize,
         /// Whether training starts over with other weights.
         restarted: bool,

@@ -17,11 +17,11 @@ use crate::pixels::{Pixels, central_half, crop};
 pub struct SeenPixels {
     /// The pixels.
     pub pixels: Pixels,
-    /// Colour and alpha of each.
+    /// Colour and alpha of each pixel.
     pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels around each that do not show the background.
+    /// Share of the 3 × 3 pixels around each pixel that do not show the background.
     pub coverage: Vec<f32>,
-    /// Index of each among all pixels of the training images, for error-driven sampling.
+    /// Index of each pixel among all pixels of the training images, for error-driven sampling.
     pub indices: Vec<usize>,
     /// Draws that were passed over because the pixel is well fitted.
     pub rejected: u64,
@@ -38,7 +38,7 @@ pub(crate) struct TrainingImages {
 /// Training images at one size.
 #[derive(Clone, Debug)]
 pub(crate) struct Images {
-    /// Factor by which they are smaller than at full size.
+    /// Factor by which the images are smaller than at full size.
     factor: u32,
     width: u32,
     height: u32,
@@ -146,17 +146,17 @@ impl TrainingImages {
 }
 
 impl Images {
-    /// Returns the width of their pixels, in pixels of the full size.
+    /// Returns the width of the images' pixels, in pixels of the full size.
     pub(crate) fn pixel_width(&self) -> f32 {
         self.factor as f32
     }
 
-    /// Whether they have the full size.
+    /// Whether the images have the full size.
     pub(crate) fn is_full_size(&self) -> bool {
         self.factor == 1
     }
 
-    /// Returns the factor by which they are smaller, and number of pixels of all views.
+    /// Returns the factor by which the images are smaller than at full size, and the number of pixels of all views.
     pub(crate) fn size(&self) -> (u32, usize) {
         (self.factor, self.area() * self.rgba.len())
     }
@@ -250,8 +250,8 @@ fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
-/// Returns the share of the 3 × 3 pixels around each, less at the border of the image, that do not show `background`: 0
-/// in the open, 1 within an object, between the two at its edge, whose pixels are mixtures.
+/// Returns, for each pixel, the share of the 3 × 3 pixels around it, less at the border of the image, that do not show
+/// `background`: 0 in the open, 1 within an object, between the two at its edge, whose pixels are mixtures.
 fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
     let (width, height) = (width as usize, rgba.len() / width as usize);
     let foreground: Vec<bool> = rgba.iter().map(|&pixel| is_foreground(pixel, background)).collect();

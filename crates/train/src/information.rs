@@ -1,4 +1,4 @@
-//! The paper's Figure A: how certain and how consistent the scene is along test rays.
+//! Entropy and information gain along test rays (the paper's Figure A).
 
 use glam::DVec3;
 use infonerf_field::Field;
@@ -27,16 +27,16 @@ impl Information {
     }
 }
 
-/// On which rays [`information`] is measured, and how.
+/// Settings of [`information`]: which rays it is measured on, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct InformationQuery<'a> {
-    /// Defines entropy and gain.
+    /// Loss terms whose keys define entropy and gain.
     pub loss: &'a LossConfig,
     /// How neighbours' cameras are rotated, here anew for each ray.
     pub neighbours: &'a NeighbourConfig,
-    /// How many rays.
+    /// Number of rays.
     pub rays: usize,
-    /// Decides rays and neighbours.
+    /// Seed of the rays and of their neighbours.
     pub seed: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Pixels that a step looks at, of training images and of unseen poses. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
+//! Pixels of a step: of training images and of unseen poses.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::config::{NeighbourConfig, TrainConfig, Unseen};
 pub struct Pixels {
     /// The cameras.
     pub cameras: Arc<[Camera]>,
-    /// Each pixel: the index of its camera, and where it is in the image.
+    /// Pixels: the index of the camera, and the position in its image.
     pub at: Vec<PixelAt>,
     /// Width of a pixel, in pixels of the cameras: more than 1 for images that are smaller.
     pub width: f32,
@@ -42,7 +42,7 @@ impl Pixels {
         self.seen_by(self.cameras.iter().map(turned).collect()).rays()
     }
 
-    /// Returns the pixels with other `cameras`.
+    /// Returns the same pixels, seen by other `cameras`.
     pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
         Self { cameras, ..self.clone() }
     }

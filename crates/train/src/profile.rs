@@ -41,7 +41,7 @@ impl Phase {
     }
 }
 
-/// Wall clock spent in each phase, and what passed between the host and the device.
+/// Wall-clock time spent in each phase, and the traffic between the host and the device.
 ///
 /// A GPU is handed work and does it later: unless it is waited for, its time is booked where its results are first read.
 #[derive(Clone, Debug, Default)]

@@ -23,7 +23,7 @@ impl SourceImages {
         Self(Sources { views, middle })
     }
 
-    /// Returns all of them, to render with.
+    /// Returns all training views as sources, to render with.
     pub(crate) fn all(&self) -> &Sources {
         &self.0
     }

@@ -12,7 +12,7 @@ use crate::images::TrainingImages;
 use crate::pixels::UnseenViews;
 use crate::sources::SourceImages;
 
-/// A scene with what training makes of it once.
+/// Scene with everything that training derives from it once.
 #[derive(Debug)]
 pub(crate) struct TrainingScene {
     pub(crate) scene: Arc<Scene>,
@@ -26,7 +26,7 @@ pub(crate) struct TrainingScene {
 }
 
 impl TrainingScene {
-    /// Returns a scene for a field that `sees` images or does not.
+    /// Prepares a scene for training; training views are kept as sources if the field `sees` images.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;

@@ -30,7 +30,7 @@ impl<F: Field> WeightAverage<F> {
         Self { mean, count }
     }
 
-    /// Whether the model after `step` steps is one of those averaged, in a run that averages its last `share`.
+    /// Whether the model after `step` steps is among those averaged, in a run that averages its last `share`.
     pub(crate) fn takes(share: f64, step: usize, done: f64) -> bool {
         share > 0.0 && done >= 1.0 - share && step.is_multiple_of(EVERY)
     }
@@ -49,7 +49,7 @@ impl<F: Field> WeightAverage<F> {
         self.mean.as_ref()
     }
 
-    /// Returns how many models are in it.
+    /// Returns the number of models in the mean.
     pub(crate) fn count(&self) -> usize {
         self.count
     }

@@ -1,4 +1,4 @@
-//! From the frames of a capture to a scene: selection, decoding, resizing, compositing.
+//! Loading of a capture's views: selection, decoding, resizing, compositing.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -26,7 +26,7 @@ const MAX_AT_ONCE: u64 = 24 << 20;
 /// were cut off, as undistortion does.
 const TRIMMED: f64 = 2.0;
 const MAX_TRIMMED: f64 = 0.02;
-/// Pixels by which images are told apart before all are compared.
+/// Number of pixels that are compared first, to tell images apart quickly.
 const FINGERPRINT: usize = 997;
 
 /// The views that a request chooses, with no image decoded.

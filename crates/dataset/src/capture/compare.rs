@@ -1,4 +1,4 @@
-//! Given cameras against what the photographs show.
+//! Check of the given cameras against matches between the photographs.
 
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use infonerf_scene::image::{GreyImage, read_rgba, resized_dimensions};
@@ -11,7 +11,7 @@ use crate::frame::Frame;
 
 /// Photographs that are matched, at most.
 const MAX_IMAGES: usize = 16;
-/// Photographs side by side in the order of their names, of which some are taken: they often overlap.
+/// Length of a run of photographs with consecutive names, which often overlap; several runs are matched.
 const RUN: usize = 4;
 /// Longest side of the images that are matched, in pixels.
 const SIZE: u32 = 480;

@@ -1,9 +1,10 @@
-//! From what a loader found in a folder to a [`Scene`](infonerf_scene::Scene).
+//! Capture pipeline: from what a loader found in a folder to a [`Scene`](infonerf_scene::Scene).
 //!
-//! A capture is understood before anything is trained on it: [`Found::understood`] turns images and cameras as EXIF
-//! states, finds masks, leaves out cameras that are far from all others, takes the middle of the world off, and estimates
-//! where the content lies. [`assemble`] then brings the chosen images to one scale, and [`compare`] asks the photographs
-//! whether they agree with the poses. Whatever is changed or doubted is a line of the scene's warnings.
+//! A capture is examined before anything is trained on it. [`Found::understood`] turns images and cameras as EXIF
+//! states, finds masks, leaves out cameras that are far from all others, moves the middle of a distant world to the
+//! origin, and estimates where the content lies. [`assemble`] brings the chosen images to one scale, and [`compare`]
+//! checks the poses against matches between the photographs. Whatever is changed or doubtful is a line of the scene's
+//! warnings.
 
 mod assemble;
 mod compare;

@@ -1,4 +1,4 @@
-//! One image scale for images of all sizes.
+//! Image scale of a scene: one for images of all sizes.
 
 use infonerf_scene::{Camera, resized_dimensions};
 

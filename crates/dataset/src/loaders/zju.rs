@@ -187,11 +187,11 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
 
 /// The contents of `annots.npy` for one frame.
 pub(crate) struct Annotations {
-    /// The cameras, for images of a size that it does not say.
+    /// Cameras; their image size is not part of the file.
     pub cameras: Vec<Camera>,
     /// The images of the frame, one a camera.
     pub images: Vec<String>,
-    /// How many frames there are.
+    /// Number of frames.
     pub frames: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Poses by an installed COLMAP.
+//! Poses of photographs, found by an installed COLMAP.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;

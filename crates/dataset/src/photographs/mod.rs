@@ -1,4 +1,4 @@
-//! From photographs to poses: by an installed COLMAP, or on our own.
+//! Poses of photographs: found by an installed COLMAP or by `infonerf-sfm`.
 
 mod colmap;
 mod own;

@@ -1,4 +1,4 @@
-//! Poses by `infonerf-sfm`.
+//! Poses of photographs, found by `infonerf-sfm`.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

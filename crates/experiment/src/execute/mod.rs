@@ -22,11 +22,11 @@ use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session};
 pub enum Executor<'a> {
     /// In this process, one after another. A run that fails ends all.
     InProcess(&'a Session),
-    /// Each in a process of its own on this machine: one that fails takes no other with it.
+    /// One process per run on this machine: one that fails takes no other with it.
     Processes(Workers),
     /// Each as a task of Slurm's array jobs; a last job merges.
     Slurm(Slurm),
-    /// Nowhere: what is finished on the device is merged.
+    /// Nowhere: only the finished runs on the device are merged.
     Merge(DeviceName),
 }
 

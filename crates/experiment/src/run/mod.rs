@@ -34,10 +34,10 @@ pub use volume::TrainedVolume;
 use crate::records::read_records;
 use crate::{Identity, OpenDevice, RunPlan};
 
-/// Where and how runs happen.
+/// Session: the device, the folder and the policies with which runs are trained and evaluated.
 #[derive(Debug)]
 pub struct Session {
-    /// Where to compute.
+    /// Device to compute on.
     pub device: OpenDevice,
     /// Folder for results: each run is in `<experiment>/<scene>/<variant>/seed<N>` below it.
     pub out: PathBuf,

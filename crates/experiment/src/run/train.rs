@@ -26,14 +26,14 @@ pub(crate) struct Training {
     state: State,
 }
 
-/// How far the training of a field is.
+/// State of the training of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     /// There are steps to take.
     Running,
     /// There is nothing more to do.
     Over,
-    /// Stopped when asked to, or failed.
+    /// Stopped on request, or failed.
     Stopped,
 }
 

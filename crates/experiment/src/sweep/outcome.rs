@@ -58,7 +58,7 @@ impl Sweep {
         Ok(Some(Outcome { table, input, report: files.html, results: folder.join(LIST) }))
     }
 
-    /// Names and values that the sweep set in a run; `None` if it sets nothing.
+    /// Returns the names and values that the sweep set in a run; `None` if it sets nothing.
     fn setting_of(&self, item: &Item) -> Option<Setting> {
         let assignments = assignments(&self.grids, &item.choice);
         let values = assignments.iter().filter_map(|assignment| assignment.split_once('='));

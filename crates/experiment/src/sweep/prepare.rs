@@ -17,9 +17,9 @@ use crate::{DeviceName, Existing, Identity, RunPlan};
 pub struct Prepared {
     /// Runs that are not finished, rising.
     pub missing: Vec<usize>,
-    /// How many runs were finished before.
+    /// Number of runs that were finished before.
     pub kept: usize,
-    /// How many of these were taken over from another sweep.
+    /// Number of the finished runs that were taken over from another sweep.
     pub adopted: usize,
     /// A warning for the user.
     pub warning: Option<String>,

@@ -75,7 +75,7 @@ struct Stereo {
 /// The end of a ray as far as stereo determines it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum RayEnd {
-    /// At this disparity, with this standard deviation.
+    /// Matched: disparity and its standard deviation.
     At(f32, f32),
     /// Not before this disparity.
     Beyond(f32),

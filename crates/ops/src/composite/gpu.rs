@@ -108,7 +108,7 @@ struct CompositeSamples {
     has_distances: bool,
 }
 
-/// CompositeGradients with respect to the integrated values, depth and Σw.
+/// Gradients with respect to the integrated values, depth and Σw.
 #[derive(CubeType, CubeLaunch)]
 struct CompositeGradients {
     values: OwnedTensor<f32>,

@@ -81,7 +81,7 @@ impl<const N: usize> Outputs<N> {
     }
 }
 
-/// OutputPart of the operation that filled its input.
+/// Part of the output of the operation that filled its input.
 #[derive(Debug)]
 struct OutputPart<const N: usize> {
     outputs: Arc<Outputs<N>>,

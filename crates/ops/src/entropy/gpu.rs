@@ -56,7 +56,7 @@ impl CubeKernel for GpuEntropy {
     }
 }
 
-/// EntropyGradients with respect to the entropy in bits and Σα of each ray.
+/// Gradients with respect to the entropy in bits and Σα of each ray.
 #[derive(CubeType, CubeLaunch)]
 struct EntropyGradients {
     bits: OwnedTensor<f32>,

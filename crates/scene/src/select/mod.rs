@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::{Camera, SceneError};
 use mt19937::Mt19937;
 
-/// How to choose training views among all of a scene.
+/// Rule for choosing training views among all of a scene.
 ///
 /// Every rule depends only on its own fields and the cameras, so a selection is reproducible. Angles are
 /// between directions from the scene's centre (the point nearest to all optical axes) to the
@@ -35,20 +35,20 @@ pub enum ViewSelection {
     Seed {
         /// NumPy's seed.
         seed: u64,
-        /// How many views.
+        /// Number of views.
         count: usize,
     },
     /// `count` views, the first drawn from `seed`, each next one the farthest (Euclidean, between
     /// camera positions) from all chosen so far.
     FarthestPoint {
-        /// How many views.
+        /// Number of views.
         count: usize,
         /// Seed of the first view.
         seed: u64,
     },
     /// `count` random views of which each is within `angle_deg` of each other.
     Narrow {
-        /// How many views.
+        /// Number of views.
         count: usize,
         /// The greatest angle between any two views, in degrees.
         angle_deg: f64,
@@ -58,7 +58,7 @@ pub enum ViewSelection {
     /// `count` random views that surround the scene: of 256 random sets the one whose smallest
     /// angle between two views is largest.
     Wide {
-        /// How many views.
+        /// Number of views.
         count: usize,
         /// Seed of the random sets.
         seed: u64,

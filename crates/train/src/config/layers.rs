@@ -17,9 +17,9 @@ pub enum Preset {
     Capture,
     /// [`Self::Capture`] for nine images or more: finer, and with fewer priors.
     Dense,
-    /// The text of the paper, at full size.
+    /// Settings that the paper's text gives, at full size.
     Paper,
-    /// The behaviour of the authors' code, at full size.
+    /// Settings of the authors' code, at full size.
     Released,
 }
 

@@ -120,7 +120,7 @@ impl EvalConfig {
 }
 
 impl Config {
-    /// Returns a preset with keys changed by `settings`, each `dotted.key=value`.
+    /// Makes the config of a preset with keys changed by `settings`, each `dotted.key=value`.
     ///
     /// # Errors
     /// As [`assign`] and [`Self::from_table`].

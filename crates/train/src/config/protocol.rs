@@ -25,7 +25,7 @@ fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
 }
 
 impl TestViews {
-    /// Returns the choice as the loader takes it.
+    /// Converts the choice to the loader's type.
     pub fn test(&self) -> TestProtocol {
         self.0.clone()
     }
@@ -74,7 +74,8 @@ pub enum Views {
         /// Indices of training images.
         ids: Vec<usize>,
     },
-    /// The first drawn by the run's seed, each further one as far as can be from those before.
+    /// Farthest-point sampling: the first view drawn by the run's seed, each further one as far as possible from those
+    /// before.
     Farthest {
         /// Number of views.
         count: usize,
@@ -141,7 +142,7 @@ impl Views {
         }
     }
 
-    /// Returns the choice as the loader takes it, with the run's seed.
+    /// Converts the choice to the loader's type, with the run's seed.
     pub fn select(&self, seed: u64) -> ViewSelection {
         match self.clone() {
             Self::Seed { count } => ViewSelection::Seed { seed, count },

@@ -1,4 +1,4 @@
-//! Files of weights that a config names.
+//! Weight files that a config names.
 
 use std::path::PathBuf;
 

@@ -61,7 +61,7 @@ pub struct Jobs {
     records: Vec<PathBuf>,
 }
 
-/// How far jobs are.
+/// Progress of jobs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JobProgress {
     /// Runs that are finished.

@@ -104,7 +104,7 @@ fn integers(tensor: &CubeTensor) -> CubeTensor {
     CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
 
-/// RaySteps of a ray.
+/// Steps of a ray.
 #[derive(CubeType, Clone, Copy)]
 struct RaySteps {
     near: f32,

@@ -10,7 +10,7 @@ use ureq::{Agent, Body, http::Response};
 use super::{KnownWeights, Store, WeightsError};
 use crate::file::WeightFile;
 
-/// DownloadProgress of a download.
+/// Progress of a download.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DownloadProgress {
     /// Name of the weights.
