@@ -5,7 +5,7 @@ use infonerf_experiment::Existing;
 
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ExistingArgs {
-    /// Start runs that exist already anew, instead of continuing them
+    /// Start existing runs anew instead of continuing them
     #[arg(long)]
     overwrite: bool,
 }

@@ -1,4 +1,4 @@
-//! One image that can be loaded, with its camera.
+//! Frame: an image that can be loaded, with its camera.
 
 use std::path::{Path, PathBuf};
 
@@ -11,10 +11,10 @@ const SAME_PIXELS: f64 = 0.1;
 /// Fields of view that differ by at most this, in radians, belong to the same camera.
 const SAME_ANGLE: f64 = 1e-4;
 
-/// One image that can be loaded, with its camera.
+/// Frame: an image that can be loaded, with its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// Number that selections know it by.
+    /// Id of the view, by which selections name it.
     pub id: usize,
     /// Path within the scene without extension.
     pub name: String,
@@ -22,13 +22,13 @@ pub(crate) struct Frame {
     pub image: PathBuf,
     /// Exact distances along the pixel rays, `[height, width]` in an `.npy` file.
     pub depth: Option<PathBuf>,
-    /// Image that states which pixels count, and what for.
+    /// Mask image, and its purpose.
     pub mask: Option<(PathBuf, MaskRole)>,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
     /// Focal lengths and principal point, as the file gives them.
     pub intrinsics: Intrinsics,
-    /// How the lens bends rays.
+    /// Lens distortion.
     pub lens: Lens,
     /// Indices of the capture's points that a reconstruction saw in the image.
     pub points: Vec<usize>,
@@ -43,7 +43,7 @@ pub(crate) enum MaskRole {
     Matte,
     /// Pixels that are not black are the capture's, see [`infonerf_scene::MaskUse`].
     Capture,
-    /// As [`MaskRole::Capture`], but white pixels are left out: instant-ngp's `dynamic_mask_*`.
+    /// Capture mask with the opposite sense: white pixels are left out: instant-ngp's `dynamic_mask_*`.
     Dynamic,
 }
 
@@ -96,7 +96,7 @@ pub(crate) enum Intrinsics {
 }
 
 impl Intrinsics {
-    /// Takes the intrinsics from a camera.
+    /// Converts a camera's intrinsics.
     pub fn of(camera: &Camera) -> Self {
         Self::Pixels {
             focal: [camera.fx, camera.fy],

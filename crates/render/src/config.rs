@@ -14,11 +14,11 @@ pub struct RenderConfig {
     pub samples: Schedule,
     /// Further samples per ray, drawn from the coarse weights (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
-    /// Where in its interval a sample lies.
+    /// Position of a sample within its interval.
     pub placement: Placement,
     /// Length of a ray's last interval.
     pub last_interval: LastInterval,
-    /// How samples are composited.
+    /// Compositing of samples.
     pub compositing: Compositing,
     /// Whether space is warped: `auto`, `box` (unchanged), `ndc`, `contraction`.
     pub space: SpaceChoice,
@@ -40,7 +40,7 @@ pub struct RenderConfig {
     pub occupancy: OccupancyConfig,
 }
 
-/// How the optical depths τ = σδ of a ray's samples become weights.
+/// Compositing: the weights w of a ray's samples from their optical depths τ = σδ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Compositing {

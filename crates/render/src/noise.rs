@@ -59,7 +59,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Returns the stream of one purpose in one step of a run.
+    /// Makes the stream of one purpose in one step of a run.
     pub fn new(seed: u64, step: u64, stream: RandomStream) -> Self {
         Self::numbered(seed, step, stream as u64)
     }

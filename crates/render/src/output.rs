@@ -14,10 +14,10 @@ pub struct RenderRequest {
     pub hidden: bool,
 }
 
-/// One pass of a field over a bundle of rays.
+/// Output of one pass of a field over a batch of rays.
 #[derive(Clone, Debug)]
 pub struct RenderOutput {
-    /// Samples at which the field was evaluated.
+    /// Samples at which the field was evaluated, `M` in all.
     pub samples: Samples,
     /// Optical depth τ per sample, `[M]`: σδ, under additive compositing converted by [`additive_depth`].
     ///
@@ -61,7 +61,7 @@ impl RenderOutput {
     }
 }
 
-/// The passes over a bundle of rays.
+/// Outputs of all passes over a batch of rays.
 #[derive(Clone, Debug)]
 pub struct Passes {
     /// The coarse pass, which places the samples of the fine one; `None` for a single pass.

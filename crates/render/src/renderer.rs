@@ -14,7 +14,7 @@ use crate::sampler::{PassDistances, PlacedSamples, Sampler, Skip};
 use crate::samples::Samples;
 use crate::warp::Warp;
 
-/// Renders bundles of rays of one scene.
+/// Renderer of one scene: renders batches of rays.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     sampler: Sampler,
@@ -26,7 +26,7 @@ pub struct Renderer {
 const SAMPLES_AT_ONCE: usize = 1 << 16;
 
 impl Renderer {
-    /// Returns a renderer for `scene`'s bounds and background.
+    /// Makes a renderer for `scene`'s bounds and background.
     pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
         Self { sampler: Sampler::new(config, scene), background: scene.background, backdrop: scene.backdrop }
     }
@@ -63,8 +63,8 @@ impl Renderer {
         self.sampler.warp()
     }
 
-    /// Returns the background colour. In training before an unknown backdrop it is drawn from `noise` for each batch,
-    /// so that the field learns to be opaque.
+    /// Returns the background colour of a batch. In training before an unknown backdrop it is drawn from `noise` for
+    /// each batch, so that the field learns to be opaque.
     fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
         match (self.backdrop, noise) {
             (Backdrop::Unknown, Some(noise)) => {

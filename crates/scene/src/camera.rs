@@ -26,7 +26,7 @@ pub struct Camera {
     pub cy: f64,
     /// Camera-to-world transform: rotation and translation, no scale.
     pub to_world: DMat4,
-    /// How the lens bends rays, in units of the focal length.
+    /// Lens distortion, in units of the focal length.
     pub lens: Lens,
 }
 

@@ -23,11 +23,11 @@ pub struct SceneRequest {
     pub frame: Option<usize>,
     /// The format of a folder; `None` for the first that it fits.
     pub format: Option<Format>,
-    /// How pixels that a capture's masks leave out are treated.
+    /// Treatment of the pixels that a capture's masks leave out.
     pub masks: MaskUse,
 }
 
-/// How pixels that a capture's masks leave out are treated.
+/// Treatment of the pixels that a capture's masks leave out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MaskUse {

@@ -9,7 +9,7 @@ use crate::camera::{Pose, SimpleRadial};
 /// Parameters of the lens: the logarithm of the focal length, and `k1`.
 const LENS: usize = 2;
 const POSE: usize = 6;
-/// The error of a point behind the camera, over the robust scale.
+/// Residual of a point behind the camera, as a multiple of the robust scale.
 const LOST: f64 = 100.0;
 
 /// A point and the pixels at which cameras, by index, see it.
@@ -17,7 +17,7 @@ const LOST: f64 = 100.0;
 pub struct Point {
     /// World coordinates.
     pub position: DVec3,
-    /// Cameras and pixels.
+    /// Index of each camera that sees the point, and the pixel.
     pub seen: Vec<(usize, DVec2)>,
 }
 
@@ -31,13 +31,13 @@ pub(crate) struct Prior {
     pub(crate) k1_deviation: f64,
 }
 
-/// Prior of the poses: normal distributions of their turns and places.
+/// Prior of the poses: normal distributions of their orientations and positions.
 #[derive(Clone, Debug)]
 pub(crate) struct PosePrior {
     pub(crate) poses: Vec<Pose>,
-    /// Radians.
+    /// Deviation of orientations, radians.
     pub(crate) turn_deviation: f64,
-    /// Units of the world.
+    /// Deviation of positions, units of the world.
     pub(crate) shift_deviation: f64,
 }
 
@@ -75,7 +75,8 @@ struct PointBlock {
 }
 
 impl Bundle {
-    /// Minimises `Σ s² ln(1 + |r|²/s²)` over what is free, plus the prior.
+    /// Minimises `Σ s² ln(1 + |r|²/s²)` of the residuals r in pixels, plus the prior, over the parameters that `how`
+    /// leaves free.
     pub(crate) fn adjust(&mut self, how: &Adjustment) {
         let mut damping = 1e-4;
         let mut cost = self.cost(how);

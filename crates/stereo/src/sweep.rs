@@ -10,7 +10,7 @@ use infonerf_scene::image::GreyImage;
 /// Fewest planes that are tried.
 const MIN_PLANES: usize = 16;
 
-/// Cost of a plane that lies in no other view's image.
+/// Cost of a plane at which no other view can be compared.
 const UNSEEN_COST: f32 = 0.5;
 
 /// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of

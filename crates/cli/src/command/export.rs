@@ -33,8 +33,8 @@ pub(crate) struct ExportArgs {
     /// Format of the file.
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256, for splats 128. A page has fewer if the field is slow, or
-    /// fills so much that they would be too many.
+    /// Voxels along the longest side of the scene's box, 2 to 512; by default 256, for splats 128. A page uses fewer if
+    /// the field is slow to evaluate or fills much of the box.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
     resolution: Option<u32>,
     /// Collapse edges until a mesh has at most this many triangles.

@@ -66,7 +66,7 @@ pub(crate) enum SceneCommand {
 /// Focal length as `--focal` takes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FocalLength {
-    /// Times the longer side of the image.
+    /// Factor of the longer side of the image.
     Widths(f64),
     /// Pixels of the image file.
     Pixels(f64),

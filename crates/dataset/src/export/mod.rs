@@ -83,7 +83,7 @@ fn make(folder: &Path) -> Result<(), SceneError> {
 struct ExportedView {
     camera: Camera,
     image: Image,
-    /// As in [`procedural::Rendering`].
+    /// Depth as in [`procedural::Rendering`].
     depth: Vec<f32>,
 }
 

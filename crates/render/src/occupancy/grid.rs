@@ -15,7 +15,7 @@ use crate::noise::Noise;
 const CHUNK: usize = 1 << 16;
 /// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
-/// Empty and occupied cells of the scene's box.
+/// Occupancy grid: empty and occupied cells of the scene's box.
 ///
 /// A cell's density is a decaying maximum of the field's density at random points in it:
 /// d ← max(decay · d, σ(x)), x uniform in the cell. A cell is empty while 1 − exp(−d · step) stays below
@@ -124,7 +124,8 @@ impl OccupancyGrid {
         !self.updated || noise.uniform(cell, 3) < share
     }
 
-    /// Opens the six neighbours of every occupied cell: a surface moves by less than a cell between updates.
+    /// Marks the six neighbours of every occupied cell as occupied: a surface moves by less than a cell between
+    /// updates.
     fn dilate(&mut self) {
         let n = self.config.resolution;
         let before = std::mem::take(&mut self.occupied);
@@ -216,7 +217,8 @@ impl OccupancyGrid {
         self.lookup.at(place)
     }
 
-    /// Computes what follows from which cells are occupied, and from the density near each if it is known.
+    /// Computes the box and the lookup that follow from which cells are occupied, and from the density near each if it
+    /// is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         self.tighten();

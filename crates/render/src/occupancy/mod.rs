@@ -1,4 +1,4 @@
-//! Knowledge of which space is empty.
+//! Occupancy grid: knowledge of which space is empty.
 
 mod grid;
 mod lookup;

@@ -21,7 +21,7 @@ use crate::rays::{RayBatch, on};
 use crate::samples::Samples;
 use crate::warp::Warp;
 
-/// Known space, to skip samples by.
+/// Knowledge of space by which samples are skipped.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Skip<'a> {
     /// Empty space; nothing is skipped without a grid.
@@ -108,7 +108,7 @@ impl Sampler {
         RayBatch::new(rays, ends, device)
     }
 
-    /// Returns the samples of a single pass with steps of one length.
+    /// Places the samples of a single pass with steps of one length.
     pub(crate) fn march(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
         let march_config = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
         let packed = march(
@@ -178,7 +178,7 @@ impl Sampler {
         PassDistances { t: self.rule().fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
-    /// Returns the samples of a pass for a field on `device`, less those that are skipped.
+    /// Places the samples of a pass for a field on `device`, less those that are skipped.
     pub(crate) fn place(
         &self,
         rays: &RayBatch,

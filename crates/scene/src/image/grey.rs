@@ -1,6 +1,6 @@
 use super::{Image, bilinear, resized_dimensions};
 
-/// A grey image, row-major.
+/// Grey image, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GreyImage {
     /// Width in pixels.

@@ -84,9 +84,9 @@ pub struct Disturbance {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PixelPosition {
-    /// Through the centre, at + 0.5, as cameras take photographs.
+    /// Through the pixel's centre, (i + 0.5, j + 0.5), as cameras take photographs.
     Centre,
-    /// Through the corner that is nearest to the image's first, as in the released code.
+    /// Through the pixel's top left corner, (i, j), as in the released code.
     Corner,
 }
 

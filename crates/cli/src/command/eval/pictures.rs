@@ -13,7 +13,7 @@ use super::EvalArgs;
 use crate::print::outln;
 use crate::terminal::open_device;
 
-/// Pictures that something else rendered.
+/// Pictures rendered by other programs.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Pictures of other programs")]
 pub(super) struct PicturesArgs {

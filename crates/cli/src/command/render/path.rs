@@ -7,7 +7,7 @@ use glam::DMat4;
 use infonerf_dataset::CameraPath;
 use infonerf_scene::{Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral};
 
-/// Where the camera goes.
+/// Path of the camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum PathName {
     Orbit,
@@ -34,11 +34,11 @@ impl From<&str> for PathName {
 const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
-/// Where the camera goes.
+/// Path of the camera.
 pub(super) enum Route {
     /// Poses that follow from the training cameras and the scene, as many as are asked for.
     BuiltIn { name: &'static str, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
-    /// The path of a file.
+    /// Path read from a file.
     File { name: String, path: CameraPath },
 }
 
