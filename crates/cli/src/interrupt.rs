@@ -29,7 +29,7 @@ pub(crate) fn asked() -> bool {
     ASKED.load(Ordering::SeqCst)
 }
 
-/// Returns what the user wants of a run.
+/// Returns the user's command to a run: to stop after Ctrl-C, else to continue.
 pub(crate) fn control() -> Control {
     if asked() { Control::Stop } else { Control::Continue }
 }

@@ -167,7 +167,7 @@ impl LaunchArgs {
     }
 }
 
-/// Shows how far jobs are until they have ended; false if the user wants to see no more of it.
+/// Shows the progress of jobs until they have ended. Returns false if the user stopped watching.
 fn watch_jobs(jobs: &Jobs) -> Result<bool> {
     interrupt::install()?;
     let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {msg} {elapsed}")?;

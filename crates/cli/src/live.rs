@@ -55,7 +55,7 @@ impl Live {
         outln!("to look at the runs again: infonerf view {}", folder.display());
     }
 
-    /// Returns what the page or Ctrl-C asks for; not before a pause ends.
+    /// Returns the command of the page or of Ctrl-C; waits while training is paused.
     pub(crate) fn control(&self) -> Control {
         while self.control.is_paused() && !self.control.is_stopped() && !interrupt::asked() {
             std::thread::sleep(PAUSE);

@@ -19,7 +19,7 @@ const BAR: usize = 10;
 /// Stages that are shorter than this are not reported.
 const BRIEF: Duration = Duration::from_secs(2);
 
-/// Returns a bar of `count` things called `label`, with the time left once there is some to tell it from.
+/// Returns a bar of `count` items called `label`, with the time left once it can be estimated.
 pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     let bar = ProgressBar::new(count as u64).with_prefix(label.to_owned());
     if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {elapsed}, {eta} left") {
@@ -49,7 +49,7 @@ impl Progress {
         Self { bar, label, at_once: 1, shown: None, stage, reading: none, training: none }
     }
 
-    /// Shows `event`, and returns what the user wants.
+    /// Shows `event`, and returns the user's command: continue, save or stop.
     pub(crate) fn watch(&mut self, event: RunEvent<'_>) -> Control {
         self.show(event);
         interrupt::control()

@@ -40,7 +40,7 @@ impl Reporter {
         Self { same_command, device, in_process, out, runs: 0, bar: ProgressBar::hidden(), progress: None }
     }
 
-    /// Shows `event`, and returns what the user wants.
+    /// Shows `event`, and returns the user's command: continue, save or stop.
     pub(crate) fn watch(&mut self, event: PlanEvent<'_>) -> Control {
         match event {
             PlanEvent::Started(sweep, prepared) => self.started(sweep, prepared),

@@ -69,7 +69,7 @@ fn shown_size((width, height): (u32, u32), columns: u16, rows: u16) -> (u32, u32
     (width, height.next_multiple_of(2))
 }
 
-/// Opens a device and says which GPU it is.
+/// Opens a device, and prints which GPU it is.
 pub(crate) fn open_device(name: DeviceName) -> anyhow::Result<OpenDevice> {
     let device = open(name)?;
     if let Some(adapter) = &device.adapter {

@@ -37,9 +37,10 @@ pub(crate) struct Frame {
 /// Purpose of a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MaskRole {
-    /// Masked metrics look at the pixels that are not black.
+    /// Masked metrics use only the pixels that are not black.
     Counts,
-    /// Masked metrics look at the pixels that are not black, and the others show nothing: the mask is the image's alpha.
+    /// Masked metrics use only the pixels that are not black, and the others show nothing: the mask is the image's
+    /// alpha.
     Matte,
     /// Pixels that are not black are the capture's, see [`infonerf_scene::MaskUse`].
     Capture,

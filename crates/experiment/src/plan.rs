@@ -202,8 +202,7 @@ impl ChosenScene {
     }
 }
 
-/// Returns the scenes that are asked for; none for all that there are. `data` of the command line has scenes of its
-/// own.
+/// Returns the names of the selected scenes; `None` for all that there are, as with the user's own `data`.
 fn chosen_scenes(layers: &Layers, selection: &Selection) -> Option<Vec<String>> {
     if !selection.scenes.is_empty() {
         Some(selection.scenes.clone())
@@ -230,7 +229,7 @@ struct ChosenVariant {
     is_asked_for: bool,
 }
 
-/// Returns the variants that are asked for; none for all.
+/// Returns the selected variants, by default all.
 fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenVariant>> {
     let mut variants = layers.variants().with_context(|| layers.name.clone())?;
     if variants.is_empty() {

@@ -46,7 +46,7 @@ pub(crate) fn write_records(path: &Path, records: &[Record]) -> Result<()> {
     Ok(write_atomically(path, &bytes)?)
 }
 
-/// Writes the file of a run below the experiment's `folder`, which says that the run is finished.
+/// Writes the file of a run below the experiment's `folder` that marks the run as finished.
 ///
 /// # Errors
 /// As [`write_records`].

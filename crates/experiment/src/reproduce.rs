@@ -92,8 +92,9 @@ pub enum Plan {
 
 /// Returns the sweeps of the experiments called `names`, or of all where that is empty.
 ///
-/// What `selection` says goes before an experiment's own extent. Its data and scenes are those of the synthetic experiments:
-/// captures take part in them only where `names` has captures alone, and are the built-in ones otherwise.
+/// Settings in `selection` take precedence over an experiment's own extent. Its data and scenes are those of the
+/// synthetic experiments: captures take part in them only where `names` has captures alone, and are the built-in ones
+/// otherwise.
 ///
 /// # Errors
 /// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].

@@ -67,7 +67,7 @@ impl RunPlan {
         run_directory(&self.scene, &self.variant, self.seed)
     }
 
-    /// Returns the file that says that the run in `folder` is finished.
+    /// Returns the path of the file whose presence marks the run in `folder` as finished.
     pub fn record_path(&self, folder: &Path) -> PathBuf {
         folder.join(format!("record-{}.json", self.preset.name()))
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
-    /// A file or folder that is needed is not there.
+    /// A required file or folder is missing.
     #[error("{}: not found; expected {expected}", .path.display())]
     NotFound {
         /// The missing file or folder.
@@ -24,7 +24,7 @@ pub enum SceneError {
         /// The system's own reason.
         reason: std::io::Error,
     },
-    /// A file that is not what its name says: broken JSON, a truncated PNG, a malformed array.
+    /// A file whose contents do not match its type: broken JSON, a truncated PNG, a malformed array.
     #[error("{}: expected {expected}: {reason}", .path.display())]
     Malformed {
         /// The file concerned.

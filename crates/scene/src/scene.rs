@@ -24,8 +24,8 @@ pub struct View {
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
     pub depth: Option<Arc<[f32]>>,
-    /// Pixels that masked metrics look at, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a capture's
-    /// mask leaves in. `None` without a mask.
+    /// Pixels that masked metrics use, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
+    /// capture's mask leaves in. `None` without a mask.
     pub mask: Option<Arc<[bool]>>,
     /// Pixels that can be learned from and compared with, row-major: those of the photograph whose ray is known and that no
     /// mask leaves out. `None` if all can.

@@ -19,7 +19,7 @@ const OF_STEP: u64 = 2;
 const LOADED: u64 = 4;
 /// Floats of a pixel as batches are drawn from: RGBA and coverage.
 const DRAWN: f64 = 5.0;
-/// Floats of a pixel as a field looks at it: RGB.
+/// Floats of a pixel as an image-conditioned field takes it: RGB.
 const SEEN: u64 = 3;
 /// Bytes of a cell of an occupancy grid: its density, and two flags.
 const CELL: u64 = 6;
@@ -129,9 +129,10 @@ fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
 }
 
-/// Returns the greatest number of samples that a step asks fields for, along the rays of all kinds that the terms need:
-/// as many as it aims for where it aims for a number, but for the first step, which knows of no empty space. A coarse
-/// pass has a gradient, and so keeps its activations, along seen rays alone.
+/// Returns the greatest number of samples at which a step evaluates fields, along rays of all kinds that the terms
+/// need: `train.target_samples`, scaled from seen rays to all rays, where that is set, but no fewer than in the first
+/// step, when no space is known to be empty. A coarse pass has a gradient, and so keeps its activations, along seen
+/// rays alone.
 fn samples(config: &Config) -> u64 {
     let (train, render) = (&config.train, &config.render);
     let needs = config.loss.needs();

@@ -65,7 +65,7 @@ impl<F: Field> FieldBuilder<F> {
         Self { build_coarse: Some(build.clone()), build, sees_images: true }
     }
 
-    /// Whether the fields may look at images.
+    /// Whether the fields may be conditioned on images.
     pub(crate) fn sees_images(&self) -> bool {
         self.sees_images
     }
@@ -89,7 +89,7 @@ impl<F: Field> FieldBuilder<F> {
     }
 }
 
-/// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
+/// Whether a field of this config is conditioned on photographs: on those that a step chooses, or always on the first.
 pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.traits().sources != SourceImages::None
 }

@@ -1,4 +1,4 @@
-//! The training views as the input of fields that look at images (PixelNeRF).
+//! Source images: the training views as the input of image-conditioned fields (PixelNeRF).
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use infonerf_scene::{Scene, View};
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::generator;
 
-/// All training views of a scene as sources; empty if no field looks at them.
+/// All training views of a scene as sources; empty if no field is conditioned on images.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceImages(Sources);
 

@@ -20,7 +20,7 @@ pub(crate) struct TrainingScene {
     /// Region of unseen poses.
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
-    /// Training views for fields that look at images.
+    /// Training views for fields that are conditioned on images.
     pub(crate) sources: SourceImages,
     pub(crate) objective: Objective,
 }

@@ -52,7 +52,7 @@ pub enum RunEnd {
     Kept(Box<Record>),
     /// Finished by a process of its own; the last line that it printed.
     Finished(String),
-    /// Saved, when asked to stop.
+    /// Saved and stopped on request.
     Stopped,
     /// Without a record; why.
     Failed(String),
@@ -60,7 +60,7 @@ pub enum RunEnd {
 
 /// The result of executing sweeps.
 pub enum Executed {
-    /// Stopped when asked to; the same command continues it.
+    /// Stopped on request; the same command continues it.
     Stopped,
     /// Submitted to Slurm.
     Submitted(Jobs),
@@ -73,7 +73,7 @@ pub enum Executed {
     },
 }
 
-/// Watches what happens, and says whether runs in this process go on.
+/// Watches events, and decides whether runs in this process go on.
 pub type PlanWatch<'a> = dyn FnMut(PlanEvent<'_>) -> Control + 'a;
 
 /// Runs what is missing of `sweeps` below `out`, and writes the tables and the report of each.

@@ -87,7 +87,8 @@ impl TrainedVolume {
         points.iter().map(|&p| self.warp.point(there(p))).collect()
     }
 
-    /// Densities of one field in the coordinate of the warp; 0 where its occupancy grid knows of nothing.
+    /// Returns the densities of one field in the coordinate of the warp; 0 in cells that its occupancy grid holds as
+    /// empty.
     fn densities(&self, model: &TrainedModel, warped: &[Vec3]) -> Vec<f32> {
         let is_open = |p: Vec3| model.occupancy.as_ref().is_none_or(|grid| grid.is_occupied(p));
         let open: Vec<usize> = (0..warped.len()).filter(|&index| is_open(warped[index])).collect();

@@ -27,7 +27,7 @@ const NOTICE: Duration = Duration::from_secs(60);
 /// The file that lists the jobs of a launch, so that no second one starts while they run.
 const JOBS: &str = "jobs.json";
 
-/// Resources that a job asks for. `None` leaves a choice to Slurm.
+/// Resources that a job requests. `None` leaves a choice to Slurm.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobResources {
     /// Partition.
@@ -44,7 +44,7 @@ pub struct JobResources {
 
 /// Slurm, as its commands on the PATH reach it.
 pub struct Slurm {
-    /// Resources that each job asks for.
+    /// Resources that each job requests.
     pub resources: JobResources,
     /// The program that runs items.
     pub runner: Runner,
@@ -143,7 +143,7 @@ impl Slurm {
         Ok(script)
     }
 
-    /// Returns a script with what each job asks for.
+    /// Returns a script with the resources that each job requests.
     fn script(&self, name: &str, folder: &Path, log: &str, time: Option<Duration>) -> Result<Script> {
         let mut script = Script::new();
         script.option("job-name", name)?;
