@@ -56,7 +56,7 @@ pub trait TermSpec: Weighted {
     }
 
     /// Supervision beyond the colours of training images that reports must mention, such as alpha masks.
-    fn privilege(&self) -> Option<&'static str> {
+    fn extra_supervision(&self) -> Option<&'static str> {
         None
     }
 

@@ -42,7 +42,7 @@ impl Pixels {
         self.seen_by(self.cameras.iter().map(turned).collect()).rays()
     }
 
-    /// These pixels, seen by other `cameras`.
+    /// The pixels with other `cameras`.
     pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
         Self { cameras, ..self.clone() }
     }
