@@ -6,7 +6,7 @@ set positional-arguments
 features := ""
 run := "cargo run --release " + if features == "" { "--" } else { "--features " + features + " --" }
 
-# What `test-gpu` builds, beside the tests.
+# What `test-gpu` builds in addition to the tests.
 program := env_var_or_default("CARGO_TARGET_DIR", "target") + "/release/infonerf"
 
 # What `python` installs into.
@@ -79,7 +79,7 @@ bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
     {{ program }} bench step --device {{ DEVICE }} --preset released
     {{ program }} bench pareto --device {{ DEVICE }} {{ ARGS }}
 
-# Exported pages and the live viewer in headless Chromium: needs it (Debian: apt-get install chromium), on the PATH or named by CHROMIUM
+# Exported pages, the live viewer and the report's layout in headless Chromium: needs it (Debian: apt-get install chromium), on the PATH or named by CHROMIUM
 test-view:
     cargo test --release --workspace --test all browser:: -- --ignored --test-threads 1 --nocapture
 

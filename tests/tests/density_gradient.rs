@@ -3,8 +3,8 @@
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
-    Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, SourceView, Sources,
-    density_gradient,
+    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, SourceView,
+    Sources, density_gradient,
 };
 use infonerf_ops::{Segments, from_host, to_host, upload};
 use infonerf_schedule::Moment;
@@ -47,7 +47,7 @@ fn sources() -> Sources {
 /// The field with parameters that make it vary. Element `n` of parameter `l` is moved by `moved(l, n)`.
 fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> f64) -> RadianceField {
     let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
-    let body = Some(Body { vertices: &vertices, ..Body::default() });
+    let body = Some(BodyVertices { vertices: &vertices, ..BodyVertices::default() });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0, 1.5, 2.0]], seed: 0, device, body };
     let gain = |shape: &[usize]| if shape.len() == 2 && shape[0] < 64 { (6.0 / shape[0] as f64).sqrt() } else { 1.0 };
     let values = |l: usize, shape: &[usize]| {

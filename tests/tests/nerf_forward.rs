@@ -32,14 +32,14 @@ fn floats(value: &Value) -> Vec<f64> {
 }
 
 /// Returns a parameter by the fixture's rule; a few of its elements are checked against the fixture.
-struct Rule<'a> {
+struct NerfRule<'a> {
     fixture: &'a Value,
     net: usize,
     /// Number of the parameter: weight and bias of each layer in turn.
     visited: usize,
 }
 
-impl Rule<'_> {
+impl NerfRule<'_> {
     fn probe(&self, layer: usize) -> &Value {
         &self.fixture["weight_probes"][self.net * LAYERS + layer]
     }
@@ -108,7 +108,7 @@ const HALF_EDGE: f32 = 6.0;
 fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
     let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device, body: None };
     let field = config("finite").field.build(&setup).unwrap();
-    let values = |visited, shape: &[usize]| Some(Rule { fixture, net, visited }.values(shape));
+    let values = |visited, shape: &[usize]| Some(NerfRule { fixture, net, visited }.values(shape));
     let (field, parameters) = with_parameters(field, values);
     assert_eq!(parameters, 2 * LAYERS);
     field

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
-    Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
+    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
 };
 use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
@@ -64,7 +64,7 @@ fn check(device: &Device) {
     let device = &device.clone().autodiff();
     let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
     let origin = numbers(&fixture["origin"]).try_into().unwrap();
-    let body = Some(Body { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
+    let body = Some(BodyVertices { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
     let (original, parameters) = overwritten(field, rule);
@@ -114,7 +114,7 @@ fn a_body_of_full_size_fits() {
     let device = &Device::flex();
     let vertices: Vec<[f32; 3]> =
         (0..6890).map(|n| [0, 1, 2].map(|axis| hashed(axis, n) as f32 * [0.4, 0.2, 0.9][axis])).collect();
-    let body = Some(Body { vertices: &vertices, ..Body::default() });
+    let body = Some(BodyVertices { vertices: &vertices, ..BodyVertices::default() });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture("neural_body")) };
     let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
@@ -127,7 +127,7 @@ fn a_body_of_full_size_fits() {
     let message = RadianceField::new(&FieldConfig::NeuralBody(tiny), &setup).unwrap_err().to_string();
     assert!(message.contains("at most 1023 along each axis"), "{message}");
     let stray = [vertices.as_slice(), &[[4.9; 3]]].concat();
-    let setup = FieldSetup { body: Some(Body { vertices: &stray, ..Body::default() }), ..setup };
+    let setup = FieldSetup { body: Some(BodyVertices { vertices: &stray, ..BodyVertices::default() }), ..setup };
     let sizes = NeuralBodyConfig { voxel: 0.006, ..config(&fixture("neural_body")) };
     let message = RadianceField::new(&FieldConfig::NeuralBody(sizes), &setup).unwrap_err().to_string();
     assert!(message.contains("is a vertex far from the others?"), "{message}");

@@ -72,14 +72,14 @@ fn write_resnet34(path: &Path) {
 }
 
 /// Returns a parameter of the MLP, which come after the encoder's, by the fixture's rule.
-struct Rule {
+struct PixelNerfRule {
     /// Number of the tensor in the rule's count.
     next: usize,
     /// Position among the MLP's parameters.
     visited: usize,
 }
 
-impl Rule {
+impl PixelNerfRule {
     fn dense(&self, l: usize, gain: f64, fan_in: usize, output: usize, input: usize) -> f32 {
         (gain * (3.0 / fan_in as f64).sqrt() * hashed(l, output * fan_in + input)) as f32
     }
@@ -131,7 +131,7 @@ fn field(weights: &Path, device: &Device) -> RadianceField {
     let tensors = tensors().len();
     // Five tensors of the file are a weight and a bias here.
     let encoder = tensors / 5 * 2;
-    let mut rule = Rule { next: tensors, visited: 0 };
+    let mut rule = PixelNerfRule { next: tensors, visited: 0 };
     let field = FieldConfig::PixelNerf(config).build(&setup(device)).unwrap();
     let (field, parameters) = with_parameters(field, |l, shape| (l >= encoder).then(|| rule.values(shape)));
     assert_eq!(parameters, encoder + 2 * (3 + 2 * BLOCKS));

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use burn::tensor::Device;
 use infonerf_experiment::{Experiment, RunPlan, networks, open};
 use infonerf_metrics::Networks;
-use infonerf_train::config::{TestViews, Views};
+use infonerf_train::config::{TestViewChoice, Views};
 use serde::Serialize;
 
 use crate::options::{BenchOptions, Benchmark};
@@ -42,7 +42,7 @@ pub(crate) struct Conditions {
     seeds: Vec<u64>,
     image_size: u32,
     train_views: Views,
-    test_views: TestViews,
+    test_views: TestViewChoice,
 }
 
 impl Bench {

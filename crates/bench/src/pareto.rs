@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::Result;
 use infonerf_experiment::RunPlan;
 use infonerf_metrics::{LPIPS_ALEX, LPIPS_VGG, METRICS, Metric, PSNR, SSIM, Values};
-use infonerf_report::chart::{Axis, Frame, Series, marked_chart, pareto_frontier};
+use infonerf_report::chart::{Axis, ChartFrame, Series, marked_chart, pareto_frontier};
 use serde::Serialize;
 use serde_json::json;
 
@@ -127,7 +127,7 @@ fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
     for metric in CHARTS.iter().filter(|metric| is_measured(&points, metric)) {
         let key = metric.key();
         let cores = bench.conditions.cores;
-        let frame = Frame {
+        let frame = ChartFrame {
             title: format!("{} over training time, {all}, {cores} CPU cores", metric.descriptor.name),
             x: Axis::log("training (s)"),
             y: Axis::linear(metric.descriptor.heading().trim_end_matches([' ', '↑', '↓'])),

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use infonerf_experiment::RunPlan;
 use infonerf_render::render_image;
-use infonerf_report::chart::{Frame, Series, power_law_chart};
+use infonerf_report::chart::{ChartFrame, Series, power_law_chart};
 use infonerf_scene::resized_dimensions;
 use infonerf_train::Trainer;
 use serde::Serialize;
@@ -61,7 +61,7 @@ pub(crate) fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMu
     );
     print(&format!("\nafter {steps} steps\n\n{}{}", table.to_text(), roofline::text(&roofline)));
     bench.save_csv(&table)?;
-    let frame = Frame::new("Rendering", "longest side (pixels)", "seconds per frame");
+    let frame = ChartFrame::new("Rendering", "longest side (pixels)", "seconds per frame");
     bench.save_chart("render", &power_law_chart(&frame, &series)?)?;
     // The roofline belongs to the last row.
     bench.save_results(PROTOCOL, &rows, json!({ "train_iterations": steps, "roofline": roofline }))

@@ -3,7 +3,7 @@
 use burn::module::Module;
 use infonerf_field::{FieldConfig, FieldSpec, RadianceField};
 use infonerf_ops::Peak;
-use infonerf_ops::factored::Layout;
+use infonerf_ops::factored::FactoredLayout;
 use infonerf_ops::mlp::Precision;
 use infonerf_train::{Config, Phase, Trainer};
 use serde::Serialize;
@@ -119,7 +119,7 @@ impl Cost {
         }
     }
 
-    fn of_tables(layout: &Layout) -> Self {
+    fn of_tables(layout: &FactoredLayout) -> Self {
         let channels: usize = layout.levels.iter().map(|level| 3 * level.channels).sum();
         let weights: usize = layout.layers.iter().map(|layer| layer.inputs * layer.outputs).sum();
         let kept: usize = layout.layers.iter().map(|layer| layer.inputs).sum();

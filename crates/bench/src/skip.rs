@@ -1,7 +1,7 @@
 //! Time, samples and quality of each way of skipping: all off, all on, each off alone, and what is off by default on top.
 
 use anyhow::{Context, Result};
-use infonerf_report::chart::{Bar, Frame, bar_chart};
+use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
 use infonerf_train::Config;
 use serde::Serialize;
 use serde_json::json;
@@ -152,7 +152,7 @@ fn save(bench: &Bench, rows: &[SkipCase]) -> Result<()> {
     ] {
         let bar = |row: &SkipCase| Bar { label: row.label.to_owned(), value: value(row), spread: None };
         let bars: Vec<Bar> = rows.iter().map(bar).collect();
-        bench.save_chart(&format!("skip-{name}"), &bar_chart(&Frame::new(title, "skipped", ""), &bars)?)?;
+        bench.save_chart(&format!("skip-{name}"), &bar_chart(&ChartFrame::new(title, "skipped", ""), &bars)?)?;
     }
     Ok(())
 }

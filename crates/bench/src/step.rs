@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use infonerf_experiment::RunPlan;
 use infonerf_ops::Traffic;
-use infonerf_report::chart::{Bar, Frame, bar_chart};
+use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
 use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
 use serde_json::json;
@@ -52,7 +52,7 @@ pub(crate) fn run(bench: &Bench, options: &StepTiming, print: &mut dyn FnMut(&st
         let bar = |phase: &PhaseTiming| Bar { label: label(phase.phase), value: phase.ms, spread: None };
         let title = format!("{}: {:.1} ms per step", row.run, row.median_ms);
         let bars: Vec<Bar> = row.phases.iter().map(bar).collect();
-        let svg = bar_chart(&Frame::new(&title, "", "ms per step"), &bars)?;
+        let svg = bar_chart(&ChartFrame::new(&title, "", "ms per step"), &bars)?;
         bench.save_chart(&format!("step-{}-{}-seed{}", plan.scene, plan.variant, plan.seed), &svg)?;
         rows.push(row);
     }

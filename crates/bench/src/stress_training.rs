@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use infonerf_experiment::RunPlan;
-use infonerf_report::chart::{Frame, heat_map};
+use infonerf_report::chart::{ChartFrame, heat_map};
 use infonerf_scene::{Range, Scene};
 use infonerf_train::{Event, Outcome, TrainError, Trainer, evaluate_view};
 use serde::Serialize;
@@ -266,6 +266,6 @@ fn draw(bench: &Bench, rows: &[SettingOutcome]) -> Result<()> {
     let counts = |row: &SettingOutcome| [row.stopped, row.not_finite, row.collapsed, row.recovered, row.faint];
     let values: Vec<Vec<Option<f64>>> =
         rows.iter().map(|row| counts(row).into_iter().map(|count| Some(count as f64)).collect()).collect();
-    let svg = heat_map(&Frame::new("runs by outcome", "", ""), &columns, &labels, &values)?;
+    let svg = heat_map(&ChartFrame::new("runs by outcome", "", ""), &columns, &labels, &values)?;
     bench.save_chart("stress-training", &svg)
 }

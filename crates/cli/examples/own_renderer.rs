@@ -1,4 +1,4 @@
-//! InfoNeRF's two losses beside somebody else's renderer: densities go in, losses and their gradients come out.
+//! InfoNeRF's two losses with somebody else's renderer: densities go in, losses and their gradients come out.
 //!
 //! ```text
 //! cargo run --release --example own_renderer

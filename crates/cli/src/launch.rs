@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runner, Slurm, Workers, execute};
-use infonerf_experiment::sweep::{Outcome, Sweep};
+use infonerf_experiment::sweep::{Sweep, SweepFiles};
 use infonerf_experiment::{DeviceName, OpenDevice};
 
 use crate::existing::ExistingArgs;
@@ -104,7 +104,7 @@ impl LaunchArgs {
         sweeps: Vec<Sweep>,
         selection: &SelectionArgs,
         out: &Path,
-        finish: impl FnOnce(Vec<Outcome>) -> Result<()>,
+        finish: impl FnOnce(Vec<SweepFiles>) -> Result<()>,
     ) -> Result<ExitCode> {
         self.own_processes()?;
         let sweeps: Vec<Sweep> =

@@ -29,7 +29,7 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
 }
 
 /// Shows the events of a run.
-pub(crate) struct Progress {
+pub(crate) struct ProgressDisplay {
     bar: ProgressBar,
     label: String,
     /// Fields that are trained at a time.
@@ -41,7 +41,7 @@ pub(crate) struct Progress {
     training: Duration,
 }
 
-impl Progress {
+impl ProgressDisplay {
     /// Returns a bar for a run called `label`.
     pub(crate) fn new(label: &str) -> Self {
         let (stage, none) = (Instant::now(), Duration::ZERO);

@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use infonerf_experiment::execute::{PlanEvent, RunEnd};
-use infonerf_experiment::sweep::{Outcome, Prepared, Sweep};
+use infonerf_experiment::sweep::{Prepared, Sweep, SweepFiles};
 use infonerf_experiment::{Control, DeviceName};
 use infonerf_report::{Quantity, Record, ReportInput};
 
 use crate::existing::ExistingArgs;
 use crate::print::{errln, outln};
-use crate::progress::Progress;
+use crate::progress::ProgressDisplay;
 use crate::terminal::fitted;
 use crate::{command_line, interrupt};
 
@@ -30,7 +30,7 @@ pub(crate) struct Reporter {
     /// Progress of the runs in processes of their own.
     bar: ProgressBar,
     /// The run of this process.
-    progress: Option<(usize, Progress)>,
+    progress: Option<(usize, ProgressDisplay)>,
 }
 
 impl Reporter {
@@ -47,7 +47,7 @@ impl Reporter {
             PlanEvent::Run(index, plan, event) => {
                 if self.progress.as_ref().is_none_or(|(shown, _)| *shown != index) {
                     self.progress =
-                        Some((index, Progress::new(&format!("[{}/{}] {}", index + 1, self.runs, plan.label()))));
+                        Some((index, ProgressDisplay::new(&format!("[{}/{}] {}", index + 1, self.runs, plan.label()))));
                 }
                 if let Some((_, progress)) = &mut self.progress {
                     progress.show(event);
@@ -129,8 +129,8 @@ impl Reporter {
         }
     }
 
-    fn written(&self, sweep: &Sweep, outcome: Option<&Outcome>, missing: &[String]) {
-        if let Some(Outcome { table, input, report, results }) = outcome {
+    fn written(&self, sweep: &Sweep, outcome: Option<&SweepFiles>, missing: &[String]) {
+        if let Some(SweepFiles { table, input, report, results }) = outcome {
             outln!("\n{}", fitted(table));
             print_claims(input);
             outln!("report: {}\nrecords: {}", report.display(), results.display());

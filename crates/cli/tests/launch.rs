@@ -129,7 +129,7 @@ fn a_launch_that_is_refused_loses_nothing() {
         .args("--partition nowhere")
         .fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
     // A full queue: what it took stays, and is known.
-    let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MOST_JOBS", "1");
+    let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MAX_JOBS", "1");
     full.fails_with(&["items 6 to 7 were not submitted", "as 100", "submit limit"]);
     let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("LIVE", "100");
     full.fails_with(&["launch is under way: 1 of its tasks wait and 1 run", "scancel 100"]);

@@ -43,12 +43,12 @@ fn running(item: usize, run: PathBuf) -> String {
     })
 }
 
-struct Sweep<'a> {
+struct SpawnedSweep<'a> {
     place: &'a Workplace,
     args: &'a str,
 }
 
-impl Sweep<'_> {
+impl SpawnedSweep<'_> {
     fn spawn(&self, out: &str, more: &str) -> Child {
         let mut command =
             self.place.tiny_without("train.iterations", self.args).args(&["--out", out]).args(more).into_command();
@@ -56,7 +56,7 @@ impl Sweep<'_> {
         command.stdout(file("out")).stderr(file("err")).stdin(Stdio::null()).spawn().unwrap()
     }
 
-    /// What the sweep below `out` said and complained of, and its exit code, once it has ended.
+    /// Waits for the sweep into `out`, and returns its output with its errors and its exit code.
     fn ended(&self, mut child: Child, out: &str) -> (String, Option<i32>) {
         let code = child.wait().unwrap().code();
         let read = |name: &str| fs::read_to_string(self.place.path(&format!("{out}.{name}"))).unwrap();
@@ -74,7 +74,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let place = Workplace::new();
     let args = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-4,1e-3,1e-2 \
                 --grid loss.kl.weight=0,1e-5,1e-4,1e-3 --set train.iterations=1500 --set train.checkpoint_every=50";
-    let sweep = Sweep { place: &place, args };
+    let sweep = SpawnedSweep { place: &place, args };
     // A name that scripts have to quote, and Slurm to take literally.
     let slurm_out = "a \"b\" 100%";
     let child = sweep.spawn(slurm_out, "--launch slurm --cpus 1 --jobs 2 --watch");
@@ -107,7 +107,7 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
     fs::write(place.path("mine.toml"), file).unwrap();
     let args = "sweep mine.toml --scene knot --grid loss.kl.weight=0 --timeout 60s \
                 --variant cancelled --variant bad --variant slow --variant good";
-    let sweep = Sweep { place: &place, args };
+    let sweep = SpawnedSweep { place: &place, args };
     let child = sweep.spawn("slurm", "--launch slurm --cpus 1 --watch");
     let folder = place.path("slurm/sweep-mine");
     let run = |variant: &str| folder.join(format!("knot/{variant}_loss.kl.weight_0/seed0"));

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use infonerf_report::chart::{Axis, Frame, Series, line_chart};
+use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart};
 use infonerf_report::{Figure, Quantity, Record, ReportError, overview_table};
 use serde::Deserialize;
 
@@ -32,7 +32,7 @@ impl Plot {
         });
         let x = if self.log { Axis::log(&self.x) } else { Axis::linear(&self.x) };
         let title = format!("{} by {}", Quantity::PSNR.heading(), self.x);
-        let frame = Frame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
+        let frame = ChartFrame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
         let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
         Ok(Figure { name: "psnr-by".into(), title, svg, caption: "Means over scenes and seeds.".into() })
     }

@@ -24,7 +24,7 @@ pub(crate) struct Paper {
     scenes: BTreeMap<String, BTreeMap<String, Figures>>,
     /// How the figures were obtained.
     #[serde(default)]
-    protocol: Protocol,
+    protocol: PublishedProtocol,
     /// Further remarks.
     #[serde(default)]
     notes: Vec<String>,
@@ -32,11 +32,11 @@ pub(crate) struct Paper {
 
 /// A row of a paper's table.
 #[derive(Clone, Debug, Deserialize)]
-struct Figures(IndexMap<Quantity, Figure>);
+struct Figures(IndexMap<Quantity, PublishedFigure>);
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged)]
-enum Figure {
+enum PublishedFigure {
     Mean(f64),
     /// Mean and standard deviation.
     Spread([f64; 2]),
@@ -45,7 +45,7 @@ enum Figure {
 /// A protocol in words: all that figures depend on. Parts that a paper's protocol leaves out are not compared.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct Protocol {
+struct PublishedProtocol {
     scenes: Option<String>,
     images: Option<String>,
     train_views: Option<String>,
@@ -65,7 +65,7 @@ impl Paper {
         let of_scenes = self.scenes.iter().flat_map(|(scene, variants)| {
             variants.iter().map(move |(variant, figures)| figures.row(variant, Some(scene.clone())))
         });
-        let differences = self.protocol.differences(&Protocol::of(runs));
+        let differences = self.protocol.differences(&PublishedProtocol::of(runs));
         Published {
             source: self.source.clone(),
             rows: means.chain(of_scenes).collect(),
@@ -76,16 +76,16 @@ impl Paper {
 
 impl Figures {
     fn row(&self, variant: &str, scene: Option<String>) -> PublishedRow {
-        let summary = |figure: &Figure| match *figure {
-            Figure::Mean(mean) => Summary { mean, std: None, n: 1 },
-            Figure::Spread([mean, std]) => Summary { mean, std: Some(std), n: 1 },
+        let summary = |figure: &PublishedFigure| match *figure {
+            PublishedFigure::Mean(mean) => Summary { mean, std: None, n: 1 },
+            PublishedFigure::Spread([mean, std]) => Summary { mean, std: Some(std), n: 1 },
         };
         let figures = self.0.iter().map(|(quantity, figure)| (*quantity, summary(figure))).collect();
         PublishedRow { variant: variant.to_owned(), scene, figures }
     }
 }
 
-impl Protocol {
+impl PublishedProtocol {
     /// Returns the protocol of `runs`.
     fn of(runs: &[&RunPlan]) -> Self {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));

@@ -16,32 +16,33 @@ struct Chapter {
     captures: bool,
     variants: &'static [&'static str],
     set: &'static [&'static str],
-    small: Extent,
-    full: Extent,
+    small: ChapterExtent,
+    full: ChapterExtent,
 }
 
 /// Scenes and view sets.
 #[derive(Clone, Copy)]
-struct Extent {
+struct ChapterExtent {
     scenes: &'static [&'static str],
     seeds: &'static [u64],
 }
 
 /// Extent of the experiment itself.
-const OWN: Extent = Extent { scenes: &[], seeds: &[] };
+const OWN: ChapterExtent = ChapterExtent { scenes: &[], seeds: &[] };
 /// For chapters of many variants: an hour in all.
-const TWO_BY_TWO: Extent = Extent { scenes: &["crane", "knot"], seeds: &[0, 1] };
+const TWO_BY_TWO: ChapterExtent = ChapterExtent { scenes: &["crane", "knot"], seeds: &[0, 1] };
 /// Extent that the claims of those chapters need.
-const FOUR_BY_FIVE: Extent = Extent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
+const FOUR_BY_FIVE: ChapterExtent =
+    ChapterExtent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
 
 impl Chapter {
-    const fn new(experiment: &'static str, small: Extent, full: Extent) -> Self {
+    const fn new(experiment: &'static str, small: ChapterExtent, full: ChapterExtent) -> Self {
         Self { experiment, captures: false, variants: &[], set: &[], small, full }
     }
 
     /// Returns a chapter on a small capture, forward-facing or inward-looking.
     const fn capture(experiment: &'static str, set: &'static [&'static str]) -> Self {
-        let full = Extent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
+        let full = ChapterExtent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
         Self { captures: true, set, ..Self::new(experiment, OWN, full) }
     }
 }
@@ -52,8 +53,8 @@ const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"]
 /// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
     Chapter::new("synthetic-4view", OWN, FOUR_BY_FIVE),
-    Chapter::new("fast-losses", Extent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
-    Chapter::new("loss-ablation", Extent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("loss-ablation", ChapterExtent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
     Chapter::new("unseen-rays", TWO_BY_TWO, FOUR_BY_FIVE),
     Chapter::new("baseline", TWO_BY_TWO, FOUR_BY_FIVE),
     Chapter {
@@ -63,7 +64,7 @@ const CHAPTERS: [Chapter; 11] = [
     Chapter::new("information", TWO_BY_TWO, FOUR_BY_FIVE),
     Chapter {
         variants: &["nerf", "infonerf", "mipnerf", "infomipnerf"],
-        ..Chapter::new("integration", Extent { seeds: &[0], ..TWO_BY_TWO }, FOUR_BY_FIVE)
+        ..Chapter::new("integration", ChapterExtent { seeds: &[0], ..TWO_BY_TWO }, FOUR_BY_FIVE)
     },
     Chapter { variants: CAPTURE, ..Chapter::capture("llff-2view", &["scene.size=160", "train.iterations=300"]) },
     Chapter { variants: CAPTURE, ..Chapter::capture("dtu-3view", &["scene.size=160", "train.iterations=300"]) },
@@ -83,7 +84,7 @@ pub const EXPERIMENTS: [&str; CHAPTERS.len()] = {
 
 /// Extent of a reproduction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Plan {
+pub enum ReproductionPlan {
     /// An hour on two cores.
     Small,
     /// Four scenes and five view sets for every claim of the paper's regime: a night on two cores.
@@ -98,7 +99,7 @@ pub enum Plan {
 ///
 /// # Errors
 /// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].
-pub fn sweeps(names: &[String], plan: Plan, selection: &Selection) -> Result<Vec<Sweep>> {
+pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -> Result<Vec<Sweep>> {
     if let Some(unknown) = names.iter().find(|name| !EXPERIMENTS.contains(&name.as_str())) {
         bail!("{unknown}: expected one of {}", EXPERIMENTS.join(", "));
     }
@@ -115,10 +116,10 @@ pub fn sweeps(names: &[String], plan: Plan, selection: &Selection) -> Result<Vec
 }
 
 /// Returns `selection`, with whatever it leaves open taken from `chapter`.
-fn extended(chapter: &Chapter, plan: Plan, selection: Selection) -> Selection {
+fn extended(chapter: &Chapter, plan: ReproductionPlan, selection: Selection) -> Selection {
     let extent = match plan {
-        Plan::Small => chapter.small,
-        Plan::Full => chapter.full,
+        ReproductionPlan::Small => chapter.small,
+        ReproductionPlan::Full => chapter.full,
     };
     let owned = |list: &[&str]| list.iter().map(|&text| text.to_owned()).collect::<Vec<String>>();
     let or = |given: Vec<String>, own: &[&str]| if given.is_empty() { owned(own) } else { given };
@@ -151,7 +152,7 @@ mod tests {
 
     fn labels(names: &[&str], selection: &Selection) -> Vec<String> {
         let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
-        let sweeps = sweeps(&names, Plan::Small, selection).unwrap();
+        let sweeps = sweeps(&names, ReproductionPlan::Small, selection).unwrap();
         sweeps.iter().flat_map(|sweep| sweep.runs().map(RunPlan::label)).collect()
     }
 
@@ -167,11 +168,12 @@ mod tests {
 
     #[test]
     fn every_experiment_takes_part() {
-        let all = sweeps(&[], Plan::Small, &Selection::default()).unwrap();
+        let all = sweeps(&[], ReproductionPlan::Small, &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
         assert_eq!(names, EXPERIMENTS);
-        assert!(sweeps(&["nothing".into()], Plan::Small, &Selection::default()).is_err());
-        let full: usize = sweeps(&[], Plan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
+        assert!(sweeps(&["nothing".into()], ReproductionPlan::Small, &Selection::default()).is_err());
+        let full: usize =
+            sweeps(&[], ReproductionPlan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
         assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
         // Of a small capture every run is small.
         let capture = &all[8];

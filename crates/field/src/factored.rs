@@ -6,7 +6,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::HostField;
-use infonerf_ops::factored::{Layout, Query, density_and_color, on_host, plane_variation};
+use infonerf_ops::factored::{FactoredLayout, Query, density_and_color, on_host, plane_variation};
 use infonerf_ops::unit_box::{share_of_box, unit_box};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -96,7 +96,7 @@ pub struct FactoredField {
     tables: Param<Tensor<1>>,
     weights: Param<Tensor<1>>,
     #[module(skip)]
-    layout: Arc<Layout>,
+    layout: Arc<FactoredLayout>,
     #[module(skip)]
     config: FactoredConfig,
     #[module(skip)]
@@ -111,7 +111,7 @@ impl FactoredField {
         let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);
         let density = (config.density_scale / longest, config.density_bias);
         let mlp = (config.layers, config.width);
-        let layout = Layout::new(config.frequencies, &levels, mlp, config.view_dependence > 0.0, density);
+        let layout = FactoredLayout::new(config.frequencies, &levels, mlp, config.view_dependence > 0.0, density);
         let mut tables = Vec::with_capacity(layout.table_len());
         for level in &layout.levels {
             tables.extend(uniform(&mut rng, 3 * level.plane_len(), 0.1));
@@ -152,7 +152,7 @@ impl FactoredField {
     }
 
     /// Returns the layout of [`Self::tables`] and [`Self::weights`].
-    pub fn layout(&self) -> &Layout {
+    pub fn layout(&self) -> &FactoredLayout {
         &self.layout
     }
 

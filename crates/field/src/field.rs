@@ -61,12 +61,12 @@ pub struct FieldSetup<'a> {
     /// Device of the parameters.
     pub device: &'a Device,
     /// The body in the scene, if known.
-    pub body: Option<Body<'a>>,
+    pub body: Option<BodyVertices<'a>>,
 }
 
 /// Vertices of a body, and its frame.
 #[derive(Clone, Copy, Debug)]
-pub struct Body<'a> {
+pub struct BodyVertices<'a> {
     /// Positions in the world, scene units.
     pub vertices: &'a [[f32; 3]],
     /// Axes of the body's frame in the world.
@@ -75,7 +75,7 @@ pub struct Body<'a> {
     pub origin: [f32; 3],
 }
 
-impl Default for Body<'_> {
+impl Default for BodyVertices<'_> {
     /// Returns a body without vertices, whose own frame is the world's.
     fn default() -> Self {
         Self { vertices: &[], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], origin: [0.0; 3] }

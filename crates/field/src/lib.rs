@@ -51,7 +51,7 @@ mod sources;
 pub use activation::DensityActivation;
 pub use density_gradient::density_gradient;
 pub use factored::{FactoredConfig, FactoredField};
-pub use field::{Body, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
+pub use field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
 pub use hash::{HashConfig, HashGrid};
 pub use list::{FieldConfig, RadianceField};
 pub use mip::{MipConfig, MipNerf};

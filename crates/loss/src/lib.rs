@@ -32,7 +32,9 @@ mod terms;
 mod testing;
 
 pub use objective::{DueTerm, LossConfig, LossValues, Objective, needs};
-pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground, pixel_class};
+pub use renders::{
+    Need, NeighbourBundles, RaySet, RenderedBundle, Renders, Target, UnseenImage, is_foreground, pixel_class,
+};
 pub use term::{Term, TermSetup, TermSpec, Weighted};
 pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};

@@ -131,14 +131,14 @@ pub fn pixel_class(pixel: [f32; 4], coverage: f32, background: [f32; 3]) -> f32 
 
 /// Rays with the model's output along them.
 #[derive(Clone, Debug)]
-pub struct Bundle {
+pub struct RenderedBundle {
     /// The passes.
     pub passes: Passes,
     /// The training pixels; `None` for rays of unseen poses.
     pub target: Option<Target>,
 }
 
-impl Bundle {
+impl RenderedBundle {
     /// Returns the fine or only pass.
     pub fn output(&self) -> &RenderOutput {
         &self.passes.fine
@@ -167,7 +167,7 @@ pub struct NeighbourBundles {
 
 /// A whole image from an unseen pose.
 #[derive(Clone, Debug)]
-pub struct Picture {
+pub struct UnseenImage {
     /// Colours, `[height·width, 3]` row-major.
     pub rgb: Tensor<2>,
     /// Height and width in pixels.
@@ -180,15 +180,15 @@ pub struct Picture {
 #[derive(Clone, Debug)]
 pub struct Renders {
     /// Rays of training images.
-    pub seen: Bundle,
-    /// [`Bundle::squared_error`] of the rays of training images, which is both minimised and reported.
+    pub seen: RenderedBundle,
+    /// [`RenderedBundle::squared_error`] of the rays of training images, which is both minimised and reported.
     pub squared_error: Option<Tensor<1>>,
     /// Rays of an unseen pose, if requested.
-    pub unseen: Option<Bundle>,
+    pub unseen: Option<RenderedBundle>,
     /// Neighbours, if requested.
     pub neighbours: NeighbourBundles,
     /// An image from an unseen pose, if requested.
-    pub picture: Option<Picture>,
+    pub picture: Option<UnseenImage>,
     /// Requested penalties on the field's own parameters that the field has, scalars.
     pub penalties: BTreeMap<Penalty, Tensor<1>>,
 }
@@ -197,7 +197,7 @@ impl Renders {
     /// Lists the outputs of `rays` that were rendered.
     pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
         let unseen = self.unseen.as_ref().filter(|_| rays.unseen());
-        rays.seen().then_some(&self.seen).into_iter().chain(unseen).map(Bundle::output)
+        rays.seen().then_some(&self.seen).into_iter().chain(unseen).map(RenderedBundle::output)
     }
 
     /// Lists the neighbours of `rays` that were rendered.

@@ -57,7 +57,7 @@ pub trait TermSpec: Weighted {
 
     /// Returns a description of supervision beyond the colours of training images that reports must mention, such as
     /// alpha masks.
-    fn privilege(&self) -> Option<&'static str> {
+    fn extra_supervision(&self) -> Option<&'static str> {
         None
     }
 

@@ -7,7 +7,7 @@ use infonerf_ops::{Segments, composite, to_host};
 use infonerf_render::{Passes, RenderOutput, Samples};
 
 use crate::objective::LossConfig;
-use crate::renders::{Bundle, NeighbourBundles, Renders, Target};
+use crate::renders::{NeighbourBundles, RenderedBundle, Renders, Target};
 use crate::term::Term;
 
 /// The config of every term, all off, with `settings` (TOML) merged in.
@@ -102,7 +102,7 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
         pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
         background: [1.0; 3],
     };
-    let bundle = |coarse, fine, target| Bundle { passes: Passes { coarse, fine }, target };
+    let bundle = |coarse, fine, target| RenderedBundle { passes: Passes { coarse, fine }, target };
     let bundles = bundle(Some(coarse.1), seen.1, Some(target));
     let renders = Renders {
         squared_error: bundles.squared_error(),

@@ -17,11 +17,11 @@ pub(crate) struct Distributions<'a> {
     kind: RayDistribution,
     /// Probability of each sample; 0 along a ray whose masses sum to nothing.
     p: Vec<f64>,
-    rays: Vec<Ray>,
+    rays: Vec<RayMasses>,
 }
 
 /// One ray's distribution. A sample's *mass* is its probability before normalisation.
-struct Ray {
+struct RayMasses {
     range: Range<usize>,
     /// Place of the sample of the largest mass; `None` if that is the background.
     top: Option<usize>,
@@ -33,7 +33,7 @@ struct Ray {
     background: f64,
 }
 
-impl Ray {
+impl RayMasses {
     /// Normalises the given masses, with mass `background` behind them.
     #[inline(always)]
     fn new(range: Range<usize>, mass: &[f64], background: f64) -> Self {
@@ -105,7 +105,7 @@ impl<'a> Distributions<'a> {
     #[inline(always)]
     pub(crate) fn new(opacity: &'a SampleOpacity, group: &Group<'_>, kind: RayDistribution) -> Self {
         let mut p = opacity.alpha.clone();
-        let rays: Vec<Ray> = group
+        let rays: Vec<RayMasses> = group
             .ranges()
             .map(|range| {
                 let background = match kind {
@@ -120,7 +120,7 @@ impl<'a> Distributions<'a> {
                         trans
                     }
                 };
-                let ray = Ray::new(range, &p, background);
+                let ray = RayMasses::new(range, &p, background);
                 let scale = if ray.hits() { 1.0 / ray.sum } else { 0.0 };
                 p[ray.range.clone()].iter_mut().for_each(|p| *p *= scale);
                 ray
@@ -141,7 +141,7 @@ impl<'a> Distributions<'a> {
             }
         }
         ln::<FMA>(&mut logs);
-        let certain = |ray: &Ray| (epsilon - ray.rest / ray.sum).ln_1p();
+        let certain = |ray: &RayMasses| (epsilon - ray.rest / ray.sum).ln_1p();
         let mut background = Vec::with_capacity(self.rays.len());
         for ray in &self.rays {
             let is_certain = ray.is_certain();

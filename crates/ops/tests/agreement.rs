@@ -6,7 +6,7 @@ use infonerf_ops::{Intervals, RayDistribution, Segments, composite_over};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
-use crate::common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
+use crate::common::{DISTRIBUTIONS, Draws, RayImplementation, Rays, floats, matrix, vector, wide};
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
 const UNIT: f64 = 3e-6;
@@ -72,7 +72,7 @@ impl Expected {
 /// - `evaluate`: from the inputs on a device to columns of one value per ray each.
 /// - `expected`: from the inputs of a ray and the weight of each column.
 fn compare<const N: usize>(
-    body: Body,
+    body: RayImplementation,
     segments: &Segments,
     inputs: [&[f32]; N],
     draws: &mut Draws,
@@ -136,7 +136,7 @@ fn column(table: &Tensor<2>, index: usize) -> Tensor<1> {
     table.clone().narrow(1, index, 1).squeeze_dim(1)
 }
 
-fn check_composite(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
+fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let (a, b) = (signed(draws, tau.len()), signed(draws, tau.len()));
     let evaluate = |[tau, a, b]: [Tensor<1>; 3]| {
         let out = body.composite(tau, stacked([a, b]), segments);
@@ -151,7 +151,7 @@ fn check_composite(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws)
 }
 
 /// Colours over a background are integrals of their differences from it.
-fn check_composite_over(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
+fn check_composite_over(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let [red, green, blue, distance] = [0; 4].map(|_| signed(draws, tau.len()));
     let evaluate = |[tau, red, green, blue, distance]: [Tensor<1>; 5]| {
         let out = composite_over(tau, Some(stacked([red, green, blue])), distance, BACKGROUND, segments);
@@ -170,7 +170,7 @@ fn check_composite_over(body: Body, Rays { segments, tau }: &Rays, draws: &mut D
     });
 }
 
-fn check_entropy(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
+fn check_entropy(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let alpha_sum = |[tau]: [Tensor<1>; 1]| vec![body.entropy(tau, segments, RayDistribution::Alpha, 0.0).alpha_sum];
     compare(body, segments, [tau], draws, alpha_sum, |[tau], u| {
         let sum = oracle::alpha_sum(&tau);
@@ -194,7 +194,7 @@ fn check_entropy(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     }
 }
 
-fn check_divergence(body: Body, segments: &Segments, tau: &[f32], near: &[f32], draws: &mut Draws) {
+fn check_divergence(body: RayImplementation, segments: &Segments, tau: &[f32], near: &[f32], draws: &mut Draws) {
     for epsilon in DIVERGENCE_EPSILONS {
         let evaluate = |[p, q]: [Tensor<1>; 2]| vec![body.divergence(p, q, segments, epsilon)];
         let epsilon = f64::from(epsilon);
@@ -223,7 +223,7 @@ fn intervals(segments: &Segments, draws: &mut Draws) -> [Vec<f32>; 2] {
     [middle, lengths]
 }
 
-fn check_distortion(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
+fn check_distortion(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let [middle, length] = intervals(segments, draws);
     let evaluate =
         |[tau, middle, length]: [Tensor<1>; 3]| vec![body.distortion(tau, Intervals { middle, length }, segments)];
@@ -234,7 +234,7 @@ fn check_distortion(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws
 }
 
 /// Compositing of additive depths against the additive march itself.
-fn check_additive(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) {
+fn check_additive(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let values = signed(draws, tau.len());
     let evaluate = |[tau, values]: [Tensor<1>; 2]| {
         let out = body.composite(body.additive_depth(tau, segments), values.unsqueeze_dim(1), segments);
@@ -248,12 +248,12 @@ fn check_additive(body: Body, Rays { segments, tau }: &Rays, draws: &mut Draws) 
     });
 }
 
-fn check_all(body: Body, rays: &Rays, draws: &mut Draws) {
+fn check_all(body: RayImplementation, rays: &Rays, draws: &mut Draws) {
     check_composite(body, rays, draws);
     check_additive(body, rays, draws);
     check_entropy(body, rays, draws);
     check_distortion(body, rays, draws);
-    if body != Body::PlainFlex {
+    if body != RayImplementation::PlainFlex {
         check_composite_over(body, rays, draws);
     }
 }
@@ -262,7 +262,7 @@ fn check_all(body: Body, rays: &Rays, draws: &mut Draws) {
 fn bodies_agree_with_the_oracle() {
     // A moderate sample behind one that nothing passes, and before it: the sum of depths must not swallow either.
     let huge = Rays::from_rows(&[vec![0.5, 0.25, 1e10], vec![0.5, 1e10, 0.25], vec![3.0, 5e9]]);
-    for body in Body::ALL {
+    for body in RayImplementation::ALL {
         let mut draws = Draws(1);
         for _ in 0..3 {
             let rays = Rays::random(&mut draws, 61);
@@ -278,7 +278,7 @@ fn bodies_agree_with_the_oracle() {
 fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
     let tau = [0.5, f32::NAN, 0.25, 1.0, 2.0];
     let segments = Segments::from_counts([3, 2]);
-    for body in Body::ALL {
+    for body in RayImplementation::ALL {
         let device = body.device();
         let t = || vector(&tau, &device);
         let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
@@ -296,7 +296,7 @@ fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
 
 #[test]
 fn no_rays_and_rays_without_samples() {
-    for body in Body::ALL {
+    for body in RayImplementation::ALL {
         let device = body.device();
         for rays in [0, 3] {
             let segments = Segments::uniform(rays, 0);
@@ -318,7 +318,7 @@ fn no_rays_and_rays_without_samples() {
 #[test]
 fn divergences_agree_with_the_oracle() {
     let extreme = Rays::extreme();
-    for body in Body::ALL {
+    for body in RayImplementation::ALL {
         let mut draws = Draws(4);
         for _ in 0..3 {
             let Rays { segments, tau } = Rays::random(&mut draws, 61);

@@ -1,7 +1,7 @@
 //! Encodings and their gradients with respect to positions and variances: every body against the oracle in `f64`, and the
 //! oracle against finite differences.
 
-use crate::common::{Body, Draws, floats, matrix, wide};
+use crate::common::{Draws, RayImplementation, floats, matrix, wide};
 use burn::tensor::Tensor;
 use infonerf_ops::{frequency, frequency_encode, integrated_encode};
 
@@ -10,10 +10,10 @@ const WAVE: f64 = 3e-7;
 const WINDOW: [f32; 6] = [1.0, 1.0, 0.5, 1.0, 0.25, 0.0];
 
 /// An encoding of rows of three means and three variances, the latter unused by the plain one.
-fn encode(body: Body, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -> Tensor<2> {
+fn encode(body: RayImplementation, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -> Tensor<2> {
     match (body, integrate) {
-        (Body::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
-        (Body::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
+        (RayImplementation::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
+        (RayImplementation::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
         (_, true) => frequency::plain(means, Some(variances), &WINDOW),
         (_, false) => frequency::plain(means, None, &WINDOW),
     }
@@ -25,7 +25,7 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
     let means: Vec<f32> = (0..300).map(|_| 3.0 * draws.signed()).collect();
     let variances: Vec<f32> = (0..300).map(|_| 10f64.powf(draws.unit() * 4.0 - 4.0) as f32).collect();
     let window = wide(&WINDOW);
-    for (body, integrate) in Body::ALL.into_iter().flat_map(|body| [(body, false), (body, true)]) {
+    for (body, integrate) in RayImplementation::ALL.into_iter().flat_map(|body| [(body, false), (body, true)]) {
         let device = body.device().autodiff();
         let [m, v] = [&means, &variances].map(|rows| matrix(rows, 3, &device).require_grad());
         let out = encode(body, integrate, m.clone(), v.clone());

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::common::{Draws, assert_close, matrix, vector, wide};
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation};
+use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
 use infonerf_ops::to_host;
 
 /// Largest difference between a directional derivative and a central difference of this step, relative to the sum of all
@@ -22,8 +22,8 @@ fn numbers(count: usize, seed: u64) -> Vec<f32> {
 }
 
 #[derive(Clone)]
-struct FieldCase {
-    layout: Arc<Layout>,
+struct FactoredCase {
+    layout: Arc<FactoredLayout>,
     query: Query,
     /// Tables, weights and positions.
     inputs: [Vec<f32>; 3],
@@ -32,9 +32,9 @@ struct FieldCase {
 const INPUTS: [&str; 3] = ["tables", "weights", "positions"];
 
 /// Returns a field of which one level is fading in, and samples of which some are outside the box.
-fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> FieldCase {
+fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> FactoredCase {
     let levels = [(5, channels), (8, channels), (16, channels)];
-    let layout = Arc::new(Layout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
+    let layout = Arc::new(FactoredLayout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
     let query = Query {
         positions: Tensor::zeros([0, 3], &Device::flex()),
         directions: (color && view_dependent).then(|| matrix(&numbers(3 * samples, 2), 3, &Device::flex())),
@@ -46,22 +46,22 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> F
     let tables = numbers(layout.table_len(), 3);
     let weights = numbers(layout.weight_len(), 4).into_iter().map(|w| 0.7 * w).collect();
     let positions = numbers(3 * samples, 1).into_iter().map(|x| 0.5 + 0.55 * x).collect();
-    FieldCase { layout, query, inputs: [tables, weights, positions] }
+    FactoredCase { layout, query, inputs: [tables, weights, positions] }
 }
 
-type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<Layout>, Query) -> Tensor<2>;
+type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<FactoredLayout>, Query) -> Tensor<2>;
 
-fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
+fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<FactoredLayout>, query: Query) -> Tensor<2> {
     factored::plain(tables, weights, layout, &query)
 }
 
 /// Returns the value, and the gradients of ⟨u, value⟩ for fixed u.
-fn run(case: &FieldCase, device: &Device, body: FieldBody) -> [Vec<f32>; 4] {
+fn run(case: &FactoredCase, device: &Device, body: FieldBody) -> [Vec<f32>; 4] {
     run_along(case, device, body, |count| numbers(count, 5))
 }
 
 /// Returns the value, and the gradients of ⟨u, value⟩, given u by its length.
-fn run_along(case: &FieldCase, device: &Device, body: FieldBody, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
+fn run_along(case: &FactoredCase, device: &Device, body: FieldBody, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let directions = case.query.directions.clone().map(|rows| matrix(&to_host(rows), 3, &device));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::common::{Draws, vector, wide};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::bilinear::{self, Taps, bilinear};
-use infonerf_ops::factored::{self, Layout, plane_variation};
+use infonerf_ops::factored::{self, FactoredLayout, plane_variation};
 use infonerf_ops::{RayGaussians, frustum_gaussians, to_host};
 
 /// Step of the central differences, relative to an input of size 1.
@@ -68,7 +68,7 @@ fn values(count: usize, seed: u64) -> Vec<f32> {
 
 /// Total variation of the planes: Σ_levels (res/64)/(3 res²) Σ over neighbours of squared differences.
 fn variation() -> GradientCase {
-    let layout = Arc::new(Layout::new(0, &[(3, 2), (5, 4)], (1, 4), false, (1.0, 0.0)));
+    let layout = Arc::new(FactoredLayout::new(0, &[(3, 2), (5, 4)], (1, 4), false, (1.0, 0.0)));
     let [host, plain] = [(); 2].map(|()| layout.clone());
     let kernel: Function = Box::new(move |x| plane_variation(x[0].clone(), &host));
     let bodies = [Device::flex(), Device::ndarray()].map(|device| {

@@ -13,7 +13,7 @@ const DIFFERENCE: f64 = 1e-4;
 
 /// Network with its inputs.
 #[derive(Clone)]
-struct NetworkCase {
+struct MlpCase {
     encoded: usize,
     skip: usize,
     segments: Segments,
@@ -29,7 +29,7 @@ struct NetworkCase {
     layers: Vec<([usize; 2], Vec<f32>, Vec<f32>)>,
 }
 
-fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> NetworkCase {
+fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> MlpCase {
     let (encoded, width, layers, frequencies) = (7, 10, 4, 2);
     let mut draws = Draws(seed);
     let segments = Segments::from_counts(counts.iter().copied());
@@ -44,10 +44,10 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> NetworkCase {
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
-    NetworkCase { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
+    MlpCase { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
 }
 
-impl NetworkCase {
+impl MlpCase {
     fn network(&self, device: &Device, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
         let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
         let heads = layers.split_off(layers.len() - 4);
@@ -131,14 +131,14 @@ impl NetworkCase {
 
 /// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
 /// without a gradient, as behind ReLU densities.
-fn cases() -> Vec<NetworkCase> {
+fn cases() -> Vec<MlpCase> {
     let long: Vec<usize> = (0..60).map(|ray| ray % 19).collect();
     let mut cases = Vec::new();
     for (seed, skip) in [(1, 2), (2, 3), (3, 0)] {
         for color in [true, false] {
             cases.push(case(seed, &long, skip, color));
             cases.push(case(seed, &[5, 0, 2], skip, color));
-            cases.push(NetworkCase { reached: 3, ..case(seed, &[400, 0, 900], skip, color) });
+            cases.push(MlpCase { reached: 3, ..case(seed, &[400, 0, 900], skip, color) });
         }
     }
     cases
@@ -234,7 +234,7 @@ fn gradients_match_differences_of_the_f64_network() {
         let (up, down) = (moved(step), moved(-step));
         let difference = up.value() - down.value();
         // Along the displacement that single precision represents.
-        let flat = |case: &NetworkCase| -> Vec<f32> {
+        let flat = |case: &MlpCase| -> Vec<f32> {
             let weights = case.layers.iter().flat_map(|(_, w, b)| w.iter().chain(b));
             case.x.iter().chain(weights).copied().collect()
         };

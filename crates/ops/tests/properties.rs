@@ -1,6 +1,6 @@
 //! Properties of operations along rays that hold for all samples.
 
-use crate::common::{Body, DISTRIBUTIONS, floats, matrix, vector};
+use crate::common::{DISTRIBUTIONS, RayImplementation, floats, matrix, vector};
 use burn::tensor::Tensor;
 use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite};
 use proptest::prelude::*;
@@ -21,8 +21,8 @@ fn rays() -> impl Strategy<Value = Vec<Vec<f32>>> {
     prop::collection::vec(prop::collection::vec(tau(), 0..12), 1..12)
 }
 
-fn body() -> impl Strategy<Value = Body> {
-    prop::sample::select(Body::ALL.to_vec())
+fn body() -> impl Strategy<Value = RayImplementation> {
+    prop::sample::select(RayImplementation::ALL.to_vec())
 }
 
 /// Returns an arbitrary value for each sample index.
@@ -34,18 +34,18 @@ fn packed(rows: &[Vec<f32>]) -> (Segments, Vec<f32>) {
     (Segments::from_counts(rows.iter().map(Vec::len)), rows.concat())
 }
 
-fn run(body: Body, rows: &[Vec<f32>], values: &[f32]) -> Composite {
+fn run(body: RayImplementation, rows: &[Vec<f32>], values: &[f32]) -> Composite {
     let (segments, tau) = packed(rows);
     let device = body.device();
     body.composite(vector(&tau, &device), matrix(values, 1, &device), &segments)
 }
 
-fn entropies(body: Body, rows: &[Vec<f32>], of: RayDistribution, epsilon: f32) -> RayEntropy {
+fn entropies(body: RayImplementation, rows: &[Vec<f32>], of: RayDistribution, epsilon: f32) -> RayEntropy {
     let (segments, tau) = packed(rows);
     body.entropy(vector(&tau, &body.device()), &segments, of, epsilon)
 }
 
-fn bits(body: Body, ray: &[f32], of: RayDistribution) -> f64 {
+fn bits(body: RayImplementation, ray: &[f32], of: RayDistribution) -> f64 {
     floats(entropies(body, &[ray.to_vec()], of, 0.0).bits)[0]
 }
 
@@ -54,14 +54,14 @@ fn values(count: usize) -> Vec<f32> {
 }
 
 /// Computes Σ w v, Σ w, Σ α and the entropy of α/Σα.
-fn single(body: Body, ray: &[f32], values: &[f32]) -> [f64; 4] {
+fn single(body: RayImplementation, ray: &[f32], values: &[f32]) -> [f64; 4] {
     let out = run(body, &[ray.to_vec()], values);
     let entropy = entropies(body, &[ray.to_vec()], RayDistribution::Alpha, 0.0);
     let first = |tensor: Tensor<1>| floats(tensor)[0];
     [floats(out.values)[0], first(out.acc), first(entropy.alpha_sum), first(entropy.bits)]
 }
 
-fn divergence(body: Body, p: &[f32], q: &[f32]) -> f64 {
+fn divergence(body: RayImplementation, p: &[f32], q: &[f32]) -> f64 {
     let device = body.device();
     let segments = Segments::uniform(1, p.len());
     floats(body.divergence(vector(p, &device), vector(q, &device), &segments, 1e-10))[0]

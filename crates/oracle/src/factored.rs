@@ -1,14 +1,14 @@
 //! The factored field and the variation of its planes, one sample at a time.
 
-use infonerf_ops::factored::{Layout, Level, PLANES, Query};
+use infonerf_ops::factored::{FactoredLayout, Level, PLANES, Query};
 use infonerf_ops::to_host;
 
 /// Number of outputs: density and colour.
 const OUTPUTS: usize = 4;
 
 /// Evaluates [`factored_field`](infonerf_ops::factored_field) at `positions`, with everything else as in `query`.
-pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
-    let field = FactoredField { tables, weights, positions, directions: directions(query), layout, query };
+pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &FactoredLayout, query: &Query) -> Vec<f64> {
+    let field = FactoredOracle { tables, weights, positions, directions: directions(query), layout, query };
     (0..positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
 }
 
@@ -17,11 +17,11 @@ pub fn gradient(
     tables: &[f64],
     weights: &[f64],
     positions: &[f64],
-    layout: &Layout,
+    layout: &FactoredLayout,
     query: &Query,
     grad: &[f64],
 ) -> [Vec<f64>; 3] {
-    let field = FactoredField { tables, weights, positions, directions: directions(query), layout, query };
+    let field = FactoredOracle { tables, weights, positions, directions: directions(query), layout, query };
     let [mut dtables, mut dweights, mut dpositions] = [tables, weights, positions].map(|input| vec![0.0; input.len()]);
     for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {
         let trace = field.trace(sample);
@@ -32,12 +32,12 @@ pub fn gradient(
     [dtables, dweights, dpositions]
 }
 
-struct FactoredField<'a> {
+struct FactoredOracle<'a> {
     tables: &'a [f64],
     weights: &'a [f64],
     positions: &'a [f64],
     directions: Vec<f64>,
-    layout: &'a Layout,
+    layout: &'a FactoredLayout,
     query: &'a Query,
 }
 
@@ -48,7 +48,7 @@ fn directions(query: &Query) -> Vec<f64> {
 /// Terms of an interpolation: places in the tables with their weights.
 type Terms = Vec<(usize, f64)>;
 
-impl FactoredField<'_> {
+impl FactoredOracle<'_> {
     fn position(&self, sample: usize, axis: usize) -> f64 {
         self.positions[3 * sample + axis]
     }
@@ -223,7 +223,7 @@ fn sigmoid(x: f64) -> f64 {
 }
 
 /// Computes [`plane_variation`](infonerf_ops::plane_variation) and its gradient.
-pub fn variation(tables: &[f64], layout: &Layout) -> (f64, Vec<f64>) {
+pub fn variation(tables: &[f64], layout: &FactoredLayout) -> (f64, Vec<f64>) {
     let (mut sum, mut gradient) = (0.0, vec![0.0; tables.len()]);
     for level in &layout.levels {
         let (r, c) = (level.resolution, level.channels);

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::convex::Line;
+use super::convex::HalfLine;
 use super::shape::{Hit, Shape};
 
 /// Greatest number of shapes of a node that is not split.
@@ -13,7 +13,7 @@ const DEEPEST: usize = 48;
 const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 #[derive(Clone, Debug)]
-struct Node {
+struct BvhNode {
     min: DVec3,
     max: DVec3,
     /// Leaves: the first of `count` entries of `order`. Inner nodes (`count` 0): the second child;
@@ -25,7 +25,7 @@ struct Node {
 /// Shapes sorted into nested boxes: finds the nearest hit in logarithmic time.
 #[derive(Clone, Debug)]
 pub(super) struct Bvh {
-    nodes: Vec<Node>,
+    nodes: Vec<BvhNode>,
     order: Vec<usize>,
 }
 
@@ -45,7 +45,7 @@ impl Bvh {
         let items = &mut self.order[start..end];
         let (min, max) = items.iter().fold(NOTHING, |b, &i| join(b, bounds[i]));
         let node = self.nodes.len();
-        self.nodes.push(Node { min, max, start, count: end - start });
+        self.nodes.push(BvhNode { min, max, start, count: end - start });
         if end - start <= LEAF || depth == DEEPEST {
             return;
         }
@@ -83,7 +83,12 @@ impl Bvh {
 
     /// Finds the nearest hit before `farthest` and the index of its shape. `hit(i, t)` tests shape `i`
     /// up to distance `t`.
-    pub fn nearest(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> Option<(usize, Hit)> {
+    pub fn nearest(
+        &self,
+        hit: impl Fn(usize, f64) -> Option<Hit>,
+        line: &HalfLine,
+        farthest: f64,
+    ) -> Option<(usize, Hit)> {
         let mut best = None;
         let mut reach = farthest;
         self.visit(line, &mut reach, |i, reach| {
@@ -97,15 +102,15 @@ impl Bvh {
     }
 
     /// Returns whether anything is hit before `farthest`.
-    pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> bool {
+    pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &HalfLine, farthest: f64) -> bool {
         let mut reach = farthest;
         self.visit(line, &mut reach, |i, reach| hit(i, *reach).is_some())
     }
 
     /// Calls `leaf` for shapes whose boxes the line meets before `reach`, until it returns true.
-    fn visit(&self, line: &Line, reach: &mut f64, mut leaf: impl FnMut(usize, &mut f64) -> bool) -> bool {
+    fn visit(&self, line: &HalfLine, reach: &mut f64, mut leaf: impl FnMut(usize, &mut f64) -> bool) -> bool {
         let inverse = line.direction.recip();
-        let enter = |node: &Node, reach: f64| {
+        let enter = |node: &BvhNode, reach: f64| {
             let a = (node.min - line.origin) * inverse;
             let b = (node.max - line.origin) * inverse;
             let near = a.min(b).max_element().max(0.0);

@@ -69,7 +69,7 @@ fn camera(size: u32, azimuth: f64, elevation: f64) -> Camera {
 
 /// The cameras of a scene, and its extent.
 #[derive(Clone, Debug)]
-pub(super) struct Layout {
+pub(super) struct SceneCameras {
     pub train: Vec<Camera>,
     pub test: Vec<Camera>,
     pub near: f32,
@@ -78,11 +78,11 @@ pub(super) struct Layout {
 }
 
 /// Returns the cameras of the scene `name`, which exists, for `size`² images.
-pub(super) fn layout(name: &str, size: u32) -> Layout {
+pub(super) fn layout(name: &str, size: u32) -> SceneCameras {
     let seed = seed(name);
     let capture = |(train, test), near, far, lo: [f32; 3], hi: [f32; 3]| {
         let bounds = Aabb { min: Vec3::from(lo), max: Vec3::from(hi) };
-        Layout { train, test, near, far, bounds }
+        SceneCameras { train, test, near, far, bounds }
     };
     match name {
         "room" => capture(divided(room(seed, size, CAPTURED)), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
@@ -91,7 +91,7 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
         _ => {
             let first = ["castle", "crane", "knot", "orrery"].contains(&name) || name.starts_with("random-");
             let train = hemisphere(if first { SEED } else { seed }, size);
-            Layout { train, test: test_cameras(size), near: NEAR, far: FAR, bounds: BOUNDS }
+            SceneCameras { train, test: test_cameras(size), near: NEAR, far: FAR, bounds: BOUNDS }
         }
     }
 }

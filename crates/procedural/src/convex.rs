@@ -6,12 +6,12 @@ use glam::{DMat3, DVec3};
 
 /// A half-line in double precision; `direction` has unit length.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Line {
+pub(super) struct HalfLine {
     pub origin: DVec3,
     pub direction: DVec3,
 }
 
-impl Line {
+impl HalfLine {
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }
@@ -19,12 +19,12 @@ impl Line {
 
 /// A rigid placement: local to world is `rotation · p + origin`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Frame {
+pub(super) struct LocalFrame {
     pub rotation: DMat3,
     pub origin: DVec3,
 }
 
-impl Frame {
+impl LocalFrame {
     /// Axes as in the world.
     pub fn at(origin: DVec3) -> Self {
         Self { rotation: DMat3::IDENTITY, origin }
@@ -37,8 +37,8 @@ impl Frame {
         Self { rotation: DMat3::from_cols(x, y, z), origin }
     }
 
-    pub fn to_local(self, line: &Line) -> Line {
-        Line { origin: self.point_to_local(line.origin), direction: self.rotation.transpose() * line.direction }
+    pub fn to_local(self, line: &HalfLine) -> HalfLine {
+        HalfLine { origin: self.point_to_local(line.origin), direction: self.rotation.transpose() * line.direction }
     }
 
     pub fn point_to_local(self, p: DVec3) -> DVec3 {
@@ -81,18 +81,18 @@ pub(super) enum Kind {
 /// A placed convex solid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Convex {
-    pub frame: Frame,
+    pub frame: LocalFrame,
     pub kind: Kind,
 }
 
 impl Convex {
     pub fn sphere(centre: DVec3, radius: f64) -> Self {
-        Self { frame: Frame::at(centre), kind: Kind::Sphere { radius } }
+        Self { frame: LocalFrame::at(centre), kind: Kind::Sphere { radius } }
     }
 
     /// Returns an axis-aligned block with edges `size`.
     pub fn block(centre: DVec3, size: DVec3) -> Self {
-        Self { frame: Frame::at(centre), kind: Kind::Block { half: 0.5 * size } }
+        Self { frame: LocalFrame::at(centre), kind: Kind::Block { half: 0.5 * size } }
     }
 
     /// Returns an upright cylinder that stands on `foot`.
@@ -103,26 +103,26 @@ impl Convex {
     /// Returns an upright frustum that stands on `foot`.
     pub fn cone(foot: DVec3, bottom: f64, top: f64, height: f64) -> Self {
         let half = 0.5 * height;
-        Self { frame: Frame::at(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
+        Self { frame: LocalFrame::at(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
     }
 
     /// Returns a cylinder from `a` to `b` with flat ends.
     pub fn rod(a: DVec3, b: DVec3, radius: f64) -> Self {
         let half = 0.5 * a.distance(b);
         let kind = Kind::Cone { bottom: radius, top: radius, half };
-        Self { frame: Frame::along(0.5 * (a + b), b - a), kind }
+        Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind }
     }
 
     /// Returns a rod with a round end at `a`.
     pub fn bullet(a: DVec3, b: DVec3, radius: f64) -> Self {
         let half = 0.5 * a.distance(b);
-        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
+        Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
     }
 
     /// Returns a frustum from `a` to `b` with those radii.
     pub fn taper(a: DVec3, b: DVec3, bottom: f64, top: f64) -> Self {
         let half = 0.5 * a.distance(b);
-        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
+        Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
     }
 
     /// Rotates the solid about `axis` through `pivot`.
@@ -140,7 +140,7 @@ impl Convex {
     }
 
     /// Returns the part of the line inside, with world normals.
-    pub fn span(&self, line: &Line) -> Option<Span> {
+    pub fn span(&self, line: &HalfLine) -> Option<Span> {
         if self.passes_by(line) {
             return None;
         }
@@ -153,7 +153,7 @@ impl Convex {
 
     /// Returns whether the line stays farther from the axis of a round solid than its radius: a cheap test
     /// that avoids the exact one for most lines.
-    fn passes_by(&self, line: &Line) -> bool {
+    fn passes_by(&self, line: &HalfLine) -> bool {
         let radius = match self.kind {
             Kind::Cone { bottom, top, .. } => bottom.max(top),
             Kind::Bullet { radius, .. } => radius,
@@ -182,7 +182,7 @@ impl Convex {
 }
 
 impl Kind {
-    fn span(&self, line: &Line) -> Option<Span> {
+    fn span(&self, line: &HalfLine) -> Option<Span> {
         match *self {
             Self::Sphere { radius } => sphere(line, DVec3::ZERO, radius),
             Self::Block { half } => block(line, half),
@@ -203,7 +203,7 @@ fn hull(a: Span, b: Span) -> Span {
     Span { exit: last.exit, exit_normal: last.exit_normal, ..first }
 }
 
-fn sphere(line: &Line, centre: DVec3, radius: f64) -> Option<Span> {
+fn sphere(line: &HalfLine, centre: DVec3, radius: f64) -> Option<Span> {
     let from = line.origin - centre;
     let middle = -from.dot(line.direction);
     let half2 = radius * radius - (from + middle * line.direction).length_squared();
@@ -216,7 +216,7 @@ fn sphere(line: &Line, centre: DVec3, radius: f64) -> Option<Span> {
     Some(Span { enter, enter_normal: normal(enter), exit, exit_normal: normal(exit) })
 }
 
-fn block(line: &Line, half: DVec3) -> Option<Span> {
+fn block(line: &HalfLine, half: DVec3) -> Option<Span> {
     let mut span =
         Span { enter: f64::NEG_INFINITY, enter_normal: DVec3::ZERO, exit: f64::INFINITY, exit_normal: DVec3::ZERO };
     for axis in 0..3 {
@@ -240,7 +240,7 @@ fn block(line: &Line, half: DVec3) -> Option<Span> {
 }
 
 /// Returns the part of the line with `|z| ≤ half`.
-fn slab(line: &Line, half: f64) -> Option<Span> {
+fn slab(line: &HalfLine, half: f64) -> Option<Span> {
     let (o, d) = (line.origin.z, line.direction.z);
     let side = DVec3::Z * d.signum();
     let (enter, exit) = if d.abs() < 1e-15 {
@@ -255,7 +255,7 @@ fn slab(line: &Line, half: f64) -> Option<Span> {
 }
 
 /// Returns a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
-fn cone(line: &Line, bottom: f64, top: f64, half: f64) -> Option<Span> {
+fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
     let mut span = slab(line, half)?;
     let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
@@ -362,7 +362,7 @@ mod tests {
             let origin = DVec3::from(o);
             let direction = DVec3::from(target) - origin;
             prop_assume!(direction.length() > 0.1);
-            let line = Line { origin, direction: direction.normalize() };
+            let line = HalfLine { origin, direction: direction.normalize() };
             let span = kind.span(&line);
             for i in -600..600 {
                 let t = f64::from(i) * 0.01;

@@ -39,8 +39,8 @@ use infonerf_scene::{
 };
 use rayon::prelude::*;
 
-use cameras::Layout;
-use model::Model;
+use cameras::SceneCameras;
+use model::SceneModel;
 
 /// The names of the procedural scenes that were built by hand: the four first ones, then the rest of [`YARDSTICK`],
 /// [`CAPTURES`], and `figure`, a person seen by a ring of 23 cameras. In addition there is `random-<seed>` for every
@@ -203,9 +203,9 @@ pub fn layout(name: &str) -> infonerf_scene::Layout {
 }
 
 /// Returns the ids of the training and of the test views that `request` chooses.
-fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
+fn choose(name: &str, cameras: &SceneCameras, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
     request.check()?;
-    let Layout { train, test, .. } = cameras;
+    let SceneCameras { train, test, .. } = cameras;
     let ids = |n: usize| (0..n).collect::<Vec<_>>();
     let named =
         if CAPTURES.contains(&name) { published::forward_facing(train.len()) } else { published::synthetic(train) };
@@ -237,7 +237,7 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
     let size = request.image_size.unwrap_or(DEFAULT_SIZE);
     let cameras = cameras::layout(name, size);
     let (train_ids, test_ids) = choose(name, &cameras, request)?;
-    let Layout { train, test, near, far, bounds } = cameras;
+    let SceneCameras { train, test, near, far, bounds } = cameras;
     let is_capture = CAPTURES.contains(&name);
     let centre = if is_capture { bounds.centre() } else { Vec3::ZERO };
     let pixels = |camera: &Camera| RgbaImage { has_alpha: !is_capture, ..render::render(&model, camera).to_f32() };
@@ -289,7 +289,7 @@ fn random_seed(name: &str) -> Option<u64> {
     text.parse().ok().filter(|seed: &u64| seed.to_string() == text)
 }
 
-fn model(name: &str) -> Result<Model, SceneError> {
+fn model(name: &str) -> Result<SceneModel, SceneError> {
     // Scale and rise: chosen so that no camera's image is cropped, which a test holds them to.
     match name {
         "castle" => Ok(scenes::castle().build(0.87, 0.18)),

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::bvh::Bvh;
-use super::convex::{Convex, Frame, Kind, Line};
+use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 use super::shape::{Hit, Knot, Shape};
 use super::texture::Texture;
 
@@ -61,7 +61,7 @@ impl Material {
 
 /// A shape and its material.
 #[derive(Clone, Debug)]
-pub(super) struct Object {
+pub(super) struct SceneObject {
     pub shape: Shape,
     pub material: Material,
     /// Whether it belongs to the surroundings: it receives shadows but casts none (walls would block all light), and is not
@@ -71,7 +71,7 @@ pub(super) struct Object {
 
 /// A homogeneous, uniformly lit medium in a solid: water, mist. The volumes of a scene do not overlap.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Volume {
+pub(super) struct Medium {
     pub solid: Convex,
     /// Linear colour where it is optically thick.
     pub colour: DVec3,
@@ -82,8 +82,8 @@ pub(super) struct Volume {
 /// Collects the objects of a scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Builder {
-    objects: Vec<Object>,
-    volumes: Vec<Volume>,
+    objects: Vec<SceneObject>,
+    volumes: Vec<Medium>,
     backdrop: bool,
 }
 
@@ -124,7 +124,7 @@ impl Builder {
     }
 
     /// Adds a torus about the z axis of `frame`.
-    pub fn ring(&mut self, frame: Frame, radius: f64, tube: f64, material: Material) -> &mut Self {
+    pub fn ring(&mut self, frame: LocalFrame, radius: f64, tube: f64, material: Material) -> &mut Self {
         self.push(Shape::Ring { frame, radius, tube }, material)
     }
 
@@ -158,7 +158,7 @@ impl Builder {
 
     /// Adds a solid of revolution about the z axis of `frame` whose outline is a smooth curve through `outline`: radii and
     /// heights, from the lowest to the highest.
-    pub fn lathe(&mut self, frame: Frame, outline: &[(f64, f64)], material: Material) -> &mut Self {
+    pub fn lathe(&mut self, frame: LocalFrame, outline: &[(f64, f64)], material: Material) -> &mut Self {
         let slants = slants(outline);
         for (points, slants) in outline.windows(2).zip(slants.windows(2)) {
             let (&[(r0, z0), (r1, z1)], &[m0, m1]) = (points, slants) else { continue };
@@ -177,7 +177,7 @@ impl Builder {
                 let (bottom, low, lower) = point(k as f64 / SLICES as f64);
                 let (top, high, upper) = point((k + 1) as f64 / SLICES as f64);
                 let height = 0.5 * (low + high);
-                let place = Frame { origin: frame.origin + frame.rotation.z_axis * height, ..frame };
+                let place = LocalFrame { origin: frame.origin + frame.rotation.z_axis * height, ..frame };
                 let cone = Convex { frame: place, kind: Kind::Cone { bottom, top, half: 0.5 * (high - low) } };
                 self.push(Shape::Slice { cone, lower, upper, height }, material);
             }
@@ -187,7 +187,7 @@ impl Builder {
 
     /// Fills `solid` with a medium.
     pub fn fill(&mut self, solid: Convex, colour: DVec3, density: f64) -> &mut Self {
-        self.volumes.push(Volume { solid, colour, density });
+        self.volumes.push(Medium { solid, colour, density });
         self
     }
 
@@ -198,17 +198,17 @@ impl Builder {
     }
 
     fn push(&mut self, shape: Shape, material: Material) -> &mut Self {
-        self.objects.push(Object { shape, material, backdrop: self.backdrop });
+        self.objects.push(SceneObject { shape, material, backdrop: self.backdrop });
         self
     }
 
     /// Sorts the objects for rays and places them: scaled by `scale`, then raised by `rise`, so that
     /// every camera sees all of them.
-    pub fn build(self, scale: f64, rise: f64) -> Model {
+    pub fn build(self, scale: f64, rise: f64) -> SceneModel {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
         let clear = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
-        Model { objects: self.objects, volumes: self.volumes, clear, bvh, scale, rise }
+        SceneModel { objects: self.objects, volumes: self.volumes, clear, bvh, scale, rise }
     }
 }
 
@@ -227,9 +227,9 @@ fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
 
 /// Objects sorted for rays.
 #[derive(Clone, Debug)]
-pub(super) struct Model {
-    objects: Vec<Object>,
-    volumes: Vec<Volume>,
+pub(super) struct SceneModel {
+    objects: Vec<SceneObject>,
+    volumes: Vec<Medium>,
     /// Whether anything is translucent.
     clear: bool,
     bvh: Bvh,
@@ -237,11 +237,11 @@ pub(super) struct Model {
     rise: f64,
 }
 
-impl Model {
+impl SceneModel {
     /// Maps a line of the world to the coordinates that the objects were put together in. Distances
-    /// along it are [`Model::scale`] times smaller.
-    pub fn line(&self, origin: DVec3, direction: DVec3) -> Line {
-        Line { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
+    /// along it are [`SceneModel::scale`] times smaller.
+    pub fn line(&self, origin: DVec3, direction: DVec3) -> HalfLine {
+        HalfLine { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
     }
 
     /// Returns the world units in one unit of the objects' coordinates.
@@ -255,20 +255,20 @@ impl Model {
     }
 
     /// Returns the media that fill solids.
-    pub fn volumes(&self) -> &[Volume] {
+    pub fn volumes(&self) -> &[Medium] {
         &self.volumes
     }
 
     /// Finds the nearest hit and its object.
-    pub fn nearest(&self, line: &Line) -> Option<(Hit, &Object)> {
+    pub fn nearest(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
         let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
         Some((hit, &self.objects[i]))
     }
 
     /// Finds the nearest hit of an opaque surface.
-    pub fn nearest_opaque(&self, line: &Line) -> Option<(Hit, &Object)> {
+    pub fn nearest_opaque(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
         let hit = |i: usize, t| match &self.objects[i] {
-            Object { material, .. } if material.opacity < 1.0 => None,
+            SceneObject { material, .. } if material.opacity < 1.0 => None,
             object => object.shape.hit(line, t),
         };
         let (i, hit) = self.bvh.nearest(hit, line, f64::INFINITY)?;
@@ -276,7 +276,7 @@ impl Model {
     }
 
     /// Returns whether anything that casts a shadow lies on the line.
-    pub fn blocked(&self, line: &Line) -> bool {
+    pub fn blocked(&self, line: &HalfLine) -> bool {
         let hit = |i: usize, t| match &self.objects[i] {
             object if object.backdrop || object.material.opacity < 1.0 => None,
             object => object.shape.hit(line, t),

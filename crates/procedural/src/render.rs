@@ -4,8 +4,8 @@ use glam::DVec3;
 use infonerf_scene::{Camera, Rgba8};
 use rayon::prelude::*;
 
-use super::convex::Line;
-use super::model::Model;
+use super::convex::HalfLine;
+use super::model::SceneModel;
 use super::shade::{LIGHT_SAMPLES, encode};
 use super::through::{front, light};
 
@@ -17,14 +17,14 @@ const GRID: usize = 2;
 /// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the rays' mean opacity (1 for any opaque surface),
 /// the colour the display-encoded mean radiance divided by coverage. Rows are independent, so
 /// the result does not depend on the number of threads.
-pub(super) fn render(model: &Model, camera: &Camera) -> Rgba8 {
+pub(super) fn render(model: &SceneModel, camera: &Camera) -> Rgba8 {
     let pixels = rows(camera, |x, y| pixel(model, camera, x, y));
     Rgba8 { width: camera.width, height: camera.height, pixels }
 }
 
 /// Computes the exact distance along the unit ray through each pixel's centre at which the accumulated opacity reaches one half: the
 /// first surface, unless it is transparent. `f32::INFINITY` where it stays below.
-pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
+pub(super) fn depth(model: &SceneModel, camera: &Camera) -> Vec<f32> {
     rows(camera, |x, y| {
         let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
         front(model, &line).map_or(f32::INFINITY, |(t, _)| (t * model.scale()) as f32)
@@ -32,7 +32,7 @@ pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
 }
 
 /// Returns whether the surface that [`depth`] measures belongs to the subject and not to its surroundings.
-pub(super) fn mask(model: &Model, camera: &Camera) -> Vec<bool> {
+pub(super) fn mask(model: &SceneModel, camera: &Camera) -> Vec<bool> {
     rows(camera, |x, y| {
         let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
         front(model, &line).is_some_and(|(_, subject)| subject)
@@ -44,12 +44,12 @@ fn rows<T: Send>(camera: &Camera, pixel: impl Fn(u32, u32) -> T + Sync) -> Vec<T
     (0..camera.height).into_par_iter().flat_map_iter(|y| (0..camera.width).map(move |x| pixel(x, y))).collect()
 }
 
-fn ray(model: &Model, camera: &Camera, x: f64, y: f64) -> Line {
+fn ray(model: &SceneModel, camera: &Camera, x: f64, y: f64) -> HalfLine {
     let (origin, direction) = camera.ray_f64(x, y);
     model.line(origin, direction)
 }
 
-fn pixel(model: &Model, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
+fn pixel(model: &SceneModel, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
     let mut sum = DVec3::ZERO;
     let mut cover = 0.0;
     for sample in 0..GRID * GRID {

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::convex::Line;
-use super::model::{MIRRORS_ABOVE, Material, Model};
+use super::convex::HalfLine;
+use super::model::{MIRRORS_ABOVE, Material, SceneModel};
 use super::shape::Hit;
 
 /// Positions over the lamps that the samples of a pixel share out among themselves.
@@ -24,7 +24,7 @@ const LIFT: f64 = 1e-4;
 /// Returns the linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the
 /// [`LIGHT_SAMPLES`] positions over the lamps to use.
 #[cfg(test)]
-pub(super) fn radiance(model: &Model, line: &Line, sample: usize) -> Option<DVec3> {
+pub(super) fn radiance(model: &SceneModel, line: &HalfLine, sample: usize) -> Option<DVec3> {
     let (hit, object) = model.nearest(line)?;
     Some(surface(model, line, &hit, &object.material, sample, true).0)
 }
@@ -33,8 +33,8 @@ pub(super) fn radiance(model: &Model, line: &Line, sample: usize) -> Option<DVec
 /// light of a surface that can be looked through is less by what it lacks in opacity, its mirror image and
 /// highlight are not.
 pub(super) fn surface(
-    model: &Model,
-    line: &Line,
+    model: &SceneModel,
+    line: &HalfLine,
     hit: &Hit,
     material: &Material,
     sample: usize,
@@ -50,7 +50,7 @@ pub(super) fn surface(
         let (u, v) = axis.any_orthonormal_pair();
         (axis + size * (dx * u + dy * v)).normalize()
     };
-    let clear = |direction: DVec3| !model.blocked(&Line { origin: start, direction });
+    let clear = |direction: DVec3| !model.blocked(&HalfLine { origin: start, direction });
 
     let tint = if material.metal { albedo } else { DVec3::ONE };
     let body = if material.metal { 0.25 * albedo } else { albedo };
@@ -86,7 +86,7 @@ pub(super) fn surface(
     if mirror && material.reflectance > MIRRORS_ABOVE {
         let share = fresnel(material.reflectance, normal.dot(view));
         let direction = line.direction - 2.0 * line.direction.dot(normal) * normal;
-        let reflected = Line { origin: start, direction: direction.normalize_or(normal) };
+        let reflected = HalfLine { origin: start, direction: direction.normalize_or(normal) };
         let image = match model.nearest_opaque(&reflected) {
             Some((hit, object)) => surface(model, &reflected, &hit, &object.material, sample, false).0,
             None => sky(reflected.direction),

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::convex::{Convex, Frame, Kind, Line};
+use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 
 /// Hits nearer than this are on the surface that a ray starts from.
 const NEAREST: f64 = 1e-6;
@@ -25,7 +25,7 @@ pub(super) enum Shape {
     /// `base` with every one of `cuts` taken away.
     Solid { base: Convex, cuts: Vec<Convex> },
     /// A torus about local z.
-    Ring { frame: Frame, radius: f64, tube: f64 },
+    Ring { frame: LocalFrame, radius: f64, tube: f64 },
     /// A piece of a tube of radius `tube` about a smooth curve: a rod with a ball at its start,
     /// whose normals follow the curve, so that no joint shows.
     Piece { rod: Convex, from: Knot, to: Knot, tube: f64 },
@@ -61,7 +61,7 @@ impl Shape {
     }
 
     /// Returns the nearest hit in `(NEAREST, farthest)`.
-    pub fn hit(&self, line: &Line, farthest: f64) -> Option<Hit> {
+    pub fn hit(&self, line: &HalfLine, farthest: f64) -> Option<Hit> {
         match self {
             Self::Solid { base, cuts } => {
                 let (t, normal) = carve(base, cuts, line, farthest)?;
@@ -100,7 +100,7 @@ impl Shape {
 }
 
 /// Returns the first point after the start where the line goes from outside `base − cuts` to its surface.
-fn carve(base: &Convex, cuts: &[Convex], line: &Line, farthest: f64) -> Option<(f64, DVec3)> {
+fn carve(base: &Convex, cuts: &[Convex], line: &HalfLine, farthest: f64) -> Option<(f64, DVec3)> {
     let span = base.span(line)?;
     if span.exit <= NEAREST || span.enter >= farthest {
         return None;
@@ -131,7 +131,7 @@ fn carve(base: &Convex, cuts: &[Convex], line: &Line, farthest: f64) -> Option<(
 
 /// Finds the hit of a torus by sphere tracing within the slab and the cylinder that hold the torus. The field is a true
 /// distance, so no step is too long.
-fn ring(line: &Line, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
+fn ring(line: &HalfLine, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
     let middle = -line.origin.dot(line.direction);
     let reach = radius + tube;
     let half2 = reach * reach - line.at(middle).length_squared();
@@ -195,8 +195,8 @@ fn slice_hit(p: DVec3, t: f64, flat: DVec3, cone: &Convex, (lower, upper): (DVec
 mod tests {
     use super::*;
 
-    fn line(origin: DVec3, direction: DVec3) -> Line {
-        Line { origin, direction: direction.normalize() }
+    fn line(origin: DVec3, direction: DVec3) -> HalfLine {
+        HalfLine { origin, direction: direction.normalize() }
     }
 
     #[test]
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_ring_has_a_hole_and_exact_depth() {
-        let shape = Shape::Ring { frame: Frame::at(DVec3::ZERO), radius: 1.0, tube: 0.25 };
+        let shape = Shape::Ring { frame: LocalFrame::at(DVec3::ZERO), radius: 1.0, tube: 0.25 };
         let far = f64::INFINITY;
         assert!(shape.hit(&line(DVec3::Z * 3.0, DVec3::NEG_Z), far).is_none());
         let hit = shape.hit(&line(DVec3::new(1.0, 0.0, 3.0), DVec3::NEG_Z), far).unwrap();

@@ -231,7 +231,7 @@ fn light_from_behind_passes_glass_and_water() {
     use glam::DVec3;
     let red = model::Material::matt(texture::Texture::Plain(DVec3::new(0.8, 0.0, 0.0)));
     let blue = model::Material { reflectance: 0.0, ..model::Material::glass(DVec3::new(0.0, 0.0, 0.8), 0.25) };
-    let line = |y: f64| convex::Line { origin: DVec3::new(3.0, y, 0.0), direction: DVec3::NEG_X };
+    let line = |y: f64| convex::HalfLine { origin: DVec3::new(3.0, y, 0.0), direction: DVec3::NEG_X };
     let mut scene = model::Builder::default();
     // From y 0 to 2 a wall, from −2 to 1 a pane before it; below y = −2 water two units thick.
     scene.solid(Convex::block(DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.2, 2.0, 2.0)), red);
@@ -259,10 +259,10 @@ fn lathes_are_smooth_where_their_slices_meet() {
     use glam::DVec3;
     let mut scene = model::Builder::default();
     let plain = model::Material::matt(texture::Texture::Plain(DVec3::ONE));
-    scene.lathe(convex::Frame::at(DVec3::ZERO), &[(0.3, -0.5), (0.6, 0.0), (0.2, 0.5)], plain);
+    scene.lathe(convex::LocalFrame::at(DVec3::ZERO), &[(0.3, -0.5), (0.6, 0.0), (0.2, 0.5)], plain);
     let model = scene.build(1.0, 0.0);
     let normal = |z: f64| {
-        let line = convex::Line { origin: DVec3::new(3.0, 0.0, z), direction: DVec3::NEG_X };
+        let line = convex::HalfLine { origin: DVec3::new(3.0, 0.0, z), direction: DVec3::NEG_X };
         model.nearest(&line).unwrap().0.normal
     };
     for k in -45..45 {

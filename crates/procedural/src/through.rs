@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::convex::Line;
-use super::model::{Model, Object, Volume};
+use super::convex::HalfLine;
+use super::model::{Medium, SceneModel, SceneObject};
 use super::shade::{cover, surface};
 use super::shape::Hit;
 
@@ -14,18 +14,18 @@ const MIN_TRANSMITTANCE: f64 = 1e-3;
 
 /// Surface or matter that a ray meets.
 enum Encounter<'a> {
-    Surface(Hit, &'a Object),
+    Surface(Hit, &'a SceneObject),
     /// Matter from one distance to another.
-    Matter(f64, f64, &'a Volume),
+    Matter(f64, f64, &'a Medium),
 }
 
 /// Calls `visit` for all that the line meets from front to back, until it returns false or an opaque surface ends it.
-fn walk<'a>(model: &'a Model, line: &Line, mut visit: impl FnMut(Encounter<'a>) -> bool) {
+fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encounter<'a>) -> bool) {
     let mut start = 0.0;
     for _ in 0..MAX_SURFACES {
-        let found = model.nearest(&Line { origin: line.at(start), ..*line });
+        let found = model.nearest(&HalfLine { origin: line.at(start), ..*line });
         let end = found.as_ref().map_or(f64::INFINITY, |(hit, _)| start + hit.t);
-        let within = |volume: &'a Volume| {
+        let within = |volume: &'a Medium| {
             let span = volume.solid.span(line)?;
             let (from, to) = (span.enter.max(start), span.exit.min(end));
             (from < to).then_some((from, to, volume))
@@ -47,7 +47,7 @@ fn walk<'a>(model: &'a Model, line: &Line, mut visit: impl FnMut(Encounter<'a>) 
 
 /// Returns linear RGB seen along `line`, premultiplied by coverage, and the coverage: 1 at any opaque surface, 0 if nothing is
 /// met. `sample` chooses among the positions over the lamps.
-pub(super) fn light(model: &Model, line: &Line, sample: usize) -> (DVec3, f64) {
+pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec3, f64) {
     if !model.is_clear() {
         return model
             .nearest(line)
@@ -71,7 +71,7 @@ pub(super) fn light(model: &Model, line: &Line, sample: usize) -> (DVec3, f64) {
 
 /// Returns the distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque
 /// scenes the first surface.
-pub(super) fn front(model: &Model, line: &Line) -> Option<(f64, bool)> {
+pub(super) fn front(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
     if !model.is_clear() {
         return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));
     }

@@ -16,7 +16,7 @@ use crate::config::Compositing;
 use crate::model::TrainedModel;
 use crate::output::Counts;
 use crate::renderer::Renderer;
-use crate::sampler::Steps;
+use crate::sampler::UniformSteps;
 
 /// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +116,7 @@ fn evaluate<'a, F: Field>(
 struct MarchingRays<'a> {
     renderer: &'a Renderer,
     rays: &'a [Ray],
-    steps: Vec<Option<Steps<'a>>>,
+    steps: Vec<Option<UniformSteps<'a>>>,
     marched: Vec<MarchedRay>,
     /// Indices of the rays that have not stopped.
     active: Vec<usize>,

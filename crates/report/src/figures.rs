@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::{
     Events, Quantity, Record, ReportError, StepEvent,
-    chart::{Axis, Bar, Frame, Series, bar_chart, line_chart, scatter_chart},
+    chart::{Axis, Bar, ChartFrame, Series, bar_chart, line_chart, scatter_chart},
     table::{distinct, groups},
 };
 
@@ -42,7 +42,7 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
         let bars: Vec<Bar> = groups.iter().filter_map(bar).collect();
         if bars.len() > 1 {
             let title = format!("{}, {over}", quantity.heading());
-            let svg = bar_chart(&Frame::new(&title, "", &quantity.heading()), &bars)?;
+            let svg = bar_chart(&ChartFrame::new(&title, "", &quantity.heading()), &bars)?;
             let spread = bars.iter().any(|bar| bar.spread.is_some());
             let caption = if spread { "Whiskers: standard deviation over seeds." } else { "" };
             figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
@@ -56,7 +56,7 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
     let series: Vec<Series> = groups.iter().filter_map(point).collect();
     if series.len() > 1 {
         let title = format!("Training time against PSNR, {over}");
-        let frame = Frame { title: title.clone(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+        let frame = ChartFrame { title: title.clone(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
         let svg = scatter_chart(&frame, &series, true)?;
         let caption = "Up and left is better; the line is the best PSNR reached by each time.".into();
         figures.push(Figure { name: "time-psnr".into(), title, svg, caption });
@@ -85,13 +85,13 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
     };
     if !psnr.is_empty() {
         let title = format!("{scene}: PSNR on {what}");
-        let svg = line_chart(&Frame::new(&title, "training (s)", "PSNR (dB)"), &psnr)?;
+        let svg = line_chart(&ChartFrame::new(&title, "training (s)", "PSNR (dB)"), &psnr)?;
         figures.push(Figure { name: format!("{scene}-psnr"), title, svg, caption: caption.into() });
     }
     let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
     if !loss.is_empty() {
         let title = format!("{scene}: training loss");
-        let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: value_axis("loss", &loss) };
+        let frame = ChartFrame { title: title.clone(), x: Axis::linear("step"), y: value_axis("loss", &loss) };
         let svg = line_chart(&frame, &loss)?;
         figures.push(Figure { name: format!("{scene}-loss"), title, svg, caption: String::new() });
     }
@@ -116,7 +116,7 @@ fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figur
         return Ok(None);
     }
     let title = format!("{scene}: terms of the objective of {label}");
-    let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: value_axis("value", &series) };
+    let frame = ChartFrame { title: title.clone(), x: Axis::linear("step"), y: value_axis("value", &series) };
     let svg = line_chart(&frame, &series)?;
     let caption = "Values before their weights.".into();
     Ok(Some(Figure { name: format!("{scene}-{label}-terms"), title, svg, caption }))

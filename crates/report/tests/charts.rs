@@ -1,7 +1,7 @@
 //! Charts of ordinary, extreme and non-finite numbers.
 
 use infonerf_report::chart::{
-    Axis, AxisScale, Bar, Frame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart,
+    Axis, AxisScale, Bar, ChartFrame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart,
     scatter_chart, standalone,
 };
 use proptest::prelude::*;
@@ -13,7 +13,7 @@ fn series(name: &str, points: Vec<(f64, f64)>) -> Series {
 /// Draws every chart of the same numbers.
 fn all_charts(points: Vec<(f64, f64)>, scale: AxisScale) -> Vec<String> {
     let axis = |label: &str| Axis { label: label.into(), scale };
-    let frame = Frame { title: "Title".into(), x: axis("x"), y: axis("y") };
+    let frame = ChartFrame { title: "Title".into(), x: axis("x"), y: axis("y") };
     let bars = points.iter().map(|&(x, y)| Bar { label: "b".into(), value: x, spread: Some(y) }).collect::<Vec<_>>();
     let grid = vec![points.iter().map(|point| Some(point.0)).collect(), vec![None]];
     let labels = ["p".to_owned(), "q".to_owned()];
@@ -32,15 +32,18 @@ fn all_charts(points: Vec<(f64, f64)>, scale: AxisScale) -> Vec<String> {
 #[test]
 fn legend_has_the_exponent() {
     let cost = series("rays", (0..5).map(|i| (2f64.powi(i), 3.0 * 2f64.powi(2 * i))).collect());
-    let svg = power_law_chart(&Frame::new("Cost", "rays", "ms"), &[cost]).unwrap();
+    let svg = power_law_chart(&ChartFrame::new("Cost", "rays", "ms"), &[cost]).unwrap();
     assert!(svg.contains("rays: x^2.00"), "{svg}");
 }
 
 /// Published figures next to curves, as SVG and as an image.
 #[test]
 fn marks_have_their_labels() {
-    let frame =
-        Frame { title: "PSNR over training time".into(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+    let frame = ChartFrame {
+        title: "PSNR over training time".into(),
+        x: Axis::log("training (s)"),
+        y: Axis::linear("PSNR (dB)"),
+    };
     let curve = |name, gain| series(name, [10.0, 20.0, 60.0, 300.0].map(|s: f64| (s, gain + 0.8 * s.log10())).to_vec());
     let mark = |label: &str, x, y| Mark { label: label.into(), point: (x, y) };
     let marks = [
@@ -63,7 +66,8 @@ fn marks_have_their_labels() {
 
 #[test]
 fn ink_follows_the_page_and_a_file_has_its_own() {
-    let svg = bar_chart(&Frame::new("T", "", "y"), &[Bar { label: "<a>".into(), value: 1.5, spread: None }]).unwrap();
+    let svg =
+        bar_chart(&ChartFrame::new("T", "", "y"), &[Bar { label: "<a>".into(), value: 1.5, spread: None }]).unwrap();
     assert!(svg.contains("currentColor") && !svg.contains("#010203"));
     assert!(svg.contains("&lt;a&gt;") && svg.contains("1.50"));
     assert!(standalone(&svg).starts_with("<svg style="));

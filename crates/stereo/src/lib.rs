@@ -30,7 +30,7 @@ mod sweep;
 use infonerf_scene::image::resized_mask;
 use infonerf_scene::{Camera, Ray, Scene, View};
 
-use crate::sweep::Sweep;
+use crate::sweep::PlaneSweep;
 use infonerf_scene::image::GreyImage;
 
 pub use map::DepthMap;
@@ -86,7 +86,7 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         .collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
-        let sweep = Sweep::new(scene, &cameras[view], &others, settings.planes, disparities);
+        let sweep = PlaneSweep::new(scene, &cameras[view], &others, settings.planes, disparities);
         let costs = sweep.costs(&images[view], &others, settings.window);
         let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]));
         let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());

@@ -15,7 +15,7 @@ const UNSEEN_COST: f32 = 0.5;
 
 /// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of
 /// what the ray can show.
-pub(crate) struct Sweep {
+pub(crate) struct PlaneSweep {
     width: usize,
     height: usize,
     planes: usize,
@@ -23,7 +23,7 @@ pub(crate) struct Sweep {
     rays: Vec<Option<(Ray, f32, f32)>>,
 }
 
-impl Sweep {
+impl PlaneSweep {
     pub(crate) fn new(
         scene: &Scene,
         camera: &Camera,

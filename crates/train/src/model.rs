@@ -7,7 +7,7 @@ use burn::lr_scheduler::module_lr_scheduler::{ModuleLearningRate, ModuleLrSchedu
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField, SourceImages};
+use infonerf_field::{BodyVertices, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField, SourceImages};
 use infonerf_ops::adam::Adam;
 use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
 use infonerf_scene::{self as scene, Aabb, Scene};
@@ -42,7 +42,7 @@ impl FieldBuilder<RadianceField> {
         let build = |config: FieldConfig| -> Arc<Build<RadianceField>> {
             let (body, vertices) = (body.clone(), vertices.clone());
             Arc::new(move |seed: u64, device: &Device| {
-                let body = body.as_ref().map(|body| Body {
+                let body = body.as_ref().map(|body| BodyVertices {
                     vertices: &vertices,
                     axes: body.axes.to_cols_array_2d(),
                     origin: body.origin.to_array(),

@@ -12,9 +12,9 @@ use crate::pixels::generator;
 
 /// All training views of a scene as sources; empty if no field is conditioned on images.
 #[derive(Clone, Debug)]
-pub(crate) struct SourceImages(Sources);
+pub(crate) struct TrainingSources(Sources);
 
-impl SourceImages {
+impl TrainingSources {
     /// Copies of the training views if a field `sees` them.
     pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
         let views =
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use crate::config::{Config, Preset};
 
-    fn photographs(count: usize) -> SourceImages {
+    fn photographs(count: usize) -> TrainingSources {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count },
             test: TestProtocol::First(1),
@@ -102,10 +102,10 @@ mod tests {
             background: [1.0; 3],
             ..SceneRequest::default()
         };
-        SourceImages::new(&load("knot", &request).unwrap(), true)
+        TrainingSources::new(&load("knot", &request).unwrap(), true)
     }
 
-    fn drawn(photographs: &SourceImages, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
+    fn drawn(photographs: &TrainingSources, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
         let views = photographs.draw(&train, 1, Noise::new(0, step, RandomStream::Sources)).views;

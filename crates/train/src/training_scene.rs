@@ -10,7 +10,7 @@ use crate::config::{Config, TrainConfig, checks};
 use crate::error::TrainError;
 use crate::images::TrainingImages;
 use crate::pixels::UnseenViews;
-use crate::sources::SourceImages;
+use crate::sources::TrainingSources;
 
 /// Scene with everything that training derives from it once.
 #[derive(Debug)]
@@ -21,7 +21,7 @@ pub(crate) struct TrainingScene {
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
     /// Training views for fields that are conditioned on images.
-    pub(crate) sources: SourceImages,
+    pub(crate) sources: TrainingSources,
     pub(crate) objective: Objective,
 }
 
@@ -37,7 +37,7 @@ impl TrainingScene {
             renderer,
             region: ViewRegion::new(&cameras),
             images: TrainingImages::new(&scene, &config.train),
-            sources: SourceImages::new(&scene, sees),
+            sources: TrainingSources::new(&scene, sees),
             objective,
             scene,
         })

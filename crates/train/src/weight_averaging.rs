@@ -57,16 +57,16 @@ impl<F: Field> WeightAverage<F> {
 
 /// Returns a + share · (b − a), weight by weight, for two models of one shape.
 fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
-    let mut weights = Weights(Vec::new());
+    let mut weights = FlatWeights(Vec::new());
     b.visit(&mut weights);
     weights.0.reverse();
     a.map(&mut Towards { weights, share })
 }
 
 /// All weights of a model, each flattened, in the module's order.
-struct Weights(Vec<Tensor<1>>);
+struct FlatWeights(Vec<Tensor<1>>);
 
-impl ModuleVisitor for Weights {
+impl ModuleVisitor for FlatWeights {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         self.0.push(param.val().flatten(0, D - 1));
     }
@@ -74,7 +74,7 @@ impl ModuleVisitor for Weights {
 
 struct Towards {
     /// In reverse order: the next one is popped.
-    weights: Weights,
+    weights: FlatWeights,
     share: f32,
 }
 

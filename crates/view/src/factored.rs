@@ -5,7 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use glam::Vec3;
 use infonerf_field::{FactoredField, FieldConfig};
-use infonerf_ops::factored::{Layout, Level};
+use infonerf_ops::factored::{FactoredLayout, Level};
 use infonerf_ops::to_host;
 use infonerf_render::OccupancyGrid;
 use infonerf_schedule::Moment;
@@ -73,12 +73,12 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
 }
 
 /// Returns the number of texels along the finest level.
-fn finest(layout: &Layout) -> usize {
+fn finest(layout: &FactoredLayout) -> usize {
     layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
 }
 
 /// Writes the field's part of the shader; the field covers a box of `size`.
-fn shader(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
+fn shader(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> String {
     let samplers = (0..layout.levels.len()).map(|l| format!("uniform sampler2DArray planes{l};\n"));
     FIELD
         .replace("{{constants}}\n", &constants(layout, network, size))
@@ -87,7 +87,7 @@ fn shader(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
         .replace("{{layers}}\n", &layers(&network.layers))
 }
 
-fn constants(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
+fn constants(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> String {
     let channels = layout.levels.first().map_or(4, |level| level.channels);
     let rows = 3 * layout.levels.len() * groups(channels);
     let integers = [
@@ -112,7 +112,7 @@ fn constants(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
     text
 }
 
-fn features(layout: &Layout) -> String {
+fn features(layout: &FactoredLayout) -> String {
     let level = |(l, level): (usize, &Level)| {
         let before = if l == 0 { String::new() } else { format!(" + {l} * 3 * GROUPS") };
         format!("            x[k{before}] = product(planes{l}, {l}, {:?}, p, g, u);\n", level.resolution as f32)

@@ -1,6 +1,6 @@
 //! MLP of a factored field as 4 × 4 matrices for a fragment shader.
 
-use infonerf_ops::factored::{Layer, Layout};
+use infonerf_ops::factored::{FactoredLayout, Layer};
 
 use crate::tables::groups;
 
@@ -23,7 +23,7 @@ impl PackedNetwork {
     ///
     /// The last layer's first vector is density and colour; if colour depends on the direction, one follows for each of
     /// red, green and blue, with its three derivatives, multiplied by `view_dependence`, and a zero.
-    pub(crate) fn pack(weights: &[f32], layout: &Layout, view_dependence: f32, inputs: &[Place]) -> Self {
+    pub(crate) fn pack(weights: &[f32], layout: &FactoredLayout, view_dependence: f32, inputs: &[Place]) -> Self {
         let mut packed = Self { matrices: Vec::new(), biases: Vec::new(), layers: Vec::new() };
         let mut inputs = inputs.to_vec();
         for (index, layer) in layout.layers.iter().enumerate() {

@@ -6,7 +6,7 @@ use burn::optim::Optimizer;
 use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
-use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
+use infonerf_ops::factored::{FactoredLayout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::march::{Cells, MarchSettings, MarchedRays, march};
@@ -188,7 +188,7 @@ fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
 /// Compares a factored field, and the variation of its planes.
 fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const SAMPLES: usize = 700;
-    let layout = Arc::new(Layout::new(3, &[(8, 4), (16, 4)], (2, 32), true, (10.0, -5.0)));
+    let layout = Arc::new(FactoredLayout::new(3, &[(8, 4), (16, 4)], (2, 32), true, (10.0, -5.0)));
     let tables = uniform(rng, layout.table_len(), -0.5, 0.5);
     let weights = uniform(rng, layout.weight_len(), -0.4, 0.4);
     let positions = uniform(rng, 3 * SAMPLES, 0.0, 1.0);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_loss::{Norm, photometric_loss};
-use infonerf_ops::factored::{Layout, Query};
+use infonerf_ops::factored::{FactoredLayout, Query};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
     RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
@@ -118,8 +118,8 @@ fn signed(rng: &mut Rng) -> f32 {
 /// Samples of one query.
 const SAMPLES: usize = 256;
 
-fn layout(bias: f32) -> Arc<Layout> {
-    Arc::new(Layout::new(3, &[(4, 4), (8, 4), (16, 4)], (2, 16), true, (10.0, bias)))
+fn layout(bias: f32) -> Arc<FactoredLayout> {
+    Arc::new(FactoredLayout::new(3, &[(4, 4), (8, 4), (16, 4)], (2, 16), true, (10.0, bias)))
 }
 
 fn draw(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {

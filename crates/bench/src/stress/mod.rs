@@ -13,7 +13,7 @@ use burn::tensor::{Device, FloatDType};
 use fastrand::Rng;
 use infonerf_experiment::{DeviceName, OpenDevice, open};
 use infonerf_ops::has_host_kernels;
-use infonerf_report::chart::{Frame, heat_map};
+use infonerf_report::chart::{ChartFrame, heat_map};
 use serde::Serialize;
 use serde_json::json;
 
@@ -267,7 +267,7 @@ fn draw(bench: &Bench, device: &str, rows: &[&StressCase]) -> Result<()> {
             let values: Vec<Vec<Option<f64>>> = cases.iter().map(line).collect();
             let title = format!("{what} on {device}: log10 of the largest relative {kind} error");
             let columns: Vec<String> = quantities.iter().map(|quantity| (*quantity).to_owned()).collect();
-            let svg = heat_map(&Frame::new(&title, "", ""), &columns, &cases, &values)?;
+            let svg = heat_map(&ChartFrame::new(&title, "", ""), &columns, &cases, &values)?;
             bench.save_chart(&format!("{what}-{kind}-{device}"), &svg)?;
         }
     }

@@ -17,7 +17,7 @@ use infonerf_train::Trainer;
 use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::print::{errln, outln};
-use crate::progress::Progress;
+use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
 use crate::terminal::{is_terminal, open_device, show};
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Existing::Overwrite);
     interrupt::install()?;
     outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);
-    let mut progress = Progress::new(&args.scene);
+    let mut progress = ProgressDisplay::new(&args.scene);
     let mut due = PREVIEWS.iter().peekable();
     let mut watch = |event: PlanEvent<'_>| {
         match event {

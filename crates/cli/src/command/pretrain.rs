@@ -14,7 +14,7 @@ use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::names::{self, KnownNames};
 use crate::print::outln;
-use crate::progress::Progress;
+use crate::progress::ProgressDisplay;
 use crate::selection::SelectionArgs;
 use crate::terminal::open_device;
 
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let about = &experiment.about;
     outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
-    let mut progress = Progress::new("pre-training");
+    let mut progress = ProgressDisplay::new("pre-training");
     let mut last = VecDeque::with_capacity(LAST + 1);
     let pretrained = pretrain(&session, &experiment, &mut |event| {
         if let RunEvent::Training { event: Event::Step { psnr, .. }, .. } = &event {

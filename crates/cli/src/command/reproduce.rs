@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::reproduce::{EXPERIMENTS, Plan, sweeps, write};
+use infonerf_experiment::reproduce::{EXPERIMENTS, ReproductionPlan, sweeps, write};
 
 use crate::launch::LaunchArgs;
 use crate::print::outln;
@@ -45,7 +45,8 @@ pub(crate) struct ReproduceArgs {
 }
 
 pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
-    let (plan, folder) = if args.full { (Plan::Full, "reproduce-full") } else { (Plan::Small, "reproduce") };
+    let (plan, folder) =
+        if args.full { (ReproductionPlan::Full, "reproduce-full") } else { (ReproductionPlan::Small, "reproduce") };
     let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
     let out = args.out.join(folder);
     args.launch.run(sweeps, &args.selection, &out, |outcomes| {

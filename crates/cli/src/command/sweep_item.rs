@@ -14,7 +14,7 @@ use infonerf_experiment::{Finished, RunEvent};
 use crate::exit::FAILED;
 use crate::interrupt;
 use crate::print::{errln, outln};
-use crate::progress::Progress;
+use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::{DeviceArgs, NetworkArgs};
 use crate::terminal::open_device;
@@ -49,7 +49,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     if let Some(timeout) = args.timeout {
         std::thread::spawn(move || end_after(timeout));
     }
-    let mut progress = Progress::new("");
+    let mut progress = ProgressDisplay::new("");
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
     let finished = run_item(&args.manifest, args.item, device, networks, watch)?;
     match finished {

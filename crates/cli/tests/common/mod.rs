@@ -80,12 +80,12 @@ impl Workplace {
         Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
     }
 
-    /// The same with settings under which everything is quick; what `args` set wins.
+    /// `infonerf ARGS` in this folder, with settings under which everything is quick; those in `args` win.
     pub fn tiny(&self, args: impl Words) -> Invocation {
         self.tiny_without("nothing", args)
     }
 
-    /// The same without the setting of one key, which `args` set in another way.
+    /// `infonerf ARGS` with the quick settings but the one of `key`, which `args` set in another way.
     pub fn tiny_without(&self, key: &str, args: impl Words) -> Invocation {
         let other = |setting: &&&str| setting.split('=').next() != Some(key);
         let settings: Vec<&str> = TINY.iter().filter(other).flat_map(|setting| ["--set", setting]).collect();

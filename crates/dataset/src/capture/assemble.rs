@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
-use super::{Capture, Extent, Found, same_proportions};
+use super::{Capture, Found, StatedExtent, same_proportions};
 use crate::files::depth::read_depth;
 use crate::frame::{Frame, MaskRole};
 
@@ -50,7 +50,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     let mut train = select(&selection, &all, &found.selections)?;
     let is_there = |frame: &&Frame| frame.image.is_file();
     let there: Vec<&Frame> = all.iter().copied().filter(is_there).collect();
-    let is_capture = matches!(found.extent, Extent::Estimated(_));
+    let is_capture = matches!(found.extent, StatedExtent::Estimated(_));
     let is_explicit = matches!(selection, ViewSelection::Ids(_) | ViewSelection::Named(_));
     if let Some(lost) = train.iter().find(|frame| !is_there(frame))
         && (selection == ViewSelection::All || is_capture && !is_explicit)

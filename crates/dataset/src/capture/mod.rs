@@ -49,7 +49,7 @@ pub(crate) struct Found<'a> {
     /// Published sets of test frames.
     pub protocols: Named,
     /// Where the content is.
-    pub extent: Extent,
+    pub extent: StatedExtent,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
     /// Warnings for the user, a line each.
@@ -57,7 +57,7 @@ pub(crate) struct Found<'a> {
 }
 
 /// Statement of a format about where the content is.
-pub(crate) enum Extent {
+pub(crate) enum StatedExtent {
     /// Complete: near, far, box and layout are known.
     Known(Box<Space>),
     /// The nearest and the farthest depth along the viewing axes.
@@ -91,7 +91,7 @@ pub(crate) struct Capture<'a> {
 
 impl<'a> Found<'a> {
     /// Makes the contents of a folder whose test frames are its test split, without names and warnings.
-    pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: Extent) -> Self {
+    pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: StatedExtent) -> Self {
         Self {
             dir,
             format,
@@ -117,7 +117,7 @@ impl<'a> Found<'a> {
     ) -> Self {
         let (frames, warning) = present(frames);
         let (train, test) = hold_out(frames, &request.test);
-        let mut found = Self::new(dir, format, numbered(train), numbered(test), Extent::Estimated(estimate));
+        let mut found = Self::new(dir, format, numbered(train), numbered(test), StatedExtent::Estimated(estimate));
         found.warnings.extend(warning);
         found
     }
@@ -130,7 +130,7 @@ impl<'a> Found<'a> {
         self.turn();
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;
-        if let Extent::Estimated(estimate) = &mut self.extent {
+        if let StatedExtent::Estimated(estimate) = &mut self.extent {
             let left_out = outliers::leave_out(&mut self.train, &mut self.test);
             if let Some(warning) = left_out {
                 self.warnings.push(warning);
@@ -155,8 +155,8 @@ impl<'a> Found<'a> {
     /// Turns cameras along with images that EXIF data turn: image files are decoded upright, poses and intrinsics may be
     /// those of the pixels as they are stored.
     ///
-    /// A stated size tells which; if it fits both ways (square images, half turns), reconstructions (COLMAP, LLFF, DTU,
-    /// ZJU-MoCap) are taken to have seen the stored pixels, and JSON files of other tools the upright image.
+    /// A stated size decides between them; if it fits both ways (square images, half turns), reconstructions (COLMAP,
+    /// LLFF, DTU, ZJU-MoCap) are taken to have seen the stored pixels, and JSON files of other tools the upright image.
     fn turn(&mut self) {
         let by_stored = !matches!(self.format, Format::Blender | Format::Transforms);
         let (mut upright, mut turned) = (Vec::new(), Vec::new());
@@ -184,13 +184,13 @@ impl<'a> Found<'a> {
     /// Derives where the content is from the training cameras and what the format states.
     fn space(&mut self, cameras: &[Camera]) -> Result<Space, SceneError> {
         let estimate = match &self.extent {
-            Extent::Known(space) => return Ok(Space::clone(space)),
-            Extent::Depths(near, far) => {
+            StatedExtent::Known(space) => return Ok(Space::clone(space)),
+            StatedExtent::Depths(near, far) => {
                 let no_end =
                     || SceneError::malformed(self.dir, "poses and depths with finite bounds", "no finite bounds");
                 return extent::space_of_depths(cameras, (*near, *far)).ok_or_else(no_end);
             }
-            Extent::Estimated(estimate) => estimate,
+            StatedExtent::Estimated(estimate) => estimate,
         };
         let all = || self.train.iter().chain(&self.test);
         let unseen = !estimate.points.is_empty() && all().all(|frame| frame.points.is_empty());

@@ -32,10 +32,10 @@ pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
 }
 
 /// Returns the lines that are not comments, each with its location.
-fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
+fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = TextLine<'a>> {
     let text = text.trim_start_matches('\u{feff}');
     let line =
-        move |(i, text): (usize, &'a str)| Line { path, number: i + 1, words: text.split_whitespace().collect() };
+        move |(i, text): (usize, &'a str)| TextLine { path, number: i + 1, words: text.split_whitespace().collect() };
     text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with('#')).map(line)
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn images(path: &Path, text: &str) -> Result<Vec<ColmapImage>, SceneE
     Ok(images)
 }
 
-fn observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, SceneError> {
+fn observations(line: &TextLine<'_>) -> Result<Vec<(DVec2, u64)>, SceneError> {
     let expected = "positions and points seen there: x, y, number, and so on";
     if !line.words.len().is_multiple_of(3) {
         return Err(line.fault(expected, format!("{} numbers", line.words.len())));
@@ -121,13 +121,13 @@ pub(crate) fn points(path: &Path, text: &str) -> Result<BTreeMap<u64, DVec3>, Sc
 }
 
 /// The words of a line.
-struct Line<'a> {
+struct TextLine<'a> {
     path: &'a Path,
     number: usize,
     words: Vec<&'a str>,
 }
 
-impl Line<'_> {
+impl TextLine<'_> {
     fn place(&self) -> String {
         format!("line {}", self.number)
     }

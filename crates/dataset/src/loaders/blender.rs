@@ -8,7 +8,7 @@ use infonerf_scene::select::published;
 use infonerf_scene::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Space};
 
 use super::transforms::{Transforms, read_transforms};
-use crate::capture::{Estimate, Extent, Found, hold_out};
+use crate::capture::{Estimate, Found, StatedExtent, hold_out};
 use crate::frame::{Frame, Intrinsics, cameras_of, numbered};
 
 /// File that marks this format.
@@ -72,7 +72,7 @@ fn test_name(path: &Path) -> String {
 }
 
 /// Returns what is known of the space, and a warning if it has to be estimated.
-fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> (Extent, Option<String>) {
+fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> (StatedExtent, Option<String>) {
     let bounds = train.bounds.or(train.cube);
     if (train.range.is_some() && train.bounds.is_some()) || is_published(&train.frames, cameras, transparent) {
         let cube = Aabb::cube(Vec3::ZERO, HALF_EDGE);
@@ -81,7 +81,7 @@ fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> 
             let centre = space.bounds.centre();
             space = space.centred(centre, cameras);
         }
-        return (Extent::Known(Box::new(space)), None);
+        return (StatedExtent::Known(Box::new(space)), None);
     }
     let transparent = transparent == Some(true) && Layout::of(cameras) == Layout::Object;
     let missing = match (train.range, bounds) {
@@ -92,7 +92,7 @@ fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> 
     let warning =
         format!("{MARKER} is not one of NeRF's synthetic scenes and has no {missing} estimated from the cameras");
     let estimate = Estimate { range: train.range, bounds, transparent, ..Estimate::default() };
-    (Extent::Estimated(estimate), Some(warning))
+    (StatedExtent::Estimated(estimate), Some(warning))
 }
 
 /// Whether the frames are those of NeRF's synthetic scenes: images with an alpha channel (if one is there to tell), cameras

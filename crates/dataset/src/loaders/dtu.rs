@@ -8,7 +8,7 @@ use infonerf_scene::image::{list_images, stored_dimensions};
 use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneRequest, Space};
 
 use super::pose;
-use crate::capture::{Extent, Found, capture_space};
+use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
 use crate::files::npy::Array;
 use crate::files::{json, npz};
@@ -80,7 +80,7 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
     } else {
         sphere(&cameras)
     };
-    let mut found = Found::new(dir, Format::Dtu, train, frames, Extent::Known(Box::new(space)));
+    let mut found = Found::new(dir, Format::Dtu, train, frames, StatedExtent::Known(Box::new(space)));
     if whole {
         found.selections = [1, 3, 6, 9].map(|n| (format!("regnerf-{n}"), REGNERF[..n].to_vec())).to_vec();
         found.selections.extend(["pixelnerf-3", "infonerf-3"].map(|name| (name.into(), PIXELNERF.to_vec())));

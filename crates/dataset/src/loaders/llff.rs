@@ -8,7 +8,7 @@ use infonerf_scene::select::published;
 use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
 use super::pose;
-use crate::capture::{Extent, Found, hold_out, is_mask_name};
+use crate::capture::{Found, StatedExtent, hold_out, is_mask_name};
 use crate::files::FARTHEST;
 use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
@@ -61,7 +61,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let (train, test) = hold_out(rows.iter().zip(poses).zip(&images).map(frame).collect(), &request.test);
     let (train, test) = (numbered(train), numbered(test));
     let selections = published::forward_facing(train.len());
-    let mut found = Found::new(dir, Format::Llff, train, test, Extent::Depths(range.0, range.1));
+    let mut found = Found::new(dir, Format::Llff, train, test, StatedExtent::Depths(range.0, range.1));
     found.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     found.protocols = vec![("regnerf".into(), (0..found.test.len()).collect())];
     if !found.test.is_empty() {

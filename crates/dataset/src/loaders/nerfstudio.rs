@@ -6,7 +6,7 @@ use std::path::Path;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::transforms::{Split, read_transforms};
-use crate::capture::{Estimate, Extent, Found};
+use crate::capture::{Estimate, Found, StatedExtent};
 use crate::frame::{Frame, numbered, present};
 
 /// File that marks this format.
@@ -30,7 +30,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
             let (frames, warning) = present(transforms.frames);
             let named = |field, names| named(&path, field, &frames, &all, names);
             let (train, test) = (named("train_filenames", train)?, named(test_field, test)?);
-            let extent = Extent::Estimated(estimate);
+            let extent = StatedExtent::Estimated(estimate);
             let mut found = Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent);
             found.warnings.extend(warning);
             found

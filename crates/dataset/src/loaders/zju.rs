@@ -8,7 +8,7 @@ use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest, Space};
 
 use super::pose;
-use crate::capture::{Extent, Found, capture_space, read_mask};
+use crate::capture::{Found, StatedExtent, capture_space, read_mask};
 use crate::colmap::opengl;
 use crate::files::pickle::{Pickle, Value};
 use crate::files::{json, npy, read_file};
@@ -61,7 +61,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let ids: Vec<usize> = TRAIN.iter().copied().filter(|&i| i < frames.len()).collect();
     let space = space(dir, &frames, &ids, request.frame.unwrap_or(0))?;
     let others: Vec<usize> = (0..frames.len()).filter(|i| !TRAIN.contains(i)).collect();
-    let mut found = Found::new(dir, Format::Zju, frames.clone(), frames, Extent::Known(Box::new(space)));
+    let mut found = Found::new(dir, Format::Zju, frames.clone(), frames, StatedExtent::Known(Box::new(space)));
     found.background = Some([0.0; 3]);
     found.selections = vec![("infonerf-4".into(), ids)];
     found.protocols = ["infonerf", "neural-body"].map(|name| (name.to_owned(), others.clone())).to_vec();

@@ -15,7 +15,7 @@ pub(crate) use slurm::refuse_under_way;
 pub use slurm::{JobProgress, JobResources, Jobs, Slurm};
 
 use crate::records::save_record;
-use crate::sweep::{Outcome, Prepared, Sweep};
+use crate::sweep::{Prepared, Sweep, SweepFiles};
 use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session};
 
 /// Where runs happen.
@@ -41,7 +41,7 @@ pub enum PlanEvent<'a> {
     /// All runs of a sweep have ended, or no more of them are started.
     Over,
     /// The files of a sweep are written (`None` if no run is finished), without these runs.
-    Written(&'a Sweep, Option<&'a Outcome>, Vec<String>),
+    Written(&'a Sweep, Option<&'a SweepFiles>, Vec<String>),
 }
 
 /// How a run of a sweep ended.
@@ -69,7 +69,7 @@ pub enum Executed {
         /// Runs without a record.
         unfinished: usize,
         /// Files of each sweep that has a finished run.
-        outcomes: Vec<Outcome>,
+        outcomes: Vec<SweepFiles>,
     },
 }
 

@@ -170,8 +170,8 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         notes.extend(spec.skip_reason(scene).map(|reason| format!("loss.{name} is {reason}")));
     }
     let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
-    let privileges = taking_part.filter_map(|(name, spec)| Some((name, spec.privilege()?)));
-    notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
+    let supervision = taking_part.filter_map(|(name, spec)| Some((name, spec.extra_supervision()?)));
+    notes.extend(supervision.map(|(name, known)| format!("loss.{name} knows {known}")));
     let occupancy = &plan.config.render.occupancy;
     if occupancy.enabled && occupancy.carve {
         notes.push("render.occupancy.carve knows the alpha channel of the training images".into());

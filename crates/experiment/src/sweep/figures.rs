@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use anyhow::Result;
-use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart};
+use infonerf_report::chart::{Axis, Bar, ChartFrame, Series, bar_chart, heat_map, line_chart};
 use infonerf_report::{Figure, Quantity, Record, overview_table};
 
 use super::grid::Grid;
@@ -67,7 +67,7 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
     let title = format!("{} by {}", Quantity::PSNR.heading(), grid.key());
     let key = grid.key();
     let axis = if log { Axis::log(&key) } else { Axis::linear(&key) };
-    let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
+    let frame = ChartFrame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
     let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
     let caption = if log && values.contains(&0.0) { "The leftmost point is 0." } else { "" };
     Ok(Figure { name: "sweep-psnr".into(), title, svg, caption: caption.into() })
@@ -79,7 +79,7 @@ fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figu
         |(i, label): (usize, &String)| Some(Bar { label: label.clone(), value: *means.get(&[i][..])?, spread: None });
     let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
     let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key());
-    let svg = bar_chart(&Frame::new(&title, &grid.key(), "PSNR (dB)"), &bars)?;
+    let svg = bar_chart(&ChartFrame::new(&title, &grid.key(), "PSNR (dB)"), &bars)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: String::new() })
 }
 
@@ -89,6 +89,6 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
     let title = format!("{variant}: {}", Quantity::PSNR.heading());
-    let svg = heat_map(&Frame::new(&title, &columns.key(), &rows.key()), &columns.values, &rows.values, &values)?;
+    let svg = heat_map(&ChartFrame::new(&title, &columns.key(), &rows.key()), &columns.values, &rows.values, &values)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
 }

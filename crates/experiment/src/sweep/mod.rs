@@ -24,7 +24,7 @@ pub use collected::collect;
 pub use grid::PAPER_SPACE;
 use grid::{Grid, MAX_RUNS, assignments, choices};
 pub use manifest::run_item;
-pub use outcome::Outcome;
+pub use outcome::SweepFiles;
 pub use prepare::Prepared;
 
 /// Runs that are tabulated together: an experiment's, or one for each setting of some keys.

@@ -13,7 +13,7 @@ use crate::RunPlan;
 use crate::records::{LIST, list_records, read_records};
 
 /// The files that a sweep has written.
-pub struct Outcome {
+pub struct SweepFiles {
     /// The variants that the report shows, in the order of the sweep: the files hold all.
     pub table: Table,
     /// Input of the report.
@@ -27,7 +27,7 @@ pub struct Outcome {
 impl Sweep {
     /// Writes what is finished into `folder`, in the order of the sweep, without the items of `left_out`; `None` if nothing
     /// is finished.
-    pub(crate) fn write_outcome(&self, folder: &Path, left_out: &BTreeSet<usize>) -> Result<Option<Outcome>> {
+    pub(crate) fn write_outcome(&self, folder: &Path, left_out: &BTreeSet<usize>) -> Result<Option<SweepFiles>> {
         let (mut items, mut records) = (Vec::new(), Vec::new());
         for (_, item) in self.items.iter().enumerate().filter(|(index, _)| !left_out.contains(index)) {
             let path = item.plan.record_path(&folder.join(item.plan.directory()));
@@ -55,7 +55,7 @@ impl Sweep {
         input.claims.extend(claims);
         let files = write_report(&input, folder)?;
         let table = overview_table(&input.shown_runs(), &Quantity::all());
-        Ok(Some(Outcome { table, input, report: files.html, results: folder.join(LIST) }))
+        Ok(Some(SweepFiles { table, input, report: files.html, results: folder.join(LIST) }))
     }
 
     /// Returns the names and values that the sweep set in a run; `None` if it sets nothing.

@@ -58,7 +58,7 @@ fn or_zero(features: Tensor<2>) -> Tensor<2> {
 
 /// Sites of the encoder's layers, from those of the vertices to those of the coarsest level.
 #[derive(Clone, Debug)]
-pub(super) struct Plan {
+pub(super) struct EncoderSites {
     /// Site of each vertex.
     vertices: Vec<i32>,
     /// One over the number of vertices that share a vertex's site.
@@ -75,7 +75,7 @@ struct Stage {
     same: Vec<i32>,
 }
 
-impl Plan {
+impl EncoderSites {
     /// Plans the layers for vertices in `cells` of a grid.
     pub(super) fn new(size: [usize; 3], cells: &[[usize; 3]]) -> Self {
         let first = Sites::new(size, cells.iter().copied());
@@ -137,7 +137,7 @@ impl SparseEncoder {
     }
 
     /// Computes the volumes of `codes`, `[vertices, code]`: for each level `[cells, channels]`, x fastest, 0 where there is no site.
-    pub(super) fn volumes(&self, codes: Tensor<2>, plan: &Plan) -> Vec<Tensor<2>> {
+    pub(super) fn volumes(&self, codes: Tensor<2>, plan: &EncoderSites) -> Vec<Tensor<2>> {
         let device = codes.device();
         let int = |values: &[i32]| upload(values.to_vec(), [values.len()], &device);
         let shares = upload(plan.shares.clone(), [plan.shares.len(), 1], &device);

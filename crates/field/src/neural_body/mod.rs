@@ -21,12 +21,12 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::field::{Body, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
+use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::{Init, normal};
 use crate::points::along_axes;
 use crate::points::{FieldOutput, Points};
 use crate::sources::Sources;
-use encoder::{Plan, SparseEncoder, channels};
+use encoder::{EncoderSites, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
 const MARGIN: f32 = 0.05;
@@ -94,9 +94,9 @@ impl FieldSpec for NeuralBodyConfig {
             })?
         } else {
             read = vertices::read(&self.vertices)?;
-            Body { vertices: &read, ..Body::default() }
+            BodyVertices { vertices: &read, ..BodyVertices::default() }
         };
-        let grid = Grid::around(&body, self.voxel)?;
+        let grid = BodyVoxels::around(&body, self.voxel)?;
         let cells: Vec<[usize; 3]> = body.vertices.iter().map(|&vertex| grid.cell(vertex)).collect();
         let rng = &mut ChaCha8Rng::seed_from_u64(setup.seed);
         let device = setup.device;
@@ -116,7 +116,7 @@ impl FieldSpec for NeuralBodyConfig {
             view: Init::FanIn.linear(rng, seen, self.width / 2, device),
             rgb: Init::FanIn.linear(rng, self.width / 2, 3, device),
             volumes: None,
-            plan: Arc::new(Plan::new(grid.size, &cells)),
+            plan: Arc::new(EncoderSites::new(grid.size, &cells)),
             grid,
             frequencies: [self.position_frequencies, self.direction_frequencies],
         })
@@ -141,7 +141,7 @@ impl FieldSpec for NeuralBodyConfig {
 
 /// Placement of voxels about a body.
 #[derive(Clone, Debug)]
-struct Grid {
+struct BodyVoxels {
     /// Axes of the body's frame in the world, and its origin.
     axes: [[f32; 3]; 3],
     origin: [f32; 3],
@@ -152,10 +152,10 @@ struct Grid {
     size: [usize; 3],
 }
 
-impl Grid {
+impl BodyVoxels {
     /// Builds a grid that holds the vertices with a margin.
-    fn around(body: &Body<'_>, voxel: f32) -> Result<Self, Fault> {
-        let &Body { vertices, axes, origin } = body;
+    fn around(body: &BodyVertices<'_>, voxel: f32) -> Result<Self, Fault> {
+        let &BodyVertices { vertices, axes, origin } = body;
         let mut grid = Self { axes, origin, low: [0.0; 3], voxel, size: [0; 3] };
         let framed: Vec<[f32; 3]> = vertices.iter().map(|&vertex| grid.framed(vertex)).collect();
         let along =
@@ -226,9 +226,9 @@ pub struct NeuralBody {
     /// Features of each level, `[cells, channels]`; `None` before the field is [conditioned](Field::conditioned).
     volumes: Option<Vec<Tensor<2>>>,
     #[module(skip)]
-    plan: Arc<Plan>,
+    plan: Arc<EncoderSites>,
     #[module(skip)]
-    grid: Grid,
+    grid: BodyVoxels,
     /// Frequencies of position and direction.
     #[module(skip)]
     frequencies: [usize; 2],

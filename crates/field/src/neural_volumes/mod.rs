@@ -29,7 +29,7 @@ use code::Code;
 use encoder::CodeEncoder;
 use latent::Latent;
 use template::Template;
-use warp::Warp;
+use warp::VolumeWarp;
 
 /// Factor of the leaky ReLUs below 0.
 const LEAKY_SLOPE: f64 = 0.2;
@@ -101,7 +101,7 @@ impl FieldSpec for NeuralVolumesConfig {
                 None => Codes::Learned(Latent::new(self.latent, rng, device)),
             },
             template: Template::new(self.latent, self.resolution, self.width, rng, device),
-            warp: Warp::new(self.latent, self.maps, self.warp_resolution, rng, device),
+            warp: VolumeWarp::new(self.latent, self.maps, self.warp_resolution, rng, device),
             decoded: None,
             resolution: self.resolution,
             middle: [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis])),
@@ -134,7 +134,7 @@ impl FieldSpec for NeuralVolumesConfig {
 pub struct NeuralVolumes {
     codes: Codes,
     template: Template,
-    warp: Warp,
+    warp: VolumeWarp,
     /// The decoded code; `None` before the field is [conditioned](Field::conditioned).
     decoded: Option<Decoded>,
     #[module(skip)]

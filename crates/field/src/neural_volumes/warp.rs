@@ -26,7 +26,7 @@ const MIN_WEIGHT: f32 = 1e-3;
 /// where wᵢ is a grid of voxels, read trilinearly. As in the released code it is computed at the voxels of a grid and is
 /// linear between.
 #[derive(Module, Debug)]
-pub(super) struct Warp {
+pub(super) struct VolumeWarp {
     scales: Branch,
     rotations: Branch,
     translations: Branch,
@@ -57,7 +57,7 @@ impl Branch {
     }
 }
 
-impl Warp {
+impl VolumeWarp {
     /// Builds a mixture of `maps` affine maps on a grid of `resolution`³, for codes of `latent` elements.
     pub(super) fn new(latent: usize, maps: usize, resolution: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let mut branch = |hidden: usize, outputs: usize| Branch::new(rng, [latent, hidden, outputs], device);

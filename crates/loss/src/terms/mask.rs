@@ -23,7 +23,7 @@ impl TermSpec for MaskConfig {
         Ok(Box::new(self.clone()))
     }
 
-    fn privilege(&self) -> Option<&'static str> {
+    fn extra_supervision(&self) -> Option<&'static str> {
         Some("the alpha channel of the training images")
     }
 }

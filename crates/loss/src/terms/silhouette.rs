@@ -41,7 +41,7 @@ impl TermSpec for SilhouetteConfig {
         Ok(Box::new(self.clone()))
     }
 
-    fn privilege(&self) -> Option<&'static str> {
+    fn extra_supervision(&self) -> Option<&'static str> {
         Some("the colour of the background")
     }
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::dense::{self, BLOCK, padded};
 use super::encode::{self, Block, level_features, plane_gradient, position_gradient, with_channels};
-use super::layout::{Layout, OUTPUTS, PLANES, RAW};
+use super::layout::{FactoredLayout, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query, negligible};
 use crate::kernel::{Kernel, Pass};
 use crate::numeric::{SampleOpacity, sigmoid, softplus};
@@ -17,7 +17,7 @@ use crate::simd::{self, Job};
 
 #[derive(Debug)]
 pub(super) struct FactoredKernel {
-    pub(super) layout: Arc<Layout>,
+    pub(super) layout: Arc<FactoredLayout>,
     pub(super) query: Query,
 }
 
@@ -199,12 +199,12 @@ impl FactoredKernel {
 }
 
 /// Returns the number of a block's activations: the MLP's input and each hidden layer's output.
-fn activations(layout: &Layout) -> usize {
+fn activations(layout: &FactoredLayout) -> usize {
     layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
 }
 
 /// Packs each layer.
-fn packed(layout: &Layout, weights: &[f32]) -> Vec<Vec<f32>> {
+fn packed(layout: &FactoredLayout, weights: &[f32]) -> Vec<Vec<f32>> {
     layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect()
 }
 
@@ -212,7 +212,7 @@ fn packed(layout: &Layout, weights: &[f32]) -> Vec<Vec<f32>> {
 pub(super) fn field(
     tables: Vec<f32>,
     weights: &[f32],
-    layout: Arc<Layout>,
+    layout: Arc<FactoredLayout>,
     (frequencies, levels): (Vec<f32>, Vec<f32>),
 ) -> HostField {
     let layers = packed(&layout, weights);
@@ -239,7 +239,7 @@ pub(super) fn field(
 /// Parameters of a field.
 #[derive(Clone, Copy)]
 struct FieldParameters<'a> {
-    layout: &'a Layout,
+    layout: &'a FactoredLayout,
     tables: &'a [f32],
     /// Packed layers.
     layers: &'a [Vec<f32>],
@@ -331,7 +331,7 @@ struct GroupBuffers {
 }
 
 impl GroupBuffers {
-    fn new(layout: &Layout) -> Self {
+    fn new(layout: &FactoredLayout) -> Self {
         let widest = layout.layers.iter().map(|layer| padded(layer.inputs.max(layer.outputs))).max().unwrap_or(0);
         let zeros = |layer: &super::Layer| vec![0.0; (layer.inputs + 1) * padded(layer.outputs)];
         Self {

@@ -73,7 +73,7 @@ impl Layer {
 
 /// Sizes of a field, and places of its parameters.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
+pub struct FactoredLayout {
     /// Frequencies of the position's encoding.
     pub frequencies: usize,
     /// Planes and lines, coarsest first.
@@ -94,7 +94,7 @@ pub(crate) const OUTPUTS: usize = 4;
 /// Largest number of outputs of the MLP.
 pub(crate) const RAW: usize = OUTPUTS + 9;
 
-impl Layout {
+impl FactoredLayout {
     /// Lays out levels of `(resolution, channels)` and an MLP of `hidden_layers` layers of `hidden` units.
     pub fn new(
         frequencies: usize,

@@ -23,7 +23,7 @@ mod negligible;
 mod plain;
 mod variation;
 
-pub use layout::{Layer, Layout, Level, PLANES};
+pub use layout::{FactoredLayout, Layer, Level, PLANES};
 pub use plain::plain;
 pub use variation::{plain as plain_variation, plane_variation};
 
@@ -66,7 +66,7 @@ impl Query {
 ///
 /// # Panics
 /// If a length does not match `layout`, or directions are missing although colour depends on them.
-pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
+pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<FactoredLayout>, query: Query) -> Tensor<2> {
     check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
     dispatch! {
         &tables.device();
@@ -83,7 +83,7 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
 }
 
 /// Computes the MLP's input, `[M, layout.features()]`.
-fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+fn features(tables: Tensor<1>, layout: &Arc<FactoredLayout>, query: &Query) -> Tensor<2> {
     dispatch! {
         &tables.device();
         cube if query.samples() > 0 => gpu::features(tables, layout, query),
@@ -98,7 +98,7 @@ fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2>
 pub fn density_and_color(
     tables: Tensor<1>,
     weights: Tensor<1>,
-    layout: &Arc<Layout>,
+    layout: &Arc<FactoredLayout>,
     query: Query,
 ) -> (Tensor<1>, Option<Tensor<2>>) {
     dispatch! {
@@ -127,7 +127,7 @@ pub type HostField = Box<dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> Vec<[f32; 4]> + Sen
 pub fn on_host(
     tables: Tensor<1>,
     weights: Tensor<1>,
-    layout: &Arc<Layout>,
+    layout: &Arc<FactoredLayout>,
     detail: (Vec<f32>, Vec<f32>),
 ) -> Option<HostField> {
     check(&tables, &weights, layout, (&detail.0, &detail.1));
@@ -138,7 +138,7 @@ pub fn on_host(
     }
 }
 
-fn check(tables: &Tensor<1>, weights: &Tensor<1>, layout: &Layout, (frequencies, levels): (&[f32], &[f32])) {
+fn check(tables: &Tensor<1>, weights: &Tensor<1>, layout: &FactoredLayout, (frequencies, levels): (&[f32], &[f32])) {
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
     assert_eq!(frequencies.len(), layout.frequencies, "one weight per frequency");

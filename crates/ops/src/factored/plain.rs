@@ -4,11 +4,11 @@ use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Int, Tensor};
 
 use super::Query;
-use super::layout::{Layout, Level, PLANES};
+use super::layout::{FactoredLayout, Level, PLANES};
 use crate::mlp::{Activation, Dense, Precision, dense};
 
 /// Computes [`factored_field`](super::factored_field) without kernels of the host or of tables.
-pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
     packed(heads(features(tables, layout, query), weights, layout, query))
 }
 
@@ -21,7 +21,7 @@ pub(super) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor
 }
 
 /// Computes the MLP's input, `[M, layout.features()]`.
-pub(super) fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+pub(super) fn features(tables: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
     let mut features = vec![frequencies(query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
@@ -35,7 +35,7 @@ pub(super) fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Ten
 pub(super) fn heads(
     features: Tensor<2>,
     weights: Tensor<1>,
-    layout: &Layout,
+    layout: &FactoredLayout,
     query: &Query,
 ) -> (Tensor<2>, Option<Tensor<2>>) {
     let samples = query.samples();

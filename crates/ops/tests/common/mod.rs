@@ -10,7 +10,7 @@ use infonerf_ops::{
 
 /// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Body {
+pub enum RayImplementation {
     /// The host kernels on flex.
     Kernel,
     /// Plain tensor operations on flex.
@@ -19,7 +19,7 @@ pub enum Body {
     PlainNdarray,
 }
 
-impl Body {
+impl RayImplementation {
     pub const ALL: [Self; 3] = [Self::Kernel, Self::PlainFlex, Self::PlainNdarray];
 
     #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]

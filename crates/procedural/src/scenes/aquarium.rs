@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{bricks, matt, polar, rgb, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -122,7 +122,7 @@ fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin
     let place = |a: f64, s: f64, z: f64| at + size * (ahead * a + side * s + DVec3::Z * z);
     let skin = Material::glossy(skin);
     let fin = matt(fin);
-    let body = Frame::along(at, ahead);
+    let body = LocalFrame::along(at, ahead);
     let outline =
         [(0.008, -0.17), (0.03, -0.14), (0.075, -0.06), (0.092, 0.04), (0.07, 0.12), (0.03, 0.165), (0.004, 0.18)];
     let outline = outline.map(|(r, z)| (r * size, z * size));
@@ -141,9 +141,9 @@ fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin
 
 /// Adds a bell that can be looked through, with threads.
 fn jellyfish(scene: &mut Builder) {
-    let foot = Frame::at(v(-0.10, 0.02, 0.16));
+    let foot = LocalFrame::at(v(-0.10, 0.02, 0.16));
     let bell = Material { reflectance: 0.02, ..Material::glass(rgb(230, 130, 220), 0.34) };
-    let foot = Frame { origin: foot.origin + v(-0.52, 0.20, 0.0), ..foot };
+    let foot = LocalFrame { origin: foot.origin + v(-0.52, 0.20, 0.0), ..foot };
     scene.lathe(foot, &[(0.13, 0.0), (0.14, 0.04), (0.11, 0.11), (0.06, 0.15), (0.004, 0.165)], bell);
     for k in 0..8 {
         let angle = f64::from(k) * 45.0;

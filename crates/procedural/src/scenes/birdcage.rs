@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, polar, rgb, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -32,7 +32,7 @@ fn tray(scene: &mut Builder) {
     let hollow = vec![Convex::cylinder(v(0.0, 0.0, FLOOR - 0.12), RADIUS - 0.03, 0.4)];
     scene.carved(Convex::cylinder(v(0.0, 0.0, FLOOR - 0.16), RADIUS + 0.03, 0.17), hollow, Material::glossy(enamel));
     for z in [FLOOR - 0.16, FLOOR + 0.01] {
-        scene.ring(Frame::at(v(0.0, 0.0, z)), RADIUS + 0.03, 0.022, brass());
+        scene.ring(LocalFrame::at(v(0.0, 0.0, z)), RADIUS + 0.03, 0.022, brass());
     }
     for k in 0..4 {
         let foot = polar(RADIUS - 0.06, f64::from(k) * 90.0 + 45.0, FLOOR - 0.21);
@@ -64,14 +64,14 @@ fn wires(scene: &mut Builder) {
         scene.closed_tube(arc, 12, 0.010, brass());
     }
     for (z, tube) in [(-0.58, 0.012), (-0.32, 0.012), (-0.05, 0.012), (SPRING, 0.020)] {
-        scene.ring(Frame::at(v(0.0, 0.0, z)), RADIUS, tube, brass());
+        scene.ring(LocalFrame::at(v(0.0, 0.0, z)), RADIUS, tube, brass());
     }
     for s in [0.35, 0.65] {
         let (radius, z) = dome(s);
-        scene.ring(Frame::at(v(0.0, 0.0, z)), radius, 0.013, brass());
+        scene.ring(LocalFrame::at(v(0.0, 0.0, z)), radius, 0.013, brass());
     }
     scene.sphere(v(0.0, 0.0, 1.09), 0.055, brass());
-    scene.ring(Frame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, brass());
+    scene.ring(LocalFrame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, brass());
 }
 
 /// Adds perches, two bowls, and a swing.
@@ -95,7 +95,7 @@ fn furniture(scene: &mut Builder) {
 /// Adds a parrot that faces −y.
 fn parrot(scene: &mut Builder) {
     let down = Texture::Shingles { a: rgb(226, 60, 36), b: rgb(246, 150, 40), around: 11.0, per_unit: 26.0 };
-    let body = Frame::along(v(0.0, 0.10, -0.30), v(0.0, -0.28, 1.0));
+    let body = LocalFrame::along(v(0.0, 0.10, -0.30), v(0.0, -0.28, 1.0));
     let outline = [
         (0.01, -0.02),
         (0.09, 0.03),
@@ -109,7 +109,7 @@ fn parrot(scene: &mut Builder) {
     scene.lathe(body, &outline, Material::matt(down));
     let wing = Texture::Shingles { a: rgb(24, 92, 190), b: rgb(40, 170, 130), around: 16.0, per_unit: 22.0 };
     for side in [-1.0, 1.0] {
-        let frame = Frame::along(v(side * 0.115, 0.20, -0.36), v(side * 0.05, -0.30, 1.0));
+        let frame = LocalFrame::along(v(side * 0.115, 0.20, -0.36), v(side * 0.05, -0.30, 1.0));
         let feather = [(0.004, -0.16), (0.03, -0.05), (0.055, 0.12), (0.06, 0.26), (0.03, 0.35), (0.004, 0.38)];
         scene.lathe(frame, &feather, Material::matt(wing));
         scene.sphere(v(side * 0.062, -0.085, 0.14), 0.024, matt(rgb(250, 250, 240)));

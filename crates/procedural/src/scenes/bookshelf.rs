@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{flowers, glossy, matt, polar, rgb, satin, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -124,7 +124,7 @@ const COLOURS: [[u8; 3]; 9] = [
 ];
 
 fn curio(scene: &mut Builder, at: DVec3, which: u32) {
-    let foot = Frame::at(at);
+    let foot = LocalFrame::at(at);
     match which {
         0 => {
             let glaze =
@@ -144,7 +144,7 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
             );
             scene.sphere(at + DVec3::Z * 0.19, 0.095, Material::glossy(globe));
             scene.ring(
-                Frame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)),
+                LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)),
                 0.11,
                 0.008,
                 Material::metal(rgb(200, 156, 76)),
@@ -185,10 +185,10 @@ fn on_top(scene: &mut Builder) {
         at.z += 0.028;
     }
     let cat = matt(rgb(52, 50, 54));
-    let seat = Frame::at(at);
+    let seat = LocalFrame::at(at);
     scene.lathe(seat, &[(0.10, -0.005), (0.11, 0.04), (0.07, 0.12), (0.03, 0.155)], cat);
     scene.sphere(at + v(-0.03, 0.0, 0.17), 0.05, cat);
-    let lamp = Frame::at(v(-0.48, 0.02, z));
+    let lamp = LocalFrame::at(v(-0.48, 0.02, z));
     scene.lathe(lamp, &[(0.10, 0.0), (0.09, 0.02), (0.02, 0.05)], Material::metal(rgb(206, 166, 86)));
     let shade = stripes(rgb(250, 220, 150), rgb(226, 150, 70), v(14.0, 0.0, 0.0));
     scene.lathe(lamp, &[(0.018, 0.05), (0.018, 0.09)], Material::metal(rgb(206, 166, 86)));

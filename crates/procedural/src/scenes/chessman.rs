@@ -1,13 +1,13 @@
 //! A chess queen, alone and small in the image.
 
 use super::{glossy, matt, polar, rgb, v};
-use crate::convex::Frame;
+use crate::convex::LocalFrame;
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
 pub(crate) fn chessman() -> Builder {
     let mut scene = Builder::default();
-    let foot = Frame::at(v(0.10, -0.08, -0.42));
+    let foot = LocalFrame::at(v(0.10, -0.08, -0.42));
     let at = |z: f64| foot.origin + v(0.0, 0.0, z);
     let wood = Texture::Bands { a: rgb(190, 84, 40), b: rgb(120, 40, 20), c: rgb(226, 140, 70), per_unit: 11.0 };
     let gold = Material::metal(rgb(232, 186, 84));
@@ -30,7 +30,7 @@ pub(crate) fn chessman() -> Builder {
     ];
     scene.lathe(foot, &body, Material::glossy(wood));
     for (z, radius) in [(0.08, 0.145), (0.50, 0.098)] {
-        scene.ring(Frame::at(at(z)), radius, 0.013, gold);
+        scene.ring(LocalFrame::at(at(z)), radius, 0.013, gold);
     }
     for k in 0..8 {
         let pearl = if k % 2 == 0 { rgb(240, 238, 230) } else { rgb(40, 90, 170) };

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{bricks, glossy, matt, rgb, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -126,7 +126,7 @@ fn load(scene: &mut Builder) {
     for side in [-0.04, 0.04] {
         strut(scene, v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008, steel);
     }
-    scene.ring(Frame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
+    scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
     let globe = Texture::Patches { a: rgb(60, 130, 60), b: rgb(28, 84, 168), per_unit: 7.0, cap: 0.95 };
     scene.sphere(v(x, 0.0, -0.27), 0.21, Material::glossy(globe));
 }

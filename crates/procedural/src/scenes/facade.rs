@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{bricks, glossy, matt, polar, rgb, satin, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -154,7 +154,7 @@ fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
         for x in [-0.19, 0.19] {
             let foot = c + along * x + out * 0.06 - DVec3::Z * 0.235;
             scene.lathe(
-                Frame::at(foot),
+                LocalFrame::at(foot),
                 &[(0.05, 0.0), (0.04, 0.03), (0.034, 0.22), (0.032, 0.38), (0.05, 0.42)],
                 stone(),
             );

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{glossy, matt, rgb, satin, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -21,18 +21,18 @@ pub(crate) fn figure() -> Builder {
     // Standing on the left leg, the right one bent; the left arm up, the right one to the side. It faces −y.
     let hip = v(0.0, 0.0, -0.08);
     let neck = v(0.03, -0.02, 0.50);
-    let trunk = Frame::along(hip, neck - hip);
+    let trunk = LocalFrame::along(hip, neck - hip);
     scene.lathe(trunk, &[(0.02, -0.12), (0.13, -0.07), (0.155, 0.0), (0.15, 0.07)], jeans);
     scene.lathe(
         trunk,
         &[(0.155, 0.05), (0.14, 0.18), (0.17, 0.38), (0.165, 0.48), (0.08, 0.57), (0.055, 0.60)],
         jersey,
     );
-    scene.ring(Frame { origin: hip + trunk.rotation.z_axis * 0.06, ..trunk }, 0.15, 0.018, ink);
+    scene.ring(LocalFrame { origin: hip + trunk.rotation.z_axis * 0.06, ..trunk }, 0.15, 0.018, ink);
     limb(&mut scene, neck, v(0.04, -0.03, 0.66), 0.058, 0.055, skin);
     let head = v(0.05, -0.05, 0.80);
     scene.lathe(
-        Frame::along(head, v(0.06, -0.08, 1.0)),
+        LocalFrame::along(head, v(0.06, -0.08, 1.0)),
         &[(0.02, -0.165), (0.075, -0.13), (0.115, -0.03), (0.12, 0.05), (0.08, 0.13), (0.01, 0.16)],
         skin,
     );

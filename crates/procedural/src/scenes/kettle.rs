@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, polar, rgb, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -30,14 +30,14 @@ fn gold() -> Material {
 fn tray(scene: &mut Builder) {
     let tiles = Texture::Checker { a: rgb(176, 34, 40), b: rgb(240, 232, 214), per_unit: v(6.5, 6.5, 0.1) };
     scene.cylinder(v(0.0, 0.0, TOP - 0.09), 1.08, 0.09, Material::glossy(tiles));
-    scene.ring(Frame::at(v(0.0, 0.0, TOP - 0.02)), 1.08, 0.04, gold());
+    scene.ring(LocalFrame::at(v(0.0, 0.0, TOP - 0.02)), 1.08, 0.04, gold());
     for k in 0..5 {
         scene.sphere(polar(0.9, f64::from(k) * 72.0, TOP - 0.13), 0.06, gold());
     }
 }
 
 fn body(scene: &mut Builder) {
-    let foot = Frame::at(v(-0.08, 0.0, TOP));
+    let foot = LocalFrame::at(v(-0.08, 0.0, TOP));
     let at = |x: f64, z: f64| foot.origin + v(x, 0.0, z);
     scene.lathe(foot, &[(0.44, 0.0), (0.47, 0.03), (0.46, 0.06)], Material::metal(rgb(40, 40, 44)));
     let belly = [
@@ -51,7 +51,7 @@ fn body(scene: &mut Builder) {
         (0.26, 0.92),
     ];
     scene.lathe(foot, &belly, steel());
-    scene.ring(Frame::at(at(0.0, 0.92)), 0.26, 0.022, gold());
+    scene.ring(LocalFrame::at(at(0.0, 0.92)), 0.26, 0.022, gold());
     let lid = [(0.245, 0.92), (0.22, 0.98), (0.13, 1.03), (0.04, 1.05)];
     scene.lathe(foot, &lid, steel());
     scene.lathe(
@@ -60,9 +60,9 @@ fn body(scene: &mut Builder) {
         glossy(rgb(24, 22, 24)),
     );
     // The spout rises towards +x.
-    let spout = Frame::along(at(0.42, 0.30), v(1.0, 0.0, 0.78));
+    let spout = LocalFrame::along(at(0.42, 0.30), v(1.0, 0.0, 0.78));
     scene.lathe(spout, &[(0.19, 0.0), (0.14, 0.14), (0.10, 0.30), (0.085, 0.44), (0.10, 0.52)], steel());
-    scene.ring(Frame { origin: spout.origin + spout.rotation.z_axis * 0.52, ..spout }, 0.088, 0.016, gold());
+    scene.ring(LocalFrame { origin: spout.origin + spout.rotation.z_axis * 0.52, ..spout }, 0.088, 0.016, gold());
     let dark = matt(rgb(14, 14, 16));
     scene.rod(spout.origin + spout.rotation.z_axis * 0.5, spout.origin + spout.rotation.z_axis * 0.524, 0.08, dark);
     // The handle arches over the lid.
@@ -78,20 +78,20 @@ fn body(scene: &mut Builder) {
         scene.sphere(arch(s), 0.062, gold());
     }
     let band = stripes(rgb(232, 190, 90), rgb(150, 100, 30), v(0.0, 12.0, 0.0));
-    scene.ring(Frame::at(at(0.0, 0.30)), 0.605, 0.014, Material { texture: band, ..gold() });
+    scene.ring(LocalFrame::at(at(0.0, 0.30)), 0.605, 0.014, Material { texture: band, ..gold() });
 }
 
 /// Adds a milk can of copper, a sphere, a cup and a lemon.
 fn company(scene: &mut Builder) {
     let copper = Material::mirror(rgb(214, 120, 78));
-    let can = Frame::at(v(0.52, 0.58, TOP));
+    let can = LocalFrame::at(v(0.52, 0.58, TOP));
     scene.lathe(can, &[(0.15, 0.0), (0.19, 0.08), (0.18, 0.20), (0.12, 0.32), (0.11, 0.38), (0.15, 0.46)], copper);
-    scene.ring(Frame::at(can.origin + DVec3::Z * 0.46), 0.145, 0.012, copper);
+    scene.ring(LocalFrame::at(can.origin + DVec3::Z * 0.46), 0.145, 0.012, copper);
     scene.cylinder(can.origin + DVec3::Z * 0.44, 0.14, 0.015, matt(rgb(246, 240, 226)));
-    scene.ring(Frame::along(can.origin + v(0.17, 0.05, 0.24), v(-0.3, 1.0, 0.0)), 0.10, 0.018, copper);
+    scene.ring(LocalFrame::along(can.origin + v(0.17, 0.05, 0.24), v(-0.3, 1.0, 0.0)), 0.10, 0.018, copper);
     scene.sphere(v(0.58, -0.50, TOP + 0.17), 0.17, steel());
     let lemon = Texture::Plain(rgb(250, 208, 40));
-    let along = Frame::along(v(0.20, -0.74, TOP + 0.10), v(1.0, 0.5, 0.1));
+    let along = LocalFrame::along(v(0.20, -0.74, TOP + 0.10), v(1.0, 0.5, 0.1));
     scene.lathe(
         along,
         &[(0.01, -0.17), (0.03, -0.14), (0.085, -0.08), (0.10, 0.0), (0.085, 0.08), (0.03, 0.14), (0.01, 0.16)],
@@ -103,10 +103,10 @@ fn company(scene: &mut Builder) {
     let blue = flowers(rgb(34, 70, 150), rgb(246, 240, 220), 11.0, true);
     let hollow = vec![Convex::cylinder(mug + DVec3::Z * 0.05, 0.125, 0.5)];
     scene.carved(Convex::cylinder(mug, 0.145, 0.30), hollow, Material::glossy(blue));
-    scene.ring(Frame::along(mug + v(-0.16, 0.03, 0.15), v(0.2, 1.0, 0.0)), 0.085, 0.02, glossy(rgb(34, 70, 150)));
+    scene.ring(LocalFrame::along(mug + v(-0.16, 0.03, 0.15), v(0.2, 1.0, 0.0)), 0.085, 0.02, glossy(rgb(34, 70, 150)));
     scene.cylinder(mug + DVec3::Z * 0.2, 0.125, 0.02, glossy(rgb(96, 46, 18)));
     for (angle, colour) in [(215.0, rgb(60, 150, 90)), (245.0, rgb(226, 120, 40))] {
-        let jar = Frame::at(polar(0.82, angle, TOP));
+        let jar = LocalFrame::at(polar(0.82, angle, TOP));
         scene.lathe(jar, &[(0.10, 0.0), (0.12, 0.04), (0.12, 0.16), (0.09, 0.21)], Material::metal(colour));
         scene.lathe(jar, &[(0.10, 0.205), (0.10, 0.235), (0.05, 0.26), (0.005, 0.268)], gold());
     }

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::{glossy, polar, rgb, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -20,7 +20,7 @@ pub(crate) fn knot() -> Builder {
     let scales = Texture::Checker { a: rgb(214, 62, 40), b: rgb(250, 196, 66), per_unit: v(7.0, 8.0 / TAU, 1.0) };
     scene.closed_tube(trefoil, PIECES, 0.155, Material::glossy(scales));
     scene.sphere(v(0.0, 0.0, 0.25), 0.24, Material::metal(rgb(225, 230, 238)));
-    scene.ring(Frame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, brass());
+    scene.ring(LocalFrame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, brass());
 
     plinth(&mut scene);
     for i in 0..12 {

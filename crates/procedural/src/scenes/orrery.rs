@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{glossy, matt, polar, rgb, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -46,7 +46,7 @@ fn stand(scene: &mut Builder) {
     scene.cone(v(0.0, 0.0, -0.48), 0.09, 0.03, 0.20, brass());
     scene.rod(v(0.0, 0.0, -0.4), v(0.0, 0.0, 0.0), 0.03, brass());
     for (z, radius) in [(-0.72, 0.13), (-0.60, 0.115), (-0.48, 0.11)] {
-        scene.ring(Frame::at(v(0.0, 0.0, z)), radius, 0.022, brass());
+        scene.ring(LocalFrame::at(v(0.0, 0.0, z)), radius, 0.022, brass());
     }
 }
 
@@ -101,10 +101,10 @@ fn planets(scene: &mut Builder) {
 /// Adds two great hoops about everything, with beads.
 fn armillary(scene: &mut Builder) {
     let centre = v(0.0, 0.0, 0.10);
-    scene.ring(Frame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, brass());
-    scene.ring(Frame::along(centre, v(1.0, -0.25, 0.35)), 0.98, 0.016, copper());
+    scene.ring(LocalFrame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, brass());
+    scene.ring(LocalFrame::along(centre, v(1.0, -0.25, 0.35)), 0.98, 0.016, copper());
     let enamel = glossy(rgb(190, 30, 50));
-    let frame = Frame::along(centre, v(0.3, 1.0, 0.12));
+    let frame = LocalFrame::along(centre, v(0.3, 1.0, 0.12));
     for k in 0..8 {
         let bead = centre + frame.rotation * polar(1.04, f64::from(k) * 45.0, 0.0);
         scene.sphere(bead, 0.045, enamel);

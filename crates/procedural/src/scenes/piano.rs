@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, rgb, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -14,7 +14,7 @@ pub(crate) fn piano() -> Builder {
     let mut scene = Builder::default();
     let rug = flowers(rgb(36, 22, 30), rgb(74, 30, 34), 4.2, false);
     scene.cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05, Material::matt(rug));
-    scene.ring(Frame::at(v(0.0, 0.0, RUG - 0.02)), 0.98, 0.026, matt(rgb(52, 42, 28)));
+    scene.ring(LocalFrame::at(v(0.0, 0.0, RUG - 0.02)), 0.98, 0.026, matt(rgb(52, 42, 28)));
     case(&mut scene);
     keyboard(&mut scene);
     lid(&mut scene);
@@ -98,7 +98,7 @@ fn lid(scene: &mut Builder) {
 fn legs(scene: &mut Builder) {
     let brass = Material::metal(rgb(176, 134, 60));
     for at in [v(-0.54, -0.50, RUG), v(0.54, -0.50, RUG), v(-0.28, 0.66, RUG)] {
-        let foot = Frame::at(at);
+        let foot = LocalFrame::at(at);
         scene.sphere(at + DVec3::Z * 0.035, 0.035, brass);
         scene.lathe(
             foot,

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, polar, rgb, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -43,7 +43,7 @@ fn plate(scene: &mut Builder) {
 }
 
 fn pot(scene: &mut Builder) {
-    let foot = Frame::at(v(0.12, 0.08, TOP));
+    let foot = LocalFrame::at(v(0.12, 0.08, TOP));
     let at = |x: f64, z: f64| foot.origin + v(0.8 * x, -0.6 * x, z);
     let belly = [
         (0.20, 0.0),
@@ -57,7 +57,7 @@ fn pot(scene: &mut Builder) {
         (0.20, 0.67),
     ];
     scene.lathe(foot, &belly, sprigged());
-    scene.ring(Frame::at(at(0.0, 0.665)), 0.198, 0.014, gilt());
+    scene.ring(LocalFrame::at(at(0.0, 0.665)), 0.198, 0.014, gilt());
     scene.lathe(
         foot,
         &[(0.19, 0.67), (0.16, 0.73), (0.08, 0.78), (0.03, 0.80), (0.05, 0.84), (0.045, 0.88), (0.005, 0.905)],
@@ -79,7 +79,7 @@ fn pot(scene: &mut Builder) {
 
 /// Adds a tall vase with rings about its neck and twigs with buds.
 fn vase(scene: &mut Builder) {
-    let foot = Frame::at(v(-0.36, 0.46, TOP));
+    let foot = LocalFrame::at(v(-0.36, 0.46, TOP));
     let outline = [
         (0.15, 0.0),
         (0.16, 0.04),
@@ -92,9 +92,9 @@ fn vase(scene: &mut Builder) {
         (0.13, 1.15),
     ];
     scene.lathe(foot, &outline, sprigged());
-    scene.ring(Frame::at(foot.origin + DVec3::Z * 1.15), 0.125, 0.012, gilt());
+    scene.ring(LocalFrame::at(foot.origin + DVec3::Z * 1.15), 0.125, 0.012, gilt());
     for z in [0.96, 1.03] {
-        scene.ring(Frame::at(foot.origin + DVec3::Z * z), 0.086, 0.014, white());
+        scene.ring(LocalFrame::at(foot.origin + DVec3::Z * z), 0.086, 0.014, white());
     }
     scene.cylinder(foot.origin + DVec3::Z * 1.12, 0.115, 0.01, matt(rgb(150, 148, 144)));
     let twig = matt(rgb(206, 200, 190));
@@ -114,21 +114,21 @@ fn vase(scene: &mut Builder) {
 
 /// Adds a cup of tea with milk on a saucer.
 fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
-    let foot = Frame::at(at);
+    let foot = LocalFrame::at(at);
     scene.lathe(foot, &[(0.10, 0.0), (0.12, 0.012), (0.22, 0.035), (0.245, 0.055)], white());
-    scene.ring(Frame::at(at + DVec3::Z * 0.055), 0.24, 0.010, gilt());
+    scene.ring(LocalFrame::at(at + DVec3::Z * 0.055), 0.24, 0.010, gilt());
     scene.lathe(foot, &[(0.08, 0.05), (0.07, 0.075), (0.13, 0.13), (0.155, 0.20), (0.165, 0.26)], sprigged());
-    scene.ring(Frame::at(at + DVec3::Z * 0.262), 0.160, 0.009, white());
+    scene.ring(LocalFrame::at(at + DVec3::Z * 0.262), 0.160, 0.009, white());
     scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(rgb(236, 222, 200)));
     let side = polar(1.0, turn, 0.0);
-    scene.ring(Frame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
+    scene.ring(LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
 }
 
 /// Adds a crouching hare.
 fn hare(scene: &mut Builder) {
     let ground = v(0.58, 0.52, TOP);
     let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);
-    let body = Frame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
+    let body = LocalFrame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
     scene.lathe(
         body,
         &[(0.01, -0.06), (0.09, -0.02), (0.145, 0.10), (0.13, 0.22), (0.08, 0.34), (0.01, 0.40)],
@@ -138,7 +138,8 @@ fn hare(scene: &mut Builder) {
     scene.sphere(at(-0.30, 0.0, 0.33), 0.065, white());
     scene.sphere(at(0.20, 0.0, 0.12), 0.055, white());
     for side in [-1.0, 1.0] {
-        let ear = Frame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
+        let ear =
+            LocalFrame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
         scene.lathe(ear, &[(0.01, 0.0), (0.038, 0.08), (0.036, 0.18), (0.004, 0.29)], white());
         scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, white());
         scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, white());

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{polar, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -60,7 +60,7 @@ fn thing(scene: &mut Builder, rng: &mut impl Rng, foot: DVec3, size: f64) {
         4 => {
             let across = polar(1.0, turn(rng), 0.0);
             let tube = 0.25 * size;
-            scene.ring(Frame::along(foot + DVec3::Z * size, across), size - tube, tube, material)
+            scene.ring(LocalFrame::along(foot + DVec3::Z * size, across), size - tube, tube, material)
         }
         _ => {
             let on_top = self::material(rng);

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, polar, rgb, satin, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -120,7 +120,7 @@ fn low_table(scene: &mut Builder) {
     }
     let top = 0.443;
     let glaze = Texture::Bands { a: rgb(40, 130, 140), b: rgb(230, 226, 206), c: rgb(20, 60, 90), per_unit: 9.0 };
-    let vase = Frame::at(c + v(-0.28, 0.06, top));
+    let vase = LocalFrame::at(c + v(-0.28, 0.06, top));
     scene.lathe(vase, &[(0.05, 0.0), (0.10, 0.10), (0.09, 0.20), (0.04, 0.29), (0.055, 0.34)], Material::glossy(glaze));
     for k in 0..7 {
         let angle = f64::from(k) * 51.0;
@@ -139,7 +139,7 @@ fn low_table(scene: &mut Builder) {
     }
     let cup = c + v(-0.02, -0.16, top);
     scene.cylinder(cup, 0.085, 0.012, glossy(rgb(240, 238, 232)));
-    scene.lathe(Frame::at(cup), &[(0.03, 0.01), (0.05, 0.05), (0.055, 0.09)], glossy(rgb(240, 238, 232)));
+    scene.lathe(LocalFrame::at(cup), &[(0.03, 0.01), (0.05, 0.05), (0.055, 0.09)], glossy(rgb(240, 238, 232)));
     scene.sphere(c + v(0.33, 0.0, 0.243), 0.07, Material::metal(rgb(214, 168, 84)));
 }
 
@@ -159,7 +159,7 @@ fn dresser(scene: &mut Builder) {
     for y in [2.3, 3.5] {
         scene.solid(Convex::taper(v(front - 0.06, y, 0.0), v(front - 0.06, y, 0.08), 0.025, 0.04), wood);
     }
-    let lamp = Frame::at(v(-SIDE + 0.24, 2.45, 0.865));
+    let lamp = LocalFrame::at(v(-SIDE + 0.24, 2.45, 0.865));
     scene.lathe(lamp, &[(0.09, 0.0), (0.10, 0.06), (0.05, 0.16), (0.02, 0.24), (0.02, 0.30)], glossy(rgb(30, 96, 110)));
     scene.lathe(
         lamp,
@@ -173,7 +173,7 @@ fn dresser(scene: &mut Builder) {
 
 /// Adds an armchair to the right and a plant behind it.
 fn corner(scene: &mut Builder) {
-    let pot = Frame::at(v(1.55, 4.0, 0.0));
+    let pot = LocalFrame::at(v(1.55, 4.0, 0.0));
     scene.lathe(
         pot,
         &[(0.15, 0.0), (0.20, 0.20), (0.22, 0.36)],
@@ -194,7 +194,7 @@ fn corner(scene: &mut Builder) {
         scene.closed_tube(curve, 8, 0.016, leaf);
         let tip = curve(1.0);
         scene.lathe(
-            Frame::along(tip, curve(1.0) - curve(0.8)),
+            LocalFrame::along(tip, curve(1.0) - curve(0.8)),
             &[(0.012, -0.12), (0.05, -0.02), (0.045, 0.06), (0.004, 0.16)],
             leaf,
         );

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{flowers, glossy, matt, polar, rgb, satin, stripes, v};
-use crate::convex::{Convex, Frame};
+use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -35,8 +35,8 @@ pub(crate) fn table() -> Builder {
 fn bowl(scene: &mut Builder) {
     let at = v(-0.18, -0.36, TOP + 0.006);
     let blue = flowers(rgb(240, 240, 234), rgb(40, 84, 160), 9.0, true);
-    scene.lathe(Frame::at(at), &[(0.14, 0.0), (0.13, 0.04), (0.26, 0.11), (0.34, 0.22)], Material::glossy(blue));
-    scene.ring(Frame::at(at + DVec3::Z * 0.22), 0.335, 0.014, glossy(rgb(40, 84, 160)));
+    scene.lathe(LocalFrame::at(at), &[(0.14, 0.0), (0.13, 0.04), (0.26, 0.11), (0.34, 0.22)], Material::glossy(blue));
+    scene.ring(LocalFrame::at(at + DVec3::Z * 0.22), 0.335, 0.014, glossy(rgb(40, 84, 160)));
     let apple = |a: DVec3, b: DVec3| Material::glossy(Texture::Bands { a, b, c: a.lerp(b, 0.5), per_unit: 5.0 });
     let red = apple(rgb(206, 30, 36), rgb(240, 150, 60));
     let green = apple(rgb(130, 180, 40), rgb(210, 210, 80));
@@ -63,11 +63,11 @@ fn jug(scene: &mut Builder) {
     let at = v(-0.46, 0.30, TOP + 0.006);
     let copper = Material { reflectance: 0.7, ..Material::metal(rgb(206, 116, 76)) };
     scene.lathe(
-        Frame::at(at),
+        LocalFrame::at(at),
         &[(0.16, 0.0), (0.24, 0.16), (0.22, 0.34), (0.12, 0.52), (0.11, 0.60), (0.15, 0.70)],
         copper,
     );
-    scene.ring(Frame::at(at + DVec3::Z * 0.70), 0.145, 0.012, copper);
+    scene.ring(LocalFrame::at(at + DVec3::Z * 0.70), 0.145, 0.012, copper);
     let handle = |s: f64| {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
         at + v(-0.15 - 0.20 * cos, 0.0, 0.42 - 0.22 * sin)
@@ -79,7 +79,7 @@ fn jug(scene: &mut Builder) {
         let tall = 0.50 + 0.07 * f64::from(k * 5 % 6);
         let curve = |s: f64| start + polar(0.07 * s + 0.22 * s * s, angle, tall * s);
         scene.closed_tube(curve, 7, 0.010, matt(rgb(150, 140, 80)));
-        let head = Frame::along(curve(1.0), curve(1.0) - curve(0.9));
+        let head = LocalFrame::along(curve(1.0), curve(1.0) - curve(0.9));
         let hue = [rgb(200, 160, 90), rgb(226, 90, 60), rgb(240, 220, 180)][k as usize % 3];
         scene.lathe(head, &[(0.012, -0.01), (0.05, 0.03), (0.055, 0.07), (0.03, 0.105), (0.045, 0.12)], matt(hue));
     }
@@ -113,7 +113,7 @@ fn radio(scene: &mut Builder) {
     let pear =
         Material::glossy(Texture::Patches { a: rgb(220, 200, 70), b: rgb(190, 170, 50), per_unit: 20.0, cap: 9.0 });
     scene.lathe(
-        Frame::at(v(0.36, -0.48, TOP + 0.006)),
+        LocalFrame::at(v(0.36, -0.48, TOP + 0.006)),
         &[(0.05, 0.0), (0.11, 0.06), (0.11, 0.13), (0.055, 0.23), (0.04, 0.27), (0.004, 0.29)],
         pear,
     );

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 pub use self::rules::Placement;
 use self::rules::Rule;
-pub(crate) use self::steps::Steps;
+pub(crate) use self::steps::UniformSteps;
 use crate::config::RenderConfig;
 use crate::occupancy::OccupancyGrid;
 use crate::output::RenderOutput;
@@ -143,8 +143,8 @@ impl Sampler {
         step: f32,
         shift: f32,
         grid: Option<&'a OccupancyGrid>,
-    ) -> Steps<'a> {
-        Steps::new(ray, &self.warp, ends, (step, shift), grid, self.clips())
+    ) -> UniformSteps<'a> {
+        UniformSteps::new(ray, &self.warp, ends, (step, shift), grid, self.clips())
     }
 
     /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.

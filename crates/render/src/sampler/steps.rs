@@ -9,7 +9,7 @@ use crate::warp::Warp;
 /// `(distance, length)` of samples along a ray, front to back: steps of one length, less those in empty cells of a grid. Two or
 /// four steps are one sample where [`Self::join`] allows it.
 #[derive(Clone, Debug)]
-pub(crate) struct Steps<'a> {
+pub(crate) struct UniformSteps<'a> {
     ray: &'a Ray,
     warp: &'a Warp,
     grid: Option<&'a OccupancyGrid>,
@@ -38,7 +38,7 @@ struct CellLine {
     steps_per_cell: f32,
 }
 
-impl<'a> Steps<'a> {
+impl<'a> UniformSteps<'a> {
     /// Returns the steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at
     /// the share `shift` of it. If the ray `is_clipped` to the box of the grid, steps before and behind all occupied
     /// cells are left out at once.
@@ -104,7 +104,7 @@ impl<'a> Steps<'a> {
     }
 }
 
-impl Iterator for Steps<'_> {
+impl Iterator for UniformSteps<'_> {
     type Item = (f32, f32);
 
     fn next(&mut self) -> Option<(f32, f32)> {

@@ -4,7 +4,7 @@ use plotters::{
 };
 
 use super::{
-    AxisScale, Frame,
+    AxisScale, ChartFrame,
     canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
     scale::{Scale, drawable},
 };
@@ -25,7 +25,7 @@ pub struct Bar {
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
-pub fn bar_chart(frame: &Frame, bars: &[Bar]) -> Result<String, ReportError> {
+pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, AxisScale::Linear)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
     // Names that are wider than their bars' places go into a legend.

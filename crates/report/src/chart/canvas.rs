@@ -14,7 +14,7 @@ use plotters::{
     },
 };
 
-use super::{Frame, scale::Scale};
+use super::{ChartFrame, scale::Scale};
 use crate::{ReportError, text::plain};
 
 /// Placeholder of the surrounding text's colour, which [`drawn`] replaces: no chart uses it for anything else.
@@ -43,7 +43,7 @@ pub(crate) const LABEL: f64 = 14.0;
 
 pub(super) type Area<B> = DrawingArea<B, Shift>;
 pub(super) type Plot<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
-pub(super) type Outcome = Result<(), Box<dyn std::error::Error>>;
+pub(super) type DrawingResult = Result<(), Box<dyn std::error::Error>>;
 
 pub(super) fn colour(index: usize) -> RGBColor {
     PALETTE[index % PALETTE.len()]
@@ -71,8 +71,8 @@ fn register_fonts() {
 
 /// Draws on a sheet and returns its pixels, dark on white, of twice the size of an SVG.
 pub(super) fn pictured(
-    frame: &Frame,
-    draw: impl FnOnce(&Area<BitMapBackend>) -> Outcome,
+    frame: &ChartFrame,
+    draw: impl FnOnce(&Area<BitMapBackend>) -> DrawingResult,
 ) -> Result<RgbImage, ReportError> {
     let mut picture = RgbImage::from_pixel(2 * WIDTH, 2 * HEIGHT, image::Rgb([255; 3]));
     on_picture(&mut picture, &frame.title, draw)?;
@@ -92,7 +92,7 @@ pub(crate) fn write_text(picture: &mut RgbImage, texts: &[(String, (i32, i32))])
 fn on_picture(
     picture: &mut RgbImage,
     title: &str,
-    draw: impl FnOnce(&Area<BitMapBackend>) -> Outcome,
+    draw: impl FnOnce(&Area<BitMapBackend>) -> DrawingResult,
 ) -> Result<(), ReportError> {
     register_fonts();
     let size = picture.dimensions();
@@ -102,7 +102,10 @@ fn on_picture(
 }
 
 /// Draws on a sheet and returns its SVG.
-pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area<SVGBackend>) -> Outcome) -> Result<String, ReportError> {
+pub(super) fn drawn(
+    frame: &ChartFrame,
+    draw: impl FnOnce(&Area<SVGBackend>) -> DrawingResult,
+) -> Result<String, ReportError> {
     register_fonts();
     let mut svg = String::new();
     let outcome = {
@@ -118,7 +121,7 @@ pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area<SVGBackend>) -> Outco
 /// `legend` holds names and colours; a single nameless entry needs none.
 pub(super) fn plot<'a, B: DrawingBackend<ErrorType: 'static>>(
     sheet: &'a Area<B>,
-    frame: &Frame,
+    frame: &ChartFrame,
     legend: &[(String, RGBColor)],
     x: Scale,
     y: Scale,

@@ -4,7 +4,7 @@ use plotters::{
 };
 
 use super::{
-    AxisScale, Frame,
+    AxisScale, ChartFrame,
     canvas::{INK, anchored, drawn, font, plot},
     scale::{Scale, drawable, short},
 };
@@ -22,7 +22,7 @@ use crate::{
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
 pub fn heat_map(
-    frame: &Frame,
+    frame: &ChartFrame,
     columns: &[String],
     rows: &[String],
     values: &[Vec<Option<f64>>],

@@ -5,8 +5,8 @@ use plotters::{
 };
 
 use super::{
-    Axis, Frame, Series,
-    canvas::{Area, INK, Outcome, anchored, colour, drawn, font, pictured, plot, text_width, zoom},
+    Axis, ChartFrame, Series,
+    canvas::{Area, DrawingResult, INK, anchored, colour, drawn, font, pictured, plot, text_width, zoom},
     fit_power_law, pareto_frontier,
     scale::{Scale, drawable},
 };
@@ -21,7 +21,7 @@ const GREY: RGBColor = RGBColor(128, 128, 128);
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
-pub fn line_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportError> {
+pub fn line_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
     let mut lines = PlotLine::of_each(series, frame, 2);
     lines.iter_mut().for_each(|line| line.marked = line.points.len() <= MARKED);
     draw(frame, &lines)
@@ -32,8 +32,8 @@ pub fn line_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportErro
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
-pub fn power_law_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportError> {
-    let frame = Frame { title: frame.title.clone(), x: Axis::log(&frame.x.label), y: Axis::log(&frame.y.label) };
+pub fn power_law_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
+    let frame = ChartFrame { title: frame.title.clone(), x: Axis::log(&frame.x.label), y: Axis::log(&frame.y.label) };
     let mut lines = PlotLine::of_each(series, &frame, 0);
     for index in 0..lines.len() {
         let line = &mut lines[index];
@@ -52,7 +52,7 @@ pub fn power_law_chart(frame: &Frame, series: &[Series]) -> Result<String, Repor
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
-pub fn scatter_chart(frame: &Frame, series: &[Series], frontier: bool) -> Result<String, ReportError> {
+pub fn scatter_chart(frame: &ChartFrame, series: &[Series], frontier: bool) -> Result<String, ReportError> {
     let mut lines = PlotLine::of_each(series, frame, 0);
     if frontier {
         let all: Vec<(f64, f64)> = lines.iter().flat_map(|line| line.points.iter().copied()).collect();
@@ -93,7 +93,7 @@ pub struct Drawing {
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
-pub fn marked_chart(frame: &Frame, series: &[Series], marks: &[Mark]) -> Result<Drawing, ReportError> {
+pub fn marked_chart(frame: &ChartFrame, series: &[Series], marks: &[Mark]) -> Result<Drawing, ReportError> {
     let lines = PlotLine::of_each(series, frame, 2);
     let fits = |mark: &&Mark| drawable(mark.point.0, frame.x.scale) && drawable(mark.point.1, frame.y.scale);
     let marks: Vec<Mark> = marks.iter().filter(fits).cloned().collect();
@@ -114,26 +114,26 @@ struct PlotLine {
 
 impl PlotLine {
     /// Makes the line of the series at `index`, with a marker on each point and a stroke of `width`.
-    fn of(series: &Series, frame: &Frame, index: usize, width: u32) -> Self {
+    fn of(series: &Series, frame: &ChartFrame, index: usize, width: u32) -> Self {
         let (name, points) = (series.name.clone(), series.drawable(frame));
         Self { name, points, colour: colour(index), width, marked: true }
     }
 
-    fn of_each(series: &[Series], frame: &Frame, width: u32) -> Vec<Self> {
+    fn of_each(series: &[Series], frame: &ChartFrame, width: u32) -> Vec<Self> {
         series.iter().enumerate().map(|(index, series)| Self::of(series, frame, index, width)).collect()
     }
 }
 
-fn draw(frame: &Frame, lines: &[PlotLine]) -> Result<String, ReportError> {
+fn draw(frame: &ChartFrame, lines: &[PlotLine]) -> Result<String, ReportError> {
     drawn(frame, |sheet| paint(sheet, frame, lines, &[]))
 }
 
 fn paint<B: DrawingBackend<ErrorType: 'static>>(
     sheet: &Area<B>,
-    frame: &Frame,
+    frame: &ChartFrame,
     lines: &[PlotLine],
     marks: &[Mark],
-) -> Outcome {
+) -> DrawingResult {
     let points =
         || lines.iter().flat_map(|line| line.points.iter().copied()).chain(marks.iter().map(|mark| mark.point));
     let x = Scale::around(points().map(|(x, _)| x), frame.x.scale);

@@ -19,7 +19,7 @@ pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart, scatter
 
 /// Title and axes of a chart.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Frame {
+pub struct ChartFrame {
     /// Heading above the chart; may be empty.
     pub title: String,
     /// Horizontal axis.
@@ -63,7 +63,7 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-impl Frame {
+impl ChartFrame {
     /// Returns a frame with linear axes.
     #[must_use]
     pub fn new(title: &str, x: &str, y: &str) -> Self {
@@ -93,7 +93,7 @@ impl Axis {
 
 impl Series {
     /// Returns the points that the axes can show.
-    fn drawable(&self, frame: &Frame) -> Vec<(f64, f64)> {
+    fn drawable(&self, frame: &ChartFrame) -> Vec<(f64, f64)> {
         let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.scale);
         self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()
     }

@@ -160,12 +160,12 @@ mod tests {
     struct Case {
         case: String,
         scenes: Vec<Vec<f64>>,
-        these: Option<Expected>,
-        alike: Option<Expected>,
+        these: Option<ExpectedInterval>,
+        alike: Option<ExpectedInterval>,
     }
 
     #[derive(Deserialize)]
-    struct Expected {
+    struct ExpectedInterval {
         mean: f64,
         low: f64,
         high: f64,

@@ -35,12 +35,12 @@ pub(super) fn box_filter<const C: usize>(pixels: &[[f32; C]], from: (u32, u32), 
 }
 
 /// The input pixels `first..first + weights.len()` under one output pixel; weights sum to 1.
-struct Span {
+struct FilterSpan {
     first: usize,
     weights: Vec<f64>,
 }
 
-impl Span {
+impl FilterSpan {
     fn mean<const C: usize>(&self, pixel: impl Fn(usize) -> [f64; C]) -> [f64; C] {
         let mut sum = [0.0; C];
         for (k, weight) in self.weights.iter().enumerate() {
@@ -56,14 +56,14 @@ impl Span {
 /// Returns the span of input pixels under each output pixel, in integer arithmetic: in units of `1/m` of an input
 /// pixel, input pixel `i` is `[i·m, (i+1)·m]` and output pixel `k` is `[k·n, (k+1)·n]`, so that the weights are exact
 /// fractions of `n`.
-fn spans(n: u32, m: u32) -> Vec<Span> {
+fn spans(n: u32, m: u32) -> Vec<FilterSpan> {
     let (n, m) = (u64::from(n), u64::from(m));
     (0..m)
         .map(|k| {
             let (lo, hi) = (k * n, (k + 1) * n);
             let (first, end) = (lo / m, hi.div_ceil(m));
             let weights = (first..end).map(|i| (hi.min((i + 1) * m) - lo.max(i * m)) as f64 / n as f64).collect();
-            Span { first: first as usize, weights }
+            FilterSpan { first: first as usize, weights }
         })
         .collect()
 }

@@ -27,7 +27,7 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
         return (0..n).map(|i| region.pose(direction(turn(i)), radius)).collect();
     }
 
-    let level = Level::of(&region);
+    let level = OrbitAngles::of(&region);
     (0..n).map(|i| region.pose(level.direction(turn(i), level.elevation), radius)).collect()
 }
 
@@ -52,7 +52,7 @@ pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
         let direction = |(x, y): (f64, f64)| (axis + x.tan() * side + y.tan() * top).normalize();
         return (0..n).map(|i| region.pose(direction(swing(i, width, 0.5 * width)), radius)).collect();
     }
-    let level = Level::of(&region);
+    let level = OrbitAngles::of(&region);
     let room = (FRAC_PI_2 - TOP - level.elevation.abs()).max(0.0);
     let pose = |(azimuth, height): (f64, f64)| region.pose(level.direction(azimuth, level.elevation + height), radius);
     (0..n).map(|i| pose(swing(i, SWING, (0.5 * SWING).min(room)))).collect()
@@ -64,7 +64,7 @@ const SWING: f64 = 0.6;
 const TOP: f64 = 0.15;
 
 /// Azimuth and elevation about a scene: 0 is the first camera's azimuth.
-struct Level {
+struct OrbitAngles {
     start: DVec3,
     side: DVec3,
     up: DVec3,
@@ -72,7 +72,7 @@ struct Level {
     elevation: f64,
 }
 
-impl Level {
+impl OrbitAngles {
     fn of(region: &ViewRegion) -> Self {
         let (up, directions) = (region.up(), region.directions());
         let count = directions.len() as f64;

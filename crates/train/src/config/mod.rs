@@ -11,7 +11,7 @@ mod weights;
 
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
-pub use protocol::{TestViews, Views};
+pub use protocol::{TestViewChoice, Views};
 pub use train::{
     Batch, EarlyStoppingConfig, EnsembleConfig, ErrorSamplingConfig, NeighbourConfig, NeighbourSampling,
     RotationCentre, TrainConfig, Unseen,
@@ -101,7 +101,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
     /// Test views.
-    pub test: TestViews,
+    pub test: TestViewChoice,
     /// Name of the measurement of pictures, one of [`infonerf_metrics::Protocol::NAMED`].
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.

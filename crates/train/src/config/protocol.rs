@@ -9,7 +9,7 @@ use toml::Value;
 /// `0,8,16` (or a list), or a published protocol of the scene's format.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Value", into = "String")]
-pub struct TestViews(TestProtocol);
+pub struct TestViewChoice(TestProtocol);
 
 /// Parses a choice of views from a string, a view's id or a list of ids.
 fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
@@ -24,14 +24,14 @@ fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
     })
 }
 
-impl TestViews {
+impl TestViewChoice {
     /// Converts the choice to the loader's type.
     pub fn test(&self) -> TestProtocol {
         self.0.clone()
     }
 }
 
-impl FromStr for TestViews {
+impl FromStr for TestViewChoice {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -39,7 +39,7 @@ impl FromStr for TestViews {
     }
 }
 
-impl TryFrom<Value> for TestViews {
+impl TryFrom<Value> for TestViewChoice {
     type Error = String;
 
     fn try_from(value: Value) -> Result<Self, String> {
@@ -47,14 +47,14 @@ impl TryFrom<Value> for TestViews {
     }
 }
 
-impl fmt::Display for TestViews {
+impl fmt::Display for TestViewChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
     }
 }
 
-impl From<TestViews> for String {
-    fn from(protocol: TestViews) -> Self {
+impl From<TestViewChoice> for String {
+    fn from(protocol: TestViewChoice) -> Self {
         protocol.to_string()
     }
 }

@@ -6,7 +6,7 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
-use infonerf_loss::{Bundle, LossValues, Need, NeighbourBundles, Picture, Renders};
+use infonerf_loss::{LossValues, Need, NeighbourBundles, RenderedBundle, Renders, UnseenImage};
 use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
 use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
@@ -149,7 +149,7 @@ impl<F: Field> Trainer<F> {
             let passes = self.profile.time(Phase::Unseen, || renderer.render(model, &rays, request, occupancy, at));
             cost.add(&passes, rays.len());
             let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
-            Picture { rgb: passes.fine.color.expect("colour was asked for"), size, view }
+            UnseenImage { rgb: passes.fine.color.expect("colour was asked for"), size, view }
         });
         let penalty = |need: &Need| {
             let Need::Penalty(name) = *need else { return None };
@@ -160,11 +160,11 @@ impl<F: Field> Trainer<F> {
             Some(rendered.swap_remove(index).1)
         };
         let seen = take(Role::Seen).expect("seen rays are always rendered");
-        let seen = Bundle { passes: seen, target: Some(batch.target(scene, model)) };
+        let seen = RenderedBundle { passes: seen, target: Some(batch.target(scene, model)) };
         let renders = Renders {
             squared_error: seen.squared_error(),
             seen,
-            unseen: take(Role::Unseen).map(|passes| Bundle { passes, target: None }),
+            unseen: take(Role::Unseen).map(|passes| RenderedBundle { passes, target: None }),
             neighbours: NeighbourBundles {
                 seen: take(Role::SeenNeighbours).map(|passes| passes.fine),
                 unseen: take(Role::UnseenNeighbours).map(|passes| passes.fine),

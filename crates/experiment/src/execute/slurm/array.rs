@@ -2,14 +2,14 @@
 
 /// Items `base + task` for each of `tasks`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Array {
+pub struct JobArray {
     /// The item of task 0.
     pub base: usize,
     /// Task ids, rising.
     pub tasks: Vec<usize>,
 }
 
-impl Array {
+impl JobArray {
     /// Puts `items`, which rise, into arrays in which every id is below `limit`.
     pub(super) fn of(items: &[usize], limit: usize) -> Vec<Self> {
         let limit = limit.max(1);
@@ -45,14 +45,14 @@ mod tests {
     #[test]
     fn ids_stay_below_the_limit_and_name_the_items() {
         let items = [0, 1, 2, 5, 9, 10, 19, 20];
-        let arrays = Array::of(&items, 10);
+        let arrays = JobArray::of(&items, 10);
         let ranges: Vec<(usize, String)> = arrays.iter().map(|array| (array.base, array.ranges())).collect();
         assert_eq!(ranges, [(0, "0-2,5,9".to_owned()), (10, "0,9".to_owned()), (20, "0".to_owned())]);
         assert_eq!(arrays[1].ends(), (10, 19));
         let again: Vec<usize> =
             arrays.iter().flat_map(|array| array.tasks.iter().map(move |task| array.base + task)).collect();
         assert_eq!(again, items);
-        assert!(Array::of(&[], 10).is_empty());
-        assert_eq!(Array::of(&items, usize::MAX).len(), 1);
+        assert!(JobArray::of(&[], 10).is_empty());
+        assert_eq!(JobArray::of(&items, usize::MAX).len(), 1);
     }
 }

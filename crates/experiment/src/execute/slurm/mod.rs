@@ -18,7 +18,7 @@ use infonerf_report::write_atomically;
 
 use super::Runner;
 use crate::sweep::{Prepared, Sweep, manifest};
-use array::Array;
+use array::JobArray;
 use script::{Script, quoted};
 
 /// Time before its end at which a task is signalled to save.
@@ -89,7 +89,7 @@ impl Slurm {
         for (sweep, prepared) in sweeps.iter().zip(prepared).filter(|(_, prepared)| !prepared.missing.is_empty()) {
             let folder = std::path::absolute(&prepared.folder).context("--out")?;
             let mut own: Vec<String> = Vec::new();
-            for array in Array::of(&prepared.missing, limit) {
+            for array in JobArray::of(&prepared.missing, limit) {
                 let script = self.array_script(&sweep.about.name, &folder, &array, own.last())?;
                 let path = launch_folder(&folder).join(format!("items-{}.sh", array.base));
                 let id = self.sbatch(&script, &path).with_context(|| refused(sweep, &array, &all))?;
@@ -124,7 +124,7 @@ impl Slurm {
 
     /// Returns the script of an array. `exec` makes the item the process that Slurm's signal reaches (`B:`, the batch
     /// shell alone), and `--requeue` lets Slurm start it again if it was preempted or its node failed.
-    fn array_script(&self, name: &str, folder: &Path, array: &Array, after: Option<&String>) -> Result<Script> {
+    fn array_script(&self, name: &str, folder: &Path, array: &JobArray, after: Option<&String>) -> Result<Script> {
         let mut script = self.script(name, &launch_folder(folder), "%A_%a.log", self.runner.timeout)?;
         let limit = self.resources.at_once.map_or_else(String::new, |limit| format!("%{limit}"));
         script.option("array", &format!("{}{limit}", array.ranges()))?;
@@ -258,7 +258,7 @@ fn array_limit() -> Result<usize> {
 }
 
 /// Names what was not submitted, and what was.
-fn refused(sweep: &Sweep, array: &Array, jobs: &[String]) -> String {
+fn refused(sweep: &Sweep, array: &JobArray, jobs: &[String]) -> String {
     let (first, last) = array.ends();
     let refused = format!("{}: items {first} to {last} were not submitted", sweep.about.name);
     match jobs {

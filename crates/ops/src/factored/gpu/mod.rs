@@ -9,12 +9,12 @@ use burn::cubecl::ir::{FloatKind, Type};
 use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{Layout, Level, PLANES, Query};
+use super::{FactoredLayout, Level, PLANES, Query};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers, zeros};
 use kernels::{CompareExchange, Native};
 
 /// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
-pub(super) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+pub(super) fn features(tables: Tensor<1>, layout: &Arc<FactoredLayout>, query: &Query) -> Tensor<2> {
     let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
     let kernel = FeatureKernel { layout: layout.clone(), weights };
     apply(kernel, (tables, query.positions.clone()))
@@ -22,7 +22,7 @@ pub(super) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -
 
 #[derive(Debug)]
 struct FeatureKernel {
-    layout: Arc<Layout>,
+    layout: Arc<FactoredLayout>,
     /// Weights of the frequencies, then of the levels.
     weights: Vec<f32>,
 }

@@ -8,7 +8,7 @@ use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{Layout, weight};
+use super::{FactoredLayout, weight};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
 use crate::factored::Level;
 
@@ -16,12 +16,12 @@ use crate::factored::Level;
 const SUMS: usize = 4096;
 
 /// Computes the variation, `[1]`.
-pub(super) fn variation(tables: tensor::Tensor<1>, layout: &Arc<Layout>) -> tensor::Tensor<1> {
+pub(super) fn variation(tables: tensor::Tensor<1>, layout: &Arc<FactoredLayout>) -> tensor::Tensor<1> {
     apply(Variation(layout.clone()), tables)
 }
 
 #[derive(Debug)]
-struct Variation(Arc<Layout>);
+struct Variation(Arc<FactoredLayout>);
 
 impl CubeKernel for Variation {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {

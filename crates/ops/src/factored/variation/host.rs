@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::{Layout, weight};
+use super::{FactoredLayout, weight};
 use crate::kernel::{Kernel, Pass};
 use crate::parts::in_parts;
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
 pub(super) struct VariationKernel {
-    pub(super) layout: Arc<Layout>,
+    pub(super) layout: Arc<FactoredLayout>,
 }
 
 impl VariationKernel {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use burn::tensor::Tensor;
 
-use super::Layout;
+use super::FactoredLayout;
 use crate::dispatch::dispatch;
 
 /// Computes the total variation of the planes, Σ_levels (res/64)/(3 res²) Σ over neighbours of squared differences, `[1]`.
@@ -18,7 +18,7 @@ use crate::dispatch::dispatch;
 ///
 /// # Panics
 /// If `tables` is not of the layout's length.
-pub fn plane_variation(tables: Tensor<1>, layout: &Arc<Layout>) -> Tensor<1> {
+pub fn plane_variation(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tensor<1> {
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     dispatch! {
         &tables.device();
@@ -34,7 +34,7 @@ fn weight(resolution: usize) -> f32 {
 }
 
 /// Computes [`plane_variation`] by plain tensor operations, on any backend.
-pub fn plain(tables: Tensor<1>, layout: &Layout) -> Tensor<1> {
+pub fn plain(tables: Tensor<1>, layout: &FactoredLayout) -> Tensor<1> {
     let mut sum = Tensor::zeros([1], &tables.device());
     for level in &layout.levels {
         let (r, c) = (level.resolution, level.channels);
