@@ -17,7 +17,7 @@ use crate::existing::ExistingArgs;
 use crate::exit::INTERRUPTED;
 use crate::names::{self, KnownNames};
 use crate::print::{errln, outln};
-use crate::progress::Progress;
+use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::{DeviceArgs, NetworkArgs};
 use crate::terminal::open_device;
@@ -165,7 +165,7 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
 /// fields, if they were trained just now, and the path of the report; `None` if the user stops it.
 fn train(experiment: Experiment, session: &Session) -> Result<Option<(Option<Trained>, PathBuf)>> {
     let folder = session.experiment_folder(&experiment.about.name);
-    let mut progress = Progress::new(&experiment.runs[0].label());
+    let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
     let mut trained = None;
     let mut watch = |event: PlanEvent<'_>| {
         match event {
