@@ -6,8 +6,8 @@ use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::command::{
-    bench, collect, demo, documentation, eval, exp, export, figure, list, pretrain, render, reproduce, scene, sweep,
-    sweep_item, tensorboard, view, weights,
+    bench, capture, collect, demo, documentation, eval, exp, export, figure, list, pretrain, render, reproduce, scene,
+    sweep, sweep_item, tensorboard, view, weights,
 };
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
@@ -21,6 +21,7 @@ pub(crate) struct Args {
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    Capture(capture::CaptureArgs),
     Exp(exp::ExpArgs),
     Pretrain(pretrain::PretrainArgs),
     Sweep(sweep::SweepArgs),
@@ -49,6 +50,7 @@ impl Args {
     pub(crate) fn run(&self) -> Result<ExitCode> {
         match &self.command {
             Command::Demo(args) => demo::run(args),
+            Command::Capture(args) => capture::run(args),
             Command::Exp(args) => exp::run(args),
             Command::Pretrain(args) => pretrain::run(args),
             Command::Sweep(args) => sweep::run(args),

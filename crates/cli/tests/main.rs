@@ -1,6 +1,7 @@
 //! Tests of the command line, in one program.
 
 mod bad_input;
+mod capture;
 mod cli;
 mod common;
 mod export;

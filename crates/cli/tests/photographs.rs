@@ -10,7 +10,7 @@ use infonerf_dataset::{SceneSource, load};
 use infonerf_scene::{Image, SceneRequest, TestProtocol, View, ViewSelection};
 
 /// Writes pictures of the built-in room to `dir`, and says how they were made.
-fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
+pub(crate) fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
     let train = ViewSelection::Ids(ids.to_vec());
     let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..Default::default() };
     let views = load(&SceneSource::Procedural("room".into()), &request).unwrap().train;
@@ -48,7 +48,7 @@ fn poses_of_photographs_alone() {
     }
     let focal = found.camera(&found.images[0]).unwrap().fx / views[0].camera.fx;
     assert!((focal - 1.0).abs() < 0.05 && found.reprojection_error().unwrap() < 0.5, "{focal}");
-    assert!(said.contains("next: infonerf exp capture --data . --scene photos --variant infonerf+"), "{said}");
+    assert!(said.contains("next: infonerf capture photos"), "{said}");
     place.run("scene info photos").succeeds();
     place.run(command).fails_with(&["sparse", "remove this one to make another"]);
 }

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Experiment, RunEvent, RunPlan, Session, Trained, total_progress};
+use infonerf_experiment::{Experiment, RunEvent, Session, Trained, total_progress};
 use infonerf_report::{VIEWER_PAGE, write_atomically};
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
@@ -124,7 +124,10 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
                 }
             }
             if infonerf_view::holds(&plan.config.field) {
-                write_viewer(plan, trainers, &folder);
+                let trained = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
+                if let Err(error) = write_viewer(&trained, &folder.join(plan.directory())) {
+                    errln!("warning: {}: no page in 3D: {error:#}", plan.label());
+                }
             }
         } else if as_text {
             reporter.watch(event);
@@ -139,14 +142,10 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Leaves the page that shows a run's scene next to the run, for the report to open.
-fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) {
-    let folder = experiment.join(plan.directory());
-    let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
-    let page = infonerf_view::page(&run, &folder, None);
-    if let Err(error) = page.and_then(|page| Ok(write_atomically(&folder.join(VIEWER_PAGE), page.as_bytes())?)) {
-        errln!("warning: {}: no page in 3D: {error:#}", plan.label());
-    }
+/// Writes the page that shows a run's scene to the run's `folder`, where the report links to it.
+pub(crate) fn write_viewer(trained: &Trained, folder: &Path) -> Result<()> {
+    let page = infonerf_view::page(trained, folder, None)?;
+    Ok(write_atomically(&folder.join(VIEWER_PAGE), page.as_bytes())?)
 }
 
 fn print_profile(trainers: &[Trainer]) {

@@ -1,6 +1,7 @@
 //! One file for each subcommand: its arguments and what it does.
 
 pub(crate) mod bench;
+pub(crate) mod capture;
 pub(crate) mod collect;
 pub(crate) mod demo;
 pub(crate) mod documentation;

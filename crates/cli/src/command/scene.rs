@@ -89,7 +89,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
-        SceneCommand::Check { dir } => warn(dir)?,
+        SceneCommand::Check { dir } => print_doubts(dir)?,
         SceneCommand::FromImages { dir, without_colmap, focal } => {
             let focal = match focal {
                 Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
@@ -97,9 +97,8 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
                 None => None,
             };
             let search = PoseSearch { without_colmap: *without_colmap, focal };
-            from_images(dir, &search, |line| outln!("{line}"))?;
-            show(dir, false, None)?;
-            print_next(dir);
+            find_poses(dir, &search)?;
+            outln!("next: infonerf capture {}", shlex::try_quote(&dir.display().to_string())?);
         }
         SceneCommand::Export { name, dir, format, size } => {
             export(name, *size, *format, dir)?;
@@ -109,15 +108,10 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints the command that trains on a capture whose poses are known.
-fn print_next(dir: &Path) {
-    let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
-    if let (Some(data), Some(scene)) = (whole.parent(), whole.file_name().and_then(|name| name.to_str())) {
-        let data = if dir.parent().is_some_and(|parent| parent.as_os_str().is_empty()) { Path::new(".") } else { data };
-        let words = ["--data", &data.display().to_string(), "--scene", scene].map(str::to_owned);
-        let words = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default();
-        outln!("next: infonerf exp capture {words} --variant infonerf+ --set eval.test=training --budget 60s");
-    }
+/// Finds the poses of the photographs in `dir`, and describes the scene that they make.
+pub(crate) fn find_poses(dir: &Path, search: &PoseSearch) -> Result<()> {
+    from_images(dir, search, |line| outln!("{line}"))?;
+    show(dir, false, None)
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
@@ -166,16 +160,21 @@ fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
     Ok(())
 }
 
+/// Lists the photographs in `dir/images` if it is there, else in `dir`.
+pub(crate) fn photographs(dir: &Path) -> Result<Vec<PathBuf>> {
+    let below = dir.join("images");
+    Ok(list_images(if below.is_dir() { &below } else { dir })?)
+}
+
 /// Returns the longer side of the first photograph in `dir` or `dir/images`.
 fn longest_side(dir: &Path) -> Result<u32> {
-    let below = dir.join("images");
-    let first = list_images(if below.is_dir() { &below } else { dir })?.into_iter().next();
+    let first = photographs(dir)?.into_iter().next();
     let (width, height) = dimensions(&first.with_context(|| format!("{}: no photographs", dir.display()))?)?;
     Ok(width.max(height))
 }
 
 /// Prints what may be wrong with a capture, a line each.
-fn warn(dir: &Path) -> Result<()> {
+pub(crate) fn print_doubts(dir: &Path) -> Result<()> {
     let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");

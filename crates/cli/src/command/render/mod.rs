@@ -5,7 +5,7 @@ mod path;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -14,13 +14,16 @@ use infonerf_field::FieldSpec;
 use infonerf_metrics::to_rgb8;
 use infonerf_render::{render_image, render_normals};
 use infonerf_report::{depth_image, normal_image};
+use infonerf_scene::{Camera, resized_dimensions};
 
+use crate::exit::INTERRUPTED;
+use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 use animation::{Animation, Film, VideoName};
-use path::{PathName, Route};
+use path::{FRAMES, PathName, Route};
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
@@ -82,28 +85,50 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     for warning in &trained.warnings {
         errln!("warning: {warning}");
     }
-    let scene = trained.scene();
-    let cameras = route.cameras(scene, args.frames, args.size);
-    let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+    let cameras = route.cameras(trained.scene(), args.frames, args.size);
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
+    let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+    outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
+    let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
+    if animation.is_none() {
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    if let Some(film) = film {
+        outln!("{}", film.write(&out, route.name(), route.fps())?.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Renders the frames that `cameras` along `route` see into the folder `out`, and returns the path of their animation;
+/// `None` if the user stops it.
+fn write_frames(
+    trained: &Trained,
+    route: &Route,
+    cameras: &[Camera],
+    out: &Path,
+    normals: bool,
+) -> Result<Option<PathBuf>> {
     if out.exists() && !out.is_dir() {
         bail!("{}: expected a folder for pictures, found a file", out.display());
     }
-    clear(&out, route.name())?;
-    std::fs::create_dir_all(&out).with_context(|| out.display().to_string())?;
+    clear(out, route.name())?;
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
     let models = trained.models_with_residuals();
-    let start = Instant::now();
-    outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
+    let (scene, start) = (trained.scene(), Instant::now());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
+        if interrupt::asked() {
+            bar.finish_and_clear();
+            return Ok(None);
+        }
         let image = render_image(trained.renderer(), &models, camera);
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
         let depth =
             depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
         save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
-        if args.normals {
+        if normals {
             let image = render_normals(trained.renderer(), &models, camera);
             let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
             save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
@@ -112,12 +137,50 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let seconds = start.elapsed().as_secs_f64();
-    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.finish()?.display());
-    if let Some(film) = film {
-        outln!("{}", film.write(&out, route.name(), route.fps())?.display());
+    let (path, seconds) = (animation.finish()?, start.elapsed().as_secs_f64());
+    let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), path.display());
+    Ok(Some(path))
+}
+
+/// Longest side of the picture that is rendered to tell the time of others, and of the smallest frames, in pixels.
+const SMALL_SIZE: u32 = 128;
+/// Minimal number of frames of an orbit.
+const MIN_FRAMES: u32 = 12;
+/// Share of a frame's time that rendering takes; the rest goes into its files.
+const RENDER_SHARE: f64 = 0.8;
+
+/// Renders the orbit into the folder `out`, as large as takes about `budget`, and returns the path of its animation;
+/// `None` if the user stops it.
+pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
+    let route = Route::read(&PathName::Orbit)?;
+    let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
+    let (full, models) = (first(None), trained.models_with_residuals());
+    let small = first(Some(SMALL_SIZE.min(full.width.max(full.height))));
+    // The first picture also prepares what the others use.
+    render_image(trained.renderer(), &models, &small);
+    let start = Instant::now();
+    render_image(trained.renderer(), &models, &small);
+    let speed = RENDER_SHARE * f64::from(small.width * small.height) / start.elapsed().as_secs_f64();
+    let (frames, size) = affordable_frames((full.width, full.height), speed * budget.as_secs_f64());
+    let cameras = route.cameras(trained.scene(), Some(frames), Some(size));
+    let (width, height) = (cameras[0].width, cameras[0].height);
+    let seconds = f64::from(frames) * f64::from(width * height) / speed;
+    outln!("orbit: {frames} frames of {width}x{height}, about {seconds:.0} s");
+    write_frames(trained, &route, &cameras, out, false)
+}
+
+/// Returns how many frames of which longest side have at most `pixels` in all, if `full` is the largest size: smaller ones
+/// down to [`SMALL_SIZE`], then fewer down to [`MIN_FRAMES`].
+fn affordable_frames(full: (u32, u32), pixels: f64) -> (u32, u32) {
+    let (longest, area) = (full.0.max(full.1), f64::from(full.0) * f64::from(full.1));
+    let size = (f64::from(longest) * (pixels / (f64::from(FRAMES) * area)).sqrt()) as u32;
+    let smallest = SMALL_SIZE.min(longest);
+    if size >= smallest {
+        return (FRAMES, size.min(longest));
     }
-    Ok(ExitCode::SUCCESS)
+    let (width, height) = resized_dimensions(full.0, full.1, smallest);
+    (((pixels / f64::from(width * height)) as u32).clamp(MIN_FRAMES, FRAMES), smallest)
 }
 
 /// Removes the frames and the animations of an earlier render, which would stand among the new ones; nothing else.
@@ -138,4 +201,19 @@ fn clear(out: &Path, name: &str) -> Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_get_smaller_then_fewer() {
+        for (pixels, frames) in
+            [(1e12, (60, 800)), (60.0 * 400.0 * 300.0, (60, 400)), (30.0 * 128.0 * 96.0, (30, 128)), (1.0, (12, 128))]
+        {
+            assert_eq!(affordable_frames((800, 600), pixels), frames, "{pixels}");
+        }
+        assert_eq!(affordable_frames((24, 24), 1e12), (60, 24));
+    }
 }

@@ -31,7 +31,7 @@ impl From<&str> for PathName {
 }
 
 /// Frames of a path that is built in, and how many of them are shown per second.
-const FRAMES: u32 = 60;
+pub(super) const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
 /// Path of the camera.

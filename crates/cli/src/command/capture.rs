@@ -1,0 +1,221 @@
+//! `infonerf capture`: from photographs to pictures of the scene, in one command.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use humantime::format_duration;
+use infonerf_dataset::{PoseSearch, SceneSource, info};
+use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
+use infonerf_experiment::sweep::Sweep;
+use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
+use infonerf_report::{Record, VIEWER_PAGE};
+
+use crate::existing::ExistingArgs;
+use crate::exit::INTERRUPTED;
+use crate::names::{self, KnownNames};
+use crate::print::{errln, outln};
+use crate::progress::ProgressDisplay;
+use crate::reporter::summary;
+use crate::selection::{DeviceArgs, NetworkArgs};
+use crate::terminal::open_device;
+use crate::units::parse_time;
+use crate::{command_line, interrupt};
+
+use super::{exp, render, scene};
+
+const CAPTURE_EXAMPLES: &str = "\
+Examples:
+  infonerf capture my-photos
+      finds where the photographs in my-photos were taken from, learns the scene for a minute, renders once around it
+  infonerf capture my-photos --budget 5m --overwrite
+      the same, learned for five minutes
+
+It does what `infonerf scene from-images`, `scene check`, `exp capture --variant infonerf+` and `render` do, one after another.
+The same command again continues what was interrupted, and prints the results of what is finished.";
+
+/// Learn a scene from a folder of photographs: find poses if there are none, check, train, render an orbit and a page.
+#[derive(Debug, Args)]
+#[command(after_help = CAPTURE_EXAMPLES)]
+pub(crate) struct CaptureArgs {
+    /// Folder of photographs, without poses or with them (COLMAP, transforms.json, LLFF and others)
+    path: PathBuf,
+    /// Training time, such as 60s or 5m; the orbit is as large as takes about as long again
+    #[arg(long, value_name = "TIME", value_parser = parse_time, default_value = "60s", allow_hyphen_values = true)]
+    budget: Duration,
+    /// Folder for results
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    out: PathBuf,
+    #[command(flatten)]
+    existing: ExistingArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+    #[command(flatten)]
+    networks: NetworkArgs,
+    /// Set a key of the config, such as scene.size=400; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    set: Vec<String>,
+}
+
+/// Number of photographs from which on every eighth is held out and measured.
+const MIN_MEASURED: usize = 10;
+/// Seconds per photograph for reading, stereo and testing, measured on fern at 504×378 on two cores.
+const SECONDS_PER_PHOTOGRAPH: u64 = 2;
+
+pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
+    let dir = whole_path(&args.path)?;
+    let device = open_device(args.device.device)?;
+    let networks = args.networks.open(&device)?;
+    let session = Session::new(device, &args.out, args.existing.existing()).with_networks(networks);
+    let is_posed = SceneSource::Folder { path: dir.clone() }.is_scene();
+    if !is_posed {
+        let count = scene::photographs(&args.path)?.len();
+        let pairs = count * count.saturating_sub(1) / 2;
+        if pairs > 0 {
+            print_stages(args, count, pairs);
+        }
+        scene::find_poses(&args.path, &PoseSearch::default())?;
+    }
+    let info = info(&dir)?;
+    let count = info.train_views + info.test_views;
+    let experiment = plan(args, &dir, count)?;
+    let plan = experiment.runs[0].clone();
+    let folder = session.run_folder(&plan);
+    if args.existing.existing() == Existing::Overwrite || !is_finished(&folder) {
+        if is_posed {
+            print_stages(args, count, 0);
+        }
+        scene::print_doubts(&args.path)?;
+    }
+    interrupt::install()?;
+    let Some((trained, report)) = train(experiment, &session)? else {
+        outln!("stopped and saved; {} continues", args.existing.same_command());
+        return Ok(ExitCode::from(INTERRUPTED));
+    };
+    let fields = || trained.map_or_else(|| Trained::read(plan, &folder, &session.device), Ok);
+    let Some(orbit) = write_pictures(fields, &folder, args.budget)? else {
+        outln!("stopped; the scene is learned, and {} renders its orbit", args.existing.same_command());
+        return Ok(ExitCode::from(INTERRUPTED));
+    };
+    let page = folder.join(VIEWER_PAGE);
+    outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());
+    let out = args.out.display().to_string();
+    let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
+    outln!(
+        "next: `infonerf view {}`, or the same command with --budget {longer} --overwrite for a better scene",
+        shlex::try_quote(&out)?
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the whole path of the folder `path`.
+fn whole_path(path: &Path) -> Result<PathBuf> {
+    let expected = format!("{}: expected a folder of photographs", path.display());
+    let whole = path.canonicalize().with_context(|| expected.clone())?;
+    if !whole.is_dir() {
+        bail!("{expected}, found a file; `ffmpeg -i VIDEO -vf fps=2 FOLDER/%03d.png` makes one of a video");
+    }
+    Ok(whole)
+}
+
+/// Prints what there is to do with `count` photographs, of which `pairs` are to be matched for their poses, and how long it
+/// takes about.
+fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
+    let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
+    let (budget, around) = (args.budget.as_secs().max(1), SECONDS_PER_PHOTOGRAPH * count as u64);
+    // From 0.2 to 1.1 s per pair: docs/photographs.md.
+    let (quick, slow) = (pairs as u64 / 5, pairs as u64);
+    outln!(
+        "{}: {count} photographs, about {} to {} in all:",
+        args.path.display(),
+        time(quick + budget + around),
+        time(slow + 2 * budget + around)
+    );
+    if pairs == 0 {
+        outln!("  poses            none to find");
+    } else {
+        outln!("  poses            {} to {}, if COLMAP is not installed", time(quick), time(slow));
+    }
+    outln!("  check            seconds");
+    outln!("  training         {}, and about {} before and afterwards", time(budget), time(around));
+    outln!("  orbit and page   up to {}", time(budget));
+}
+
+/// Plans what `exp capture --variant infonerf+` runs on the scene in `dir`, of `count` photographs: with few, none is held
+/// out.
+fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
+    let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
+        bail!("{}: expected a folder of photographs whose name is text", args.path.display());
+    };
+    let learn_all = (count < MIN_MEASURED).then(|| "eval.test=training".to_owned());
+    let selection = Selection {
+        data: Some(data.to_owned()),
+        scenes: vec![name.to_owned()],
+        variants: vec!["infonerf+".into()],
+        set: learn_all.into_iter().chain(args.set.iter().cloned()).collect(),
+        budget: Some(args.budget.as_secs_f64()),
+        ..Selection::default()
+    };
+    Experiment::plan("capture", &selection)
+}
+
+/// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the
+/// fields, if they were trained just now, and the path of the report; `None` if the user stops it.
+fn train(experiment: Experiment, session: &Session) -> Result<Option<(Option<Trained>, PathBuf)>> {
+    let folder = session.experiment_folder(&experiment.about.name);
+    let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
+    let mut trained = None;
+    let mut watch = |event: PlanEvent<'_>| {
+        match event {
+            PlanEvent::Started(_, prepared) => {
+                prepared.warning.iter().for_each(|warning| errln!("warning: {warning}"));
+            }
+            PlanEvent::Run(_, _, event) => progress.show(event),
+            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, trainers)) => {
+                outln!("{}", result(&record));
+                let fields = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
+                if let Err(error) = exp::write_viewer(&fields, &session.run_folder(plan)) {
+                    errln!("warning: no page in 3D: {error:#}");
+                }
+                trained = Some(fields);
+            }
+            PlanEvent::RunEnded(_, _, RunEnd::Kept(record)) => outln!("{} (finished before)", result(&record)),
+            _ => {}
+        }
+        interrupt::control()
+    };
+    let executed = execute(&[Sweep::from(experiment)], &session.out, &Executor::InProcess(session), &mut watch)?;
+    let Executed::Ended { outcomes, .. } = executed else { return Ok(None) };
+    command_line::save_or_warn(&folder);
+    let outcome = outcomes.into_iter().next().context("the run has left no record")?;
+    Ok(Some((trained, outcome.report)))
+}
+
+/// Describes the result of a run: how well photographs that were held out are shown, if there are some.
+fn result(record: &Record) -> String {
+    if record.test_views.protocol == "training" {
+        let (steps, seconds) = (record.iterations, record.train_seconds);
+        return format!("{steps} steps in {seconds:.1} s; no photograph is held out, so that no figure is measured");
+    }
+    format!("{}, measured on {} photographs that were held out", summary(record), record.test_views.count)
+}
+
+/// Writes the orbit of the run in `folder`, and its page, unless they are there, and returns the path of the orbit; `None`
+/// if the user stops it.
+fn write_pictures(
+    fields: impl FnOnce() -> Result<Trained>,
+    folder: &Path,
+    budget: Duration,
+) -> Result<Option<PathBuf>> {
+    let (orbit, page) = (folder.join("render/orbit.gif"), folder.join(VIEWER_PAGE));
+    if orbit.is_file() && page.is_file() {
+        return Ok(Some(orbit));
+    }
+    let trained = fields()?;
+    if !page.is_file() {
+        exp::write_viewer(&trained, folder)?;
+    }
+    render::write_orbit(&trained, &folder.join("render"), budget)
+}
