@@ -41,7 +41,7 @@ pub fn describe(name: &str) -> Result<Description> {
 pub struct ConfigKey {
     /// Dotted.
     pub key: String,
-    /// As TOML.
+    /// Value as TOML.
     pub value: String,
     /// `preset fast`, `fast-losses.toml`, `variant nerf` or `--set`.
     pub origin: String,

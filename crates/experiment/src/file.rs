@@ -144,7 +144,7 @@ pub(crate) struct Variant {
     pub(crate) changes: Table,
 }
 
-/// Where the configs of a variant start.
+/// Base on which the configs of a variant start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Start {
     /// The experiment's preset and `config`.

@@ -15,7 +15,7 @@ pub(crate) struct Plot {
     /// Whether its axis is logarithmic.
     #[serde(default)]
     log: bool,
-    /// By the name of a line: its variants, each with its number.
+    /// Lines by name: its variants, each with its number.
     series: BTreeMap<String, BTreeMap<String, f64>>,
 }
 

@@ -16,10 +16,10 @@ use crate::RunPlan;
 pub(crate) struct Paper {
     /// Paper and table.
     source: String,
-    /// By variant: means over the paper's scenes.
+    /// Means by variant over the paper's scenes.
     #[serde(default)]
     figures: BTreeMap<String, Figures>,
-    /// By scene and variant.
+    /// Figures by scene and variant.
     #[serde(default)]
     scenes: BTreeMap<String, BTreeMap<String, Figures>>,
     /// How the figures were obtained.

@@ -24,7 +24,7 @@ pub struct RunPlan {
     pub experiment: String,
     /// Name of the scene.
     pub scene: String,
-    /// Where the scene is.
+    /// Source of the scene.
     pub source: SceneSource,
     /// Folder that holds the scene's folder; none for a built-in scene.
     pub data: Option<PathBuf>,

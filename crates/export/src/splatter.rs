@@ -36,7 +36,7 @@ pub fn splat_image(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]
 /// Gaussians projected into a camera, front to back.
 pub(crate) struct Splats {
     pub(crate) list: Vec<Splat>,
-    /// For each row of the image the splats that reach it, front to back.
+    /// Splats by row of the image: those that reach it, front to back.
     pub(crate) rows: Vec<Vec<u32>>,
     width: usize,
 }

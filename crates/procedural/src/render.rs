@@ -1,4 +1,4 @@
-//! From a model and a camera to pixels, coverage and depth.
+//! Rendering of a model for a camera: pixels, coverage and depth.
 
 use glam::DVec3;
 use infonerf_scene::{Camera, Rgba8};

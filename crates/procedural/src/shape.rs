@@ -7,13 +7,13 @@ use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 /// Hits nearer than this are on the surface that a ray starts from.
 const NEAREST: f64 = 1e-6;
 
-/// Where a ray meets a surface.
+/// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub t: f64,
     /// Outward, unit length, world.
     pub normal: DVec3,
-    /// Where textures are looked up: the local point, or (length along, angle, 0) on a tube.
+    /// Point at which textures are looked up: the local point, or (length along, angle, 0) on a tube.
     pub texture_point: DVec3,
     /// The normal in the coordinates of `texture_point`.
     pub texture_normal: DVec3,

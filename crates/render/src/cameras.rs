@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Focal {
-    /// No focal length.
+    /// No focal length is learned.
     #[default]
     Fixed,
-    /// One factor for all views, of one camera.
+    /// One factor for all views, which one camera took.
     Shared,
     /// A factor for each view.
     Each,

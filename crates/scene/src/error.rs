@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Why a scene could not be loaded, selected from or written.
+/// Error of loading a scene, selecting views from it, or writing it.
 ///
 /// Every message is a single line and says where the fault is and what was expected there.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@ use glam::Vec3;
 /// `direction` has unit length wherever this crate makes a ray, so `t` is a distance in scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where the ray starts, in world coordinates.
+    /// Origin of the ray in world coordinates.
     pub origin: Vec3,
     /// Direction, unit length.
     pub direction: Vec3,

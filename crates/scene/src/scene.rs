@@ -76,7 +76,7 @@ pub struct Scene {
     pub background: [f32; 3],
     /// Whether `background` is what lies behind the content.
     pub backdrop: Backdrop,
-    /// Where the content lies, and how the cameras stand to it.
+    /// Extent of the content, and arrangement of the cameras around it.
     pub space: Space,
     /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
     /// their poses: no image of an unchosen view is read.

@@ -21,7 +21,7 @@ const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 const TRIED: usize = 30;
 /// Factors on the tolerance, one adjustment each, where cameras are known roughly.
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
-/// From this many photographs on, the lens is adjusted.
+/// Number of photographs from which on the lens is adjusted.
 const FOR_LENS: usize = 3;
 
 /// Poses and points found so far.
@@ -33,7 +33,7 @@ pub(crate) struct Mapper<'a> {
     pub(crate) poses: Vec<Result<Pose, String>>,
     pub(crate) lens: SimpleRadial,
     prior: Prior,
-    /// Where the photographs are expected, if that is known.
+    /// Prior of the poses, if they are known roughly.
     expected: Option<PosePrior>,
     /// Pixels between where a point is seen and where it falls.
     tolerance: f64,

@@ -36,7 +36,7 @@ const DOUBLED: usize = 1024;
 /// The features of one photograph.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Features {
-    /// Where they are; the centre of the first pixel is (0.5, 0.5).
+    /// Positions in pixels; the centre of the first pixel is (0.5, 0.5).
     pub(crate) pixels: Vec<DVec2>,
     /// [`LENGTH`] values each, of unit length.
     pub(crate) descriptors: Vec<f32>,

@@ -73,7 +73,7 @@ impl ModuleVisitor for FlatWeights {
 }
 
 struct Towards {
-    /// In reverse order: the next one is popped.
+    /// Weights in reverse order: the next one is popped.
     weights: FlatWeights,
     share: f32,
 }

@@ -48,7 +48,7 @@ pub(crate) struct Found<'a> {
     pub selections: Named,
     /// Published sets of test frames.
     pub protocols: Named,
-    /// Where the content is.
+    /// Extent of the content.
     pub extent: StatedExtent,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
@@ -83,7 +83,7 @@ pub(crate) struct Estimate {
 pub(crate) struct Capture<'a> {
     /// The frames, turned and moved.
     pub found: Found<'a>,
-    /// Where the content is.
+    /// Extent of the content.
     pub space: Space,
     /// World coordinates of the scene's origin in the capture's files.
     pub origin: DVec3,

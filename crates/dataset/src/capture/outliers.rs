@@ -8,12 +8,12 @@ use crate::frame::Frame;
 const FAR_OUT: f64 = 6.0;
 /// Fewer cameras than this do not show which of them are outliers.
 const MIN_CAMERAS: usize = 6;
-/// At most this share of cameras is left out: more are a part of the capture.
+/// Maximum share of cameras that are left out: more are a part of the capture.
 const MAX_SHARE: f64 = 0.1;
 /// A world is moved to its cameras if they are farther from its origin than this many times their spread, at which `f32`
 /// resolves 10⁻⁵ of the spread.
 const DISTANT: f64 = 100.0;
-/// A world whose cameras stand in one place is moved if that is farther than this from its origin.
+/// Distance from the origin beyond which a world is moved whose cameras all stand in one place.
 const DISTANT_PLACE: f64 = 1e4;
 /// Names that a warning lists.
 const MAX_LISTED: usize = 5;

@@ -37,7 +37,7 @@ const CHECKED_SIZE: u32 = 512;
 pub enum Concern {
     /// Data: a warning of the loader.
     Data,
-    /// Where the cameras are, or what they see of the box.
+    /// Positions of the cameras, or their view of the box.
     Cameras,
     /// The up direction.
     Up,

@@ -40,7 +40,7 @@ pub struct Info {
     pub image_size: Option<[u32; 2]>,
     /// Background of the content in the first image, if that is there.
     pub backdrop: Option<Backdrop>,
-    /// Where the content lies, and how the cameras are arranged.
+    /// Extent of the content, and arrangement of the cameras.
     #[serde(flatten)]
     pub space: Space,
     /// Number of known surface points.

@@ -22,7 +22,7 @@ const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and transl
 pub(super) struct GivenPose {
     /// Camera-to-world.
     pub matrix: DMat4,
-    /// Whether its rotation had a scale, or axes not quite at right angles, that were taken off.
+    /// Whether the pose's rotation had a scale, or axes not quite at right angles, that were taken off.
     pub mended: bool,
 }
 

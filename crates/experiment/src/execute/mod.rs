@@ -18,7 +18,7 @@ use crate::records::save_record;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
 use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session};
 
-/// Where runs happen.
+/// Executor: the place where runs happen.
 pub enum Executor<'a> {
     /// In this process, one after another. A run that fails ends all.
     InProcess(&'a Session),

@@ -29,7 +29,7 @@ const MEMORY_SHARE: f64 = 0.8;
 pub struct Runner {
     /// The program of which `PROGRAM sweep-item MANIFEST ITEM` runs an item.
     pub program: PathBuf,
-    /// Where to compute.
+    /// Device to compute on.
     pub device: DeviceName,
     /// A file or folder of weights of learned metrics, in addition to the places where they are looked for.
     pub weights: Option<PathBuf>,

@@ -16,7 +16,8 @@ pub struct Trained {
     pub plan: RunPlan,
     /// One for each field that pictures are made of.
     pub trainers: Vec<Trainer>,
-    /// Why newer checkpoints were refused, which fields are left out, and whether training has come to its end.
+    /// Warnings: why newer checkpoints were refused, which fields are left out, and whether training has come to its
+    /// end.
     pub warnings: Vec<String>,
 }
 

@@ -15,7 +15,7 @@ pub(super) const MAX_RUNS: usize = 100_000;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Grid {
     path: Vec<String>,
-    /// As written.
+    /// Value as it is written.
     pub(super) values: Vec<String>,
 }
 

@@ -27,7 +27,7 @@ struct Line {
     program: String,
     item: usize,
     scene: String,
-    /// Where the scene is.
+    /// Source of the scene.
     source: String,
     variant: String,
     seed: u64,

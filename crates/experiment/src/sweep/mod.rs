@@ -37,7 +37,7 @@ pub struct Sweep {
     /// Remarks for the user before it runs.
     pub notices: Vec<String>,
     grids: Vec<Grid>,
-    /// In the order of the tables: by scene, variant, values, seed.
+    /// Runs in the order of the tables: by scene, variant, values, seed.
     items: Vec<Item>,
 }
 
@@ -47,7 +47,7 @@ struct Item {
     plan: RunPlan,
     /// The experiment's variant.
     variant: String,
-    /// For each grid, which of its values.
+    /// Index of the chosen value of each grid.
     choice: Vec<usize>,
 }
 

@@ -1,4 +1,4 @@
-//! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
+//! Placement of samples along rays: candidate distances, minus what is known to be empty or hidden.
 
 mod rules;
 mod steps;

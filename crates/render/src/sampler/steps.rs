@@ -17,7 +17,7 @@ pub(crate) struct UniformSteps<'a> {
     near: f32,
     /// Length of a step, in coordinates.
     length: f32,
-    /// Where in a step its sample is, 0 to 1.
+    /// Position of the sample within a step, 0 to 1.
     shift: f32,
     /// The ray among the cells of the grid, unless space is warped.
     cells: Option<CellLine>,

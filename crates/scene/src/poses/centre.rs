@@ -1,4 +1,4 @@
-//! Where a set of cameras looks, and which way is up.
+//! Centre of a scene, and its up direction, from a set of cameras.
 
 use glam::{DMat3, DVec3};
 

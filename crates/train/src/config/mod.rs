@@ -56,7 +56,7 @@ pub struct SceneConfig {
     pub frame: usize,
     /// Colour behind transparent pixels.
     pub background: [f32; 3],
-    /// Where a ray passes through its pixel, in training and in pictures.
+    /// Position in its pixel through which a ray passes, in training and in pictures.
     pub pixel_position: PixelPosition,
     /// The format of a folder that could be in several; by default the first of those that it fits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,7 +64,7 @@ pub struct SceneConfig {
     /// Use of the black pixels of a capture's masks (`mask_path` of `transforms.json`).
     #[serde(default, skip_serializing_if = "is_default")]
     pub masks: MaskUse,
-    /// For experiments: by how much the poses of training cameras are disturbed before training.
+    /// Disturbance of the poses of training cameras before training, for experiments.
     #[serde(default, skip_serializing_if = "is_default")]
     pub disturb: Disturbance,
 }
@@ -80,7 +80,7 @@ pub struct Disturbance {
     pub distance: f64,
 }
 
-/// Where a ray passes through its pixel.
+/// Position in its pixel through which a ray passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PixelPosition {

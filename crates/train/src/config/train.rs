@@ -20,26 +20,26 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Rays of unseen poses per step, |R_u|.
     pub unseen_rays: usize,
-    /// If above 0: evaluated samples per step to aim for. As space is found empty, a step then takes more rays of both
-    /// kinds, in proportion.
+    /// Target number of evaluated samples per step; 0 for none. As space is found empty, a step then takes more rays of
+    /// both kinds, in proportion.
     pub target_samples: usize,
     /// Factor by which training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
     pub downscale: Schedule,
-    /// Where a step's pixels come from.
+    /// Source of a step's pixels.
     pub batch: Batch,
     /// Whether well-fitted pixels are sampled less often.
     pub error_sampling: ErrorSamplingConfig,
     /// Whether a run ends before its time when its error plateaus.
     pub early_stopping: EarlyStoppingConfig,
-    /// If above 0: maximal number of images that a field which looks at them is shown in a step, a random number of random
-    /// ones; 0 shows it all.
+    /// Maximum number of source images that an image-conditioned field is shown in a step: a random number of random
+    /// ones; 0 shows all.
     pub sources: usize,
     /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
     /// of a run with `exposure_compensation`, whose gains are of its own views.
     pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
     pub precrop_steps: usize,
-    /// Where unseen poses come from.
+    /// Source of unseen poses.
     pub unseen: Unseen,
     /// The neighbours of rays.
     pub neighbours: NeighbourConfig,
@@ -68,7 +68,7 @@ pub struct TrainConfig {
     pub restarts: usize,
 }
 
-/// Where a step's pixels come from.
+/// Source of a step's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Batch {
@@ -82,7 +82,7 @@ pub enum Batch {
     HeldOut,
 }
 
-/// Where unseen poses come from.
+/// Source of unseen poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Unseen {
@@ -101,7 +101,7 @@ pub struct NeighbourConfig {
     pub max_angle_deg: f64,
     /// Centre of the rotation of cameras.
     pub about: RotationCentre,
-    /// Where samples lie along neighbouring rays.
+    /// Placement of samples along neighbouring rays.
     pub sampling: NeighbourSampling,
 }
 
@@ -115,13 +115,13 @@ pub enum RotationCentre {
     Origin,
 }
 
-/// Where samples lie along neighbouring rays; they are paired with those of their partner by index.
+/// Placement of samples along neighbouring rays, which are paired by index with those of the partner ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NeighbourSampling {
     /// At the distances of the partner's samples, so that pairs by index are pairs by distance.
     Partner,
-    /// Where sampling places them for the neighbour itself, as in the released code.
+    /// Placed for the neighbouring ray itself, as in the released code.
     Own,
 }
 

@@ -40,7 +40,7 @@ pub(crate) trait Rule: Debug + Sync {
 /// Lists the rules: the name in configs (in lower case) and the rule.
 macro_rules! placements {
     ($($(#[$doc:meta])* $name:ident => $rule:path,)*) => {
-        /// Where in its interval a sample lies.
+        /// Position of a sample within its interval.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "lowercase")]
         pub enum Placement {
