@@ -42,7 +42,7 @@ The same command again continues what was interrupted, and prints the results of
 pub(crate) struct CaptureArgs {
     /// Folder of photographs, without poses or with them (COLMAP, transforms.json, LLFF and others)
     path: PathBuf,
-    /// Training time, such as 60s or 5m; the orbit is as large as takes about as long again
+    /// Training time, such as 60s or 5m; the size of the orbit is chosen so that rendering it takes about as long
     #[arg(long, value_name = "TIME", value_parser = parse_time, default_value = "60s", allow_hyphen_values = true)]
     budget: Duration,
     /// Folder for results

@@ -150,8 +150,8 @@ const MIN_FRAMES: u32 = 12;
 /// Share of a frame's time that rendering takes; the rest goes into its files.
 const RENDER_SHARE: f64 = 0.8;
 
-/// Renders the orbit into the folder `out`, as large as takes about `budget`, and returns the path of its animation;
-/// `None` if the user stops it.
+/// Renders the orbit into the folder `out`, at a size for which rendering takes about `budget`, and returns the path of
+/// its animation; `None` if the user stops it.
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
     let route = Route::read(&PathName::Orbit)?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
