@@ -172,7 +172,7 @@ fn arguments() {
     exp("--scene knot").fails_with(&["--scene knot", "twice"]);
     exp("--seed 1 --seed 1").fails_with(&["--seed 1", "twice"]);
     place.tiny("exp capture").fails_with(&[
-        "scene from-images my-photos",
+        "infonerf capture my-photos",
         "--data . --scene my-photos",
         "--scene room",
     ]);

@@ -37,8 +37,8 @@ Examples:
       repeats a run, with the same numbers";
 
 const CAPTURE_WITHOUT_DATA: &str = "\
-capture: expected photographs: `infonerf scene from-images my-photos` finds their poses, then `infonerf exp capture --data . \
---scene my-photos --variant infonerf+ --set eval.test=training --budget 60s` (or a built-in scene: --scene room)";
+capture: expected photographs: `infonerf capture my-photos` learns from a folder of them, or name a folder with poses: `infonerf exp \
+capture --data . --scene my-photos` (or a built-in scene: --scene room)";
 
 /// Run an experiment: train every variant on every scene, evaluate on the test views, and write a report.
 #[derive(Clone, Debug, Args)]
