@@ -171,11 +171,7 @@ fn arguments() {
     exp("--scene lego").fails_with(&["--scene lego", "knot"]);
     exp("--scene knot").fails_with(&["--scene knot", "twice"]);
     exp("--seed 1 --seed 1").fails_with(&["--seed 1", "twice"]);
-    place.tiny("exp capture").fails_with(&[
-        "infonerf capture my-photos",
-        "--data . --scene my-photos",
-        "--scene room",
-    ]);
+    place.tiny("exp capture").fails_with(&["infonerf capture my-photos", "--data . --scene my-photos", "--scene room"]);
     exp("--seed 4294967296").fails_with(&["NumPy seed"]);
     place.run("exp synthetic-5view").fails_with(&["synthetic-5view", "fast-losses"]);
     place.run("exp .").fails_with(&["."]);

@@ -294,7 +294,7 @@ fn evaluating_and_rendering_a_run() {
 
 /// A capture that holds out views of one list is another one where training views are tested.
 #[test]
-fn a_run_is_not_tested_by_views_that_it_learnt_from() {
+fn a_run_is_not_tested_by_views_that_it_learned_from() {
     let place = Workplace::new();
     place.run("scene export facade data/facade --format llff --size 24").succeeds();
     place.tiny("exp fast-losses --data data --scene facade --variant factored --set eval.test=split").succeeds();

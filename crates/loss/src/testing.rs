@@ -68,7 +68,8 @@ pub const PIXELS: [[f64; 3]; 4] = [[0.1, 0.9, 0.4], [0.0, 0.0, 0.2], [1.0, 0.3, 
 fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
     let segments = Segments::from_counts(rays.iter().map(Vec::len));
     let count = segments.samples();
-    let tau = infonerf_ops::upload(rays.concat(), [count], device).require_grad();
+    let tau = infonerf_ops::upload(rays.concat(), [count], device);
+    let tau = if device.is_autodiff() { tau.require_grad() } else { tau };
     let places = || rays.iter().flat_map(|ray| 0..ray.len());
     let colors: Vec<f32> = places().flat_map(color).map(|c| c as f32).collect();
     let t: Vec<f32> = places().map(|i| i as f32 + 0.5).collect();

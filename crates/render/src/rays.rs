@@ -79,6 +79,11 @@ impl RayBatch {
         Self { origins, directions, is_tracked: true, ..self }
     }
 
+    /// Whether the rays are in an autodiff graph.
+    pub(crate) fn is_tracked(&self) -> bool {
+        self.is_tracked
+    }
+
     /// Returns the number of rays `R`.
     pub fn len(&self) -> usize {
         self.on_host.len()
@@ -154,7 +159,7 @@ impl RayBatch {
     /// Returns `warp(o + t d)` for the distances t of `samples`, which are taken as given, as points for a field on `device`.
     /// Differentiable in rays that are in a graph.
     pub(crate) fn points(&self, samples: &Samples, warp: &Warp, device: &Device) -> Points {
-        if self.is_tracked || is_gpu(device) {
+        if samples.segments.samples() > 0 && (self.is_tracked || is_gpu(device)) {
             let [origins, directions] = [&self.origins, &self.directions].map(|rows| on(rows, device));
             let t = on(&samples.distance, device);
             return self.points_at(

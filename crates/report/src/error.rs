@@ -16,7 +16,7 @@ pub enum ReportError {
         reason: io::Error,
     },
     /// Test view, or any, of which no run has an image.
-    #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
+    #[error("{}: no run has an image of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
     NoPictures {
         /// Folder of the experiment.
         path: PathBuf,

@@ -57,8 +57,11 @@ pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPos
     rigid(&node, matrix).map(|matrix| Some(GivenPose { matrix, mended: true }))
 }
 
-/// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them.
+/// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them, or another last row than 0 0 0 1.
 fn mended(pose: &DMat4) -> Option<DMat4> {
+    if !pose.row(3).abs_diff_eq(glam::DVec4::W, TOLERANCE) {
+        return None;
+    }
     let rotation = DMat3::from_mat4(*pose);
     let axes = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
     let lengths = axes.map(DVec3::length);

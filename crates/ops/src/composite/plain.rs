@@ -50,6 +50,9 @@ impl Padding {
 /// Computes Σ_{j<i} xⱼ along each row, by shifting: subtracting xᵢ from an inclusive sum would lose what is before a huge xᵢ.
 pub(crate) fn exclusive_sum(rows: Tensor<2>) -> Tensor<2> {
     let [_, columns] = rows.dims();
+    if columns < 2 {
+        return rows.zeros_like();
+    }
     let nothing = rows.clone().narrow(1, 0, 1).zeros_like();
     Tensor::cat(vec![nothing, rows.narrow(1, 0, columns - 1)], 1).cumsum(1)
 }

@@ -131,7 +131,11 @@ impl Sampler {
             },
         );
         let (samples, positions) = Samples::packed(packed, rays.len() * self.max_samples(at));
-        let points = rays.points_at(positions, &samples, device);
+        let points = if rays.is_tracked() {
+            rays.points(&samples, &self.warp, device)
+        } else {
+            rays.points_at(positions, &samples, device)
+        };
         PlacedSamples { samples: samples.on(device), points, kept: None }
     }
 
