@@ -174,7 +174,7 @@ fn count(
     rays: &Tensor<f32>,
     streams: &Tensor<u32>,
     density: &Tensor<f32>,
-    settings: &Tensor<f32>,
+    march_settings: &Tensor<f32>,
     counts: &mut Tensor<f32>,
     #[comptime] jittered: bool,
     #[comptime] has_cells: bool,
@@ -183,13 +183,13 @@ fn count(
     if ray >= counts.len() {
         terminate!();
     }
-    let steps = steps(rays, streams, settings, ray, jittered);
+    let steps = steps(rays, streams, march_settings, ray, jittered);
     let mut depth = 0.0f32;
     let mut kept = 0.0f32;
     for i in 0..steps.count {
         let t = steps.near + (f32::cast_from(i) + steps.shift) * steps.length;
-        let found = density_at(rays, density, settings, ray, t, has_cells);
-        if found >= 0.0f32 && depth < settings[1] {
+        let found = density_at(rays, density, march_settings, ray, t, has_cells);
+        if found >= 0.0f32 && depth < march_settings[1] {
             depth += found * steps.length;
             kept += 1.0f32;
         }
@@ -204,7 +204,7 @@ fn write(
     rays: &Tensor<f32>,
     streams: &Tensor<u32>,
     density: &Tensor<f32>,
-    settings: &Tensor<f32>,
+    march_settings: &Tensor<f32>,
     offsets: &Tensor<i32>,
     distance: &mut Tensor<f32>,
     delta: &mut Tensor<f32>,
@@ -218,12 +218,12 @@ fn write(
     }
     let mut at = usize::cast_from(offsets[ray]);
     let end = usize::cast_from(offsets[ray + 1]);
-    let steps = steps(rays, streams, settings, ray, jittered);
+    let steps = steps(rays, streams, march_settings, ray, jittered);
     let mut depth = 0.0f32;
     for i in 0..steps.count {
         let t = steps.near + (f32::cast_from(i) + steps.shift) * steps.length;
-        let found = density_at(rays, density, settings, ray, t, has_cells);
-        if found >= 0.0f32 && depth < settings[1] && at < end {
+        let found = density_at(rays, density, march_settings, ray, t, has_cells);
+        if found >= 0.0f32 && depth < march_settings[1] && at < end {
             depth += found * steps.length;
             distance[at] = t;
             delta[at] = steps.length;
