@@ -58,7 +58,7 @@ pub(crate) fn save_own_record(folder: &Path, record: &Record) -> Result<()> {
 /// Saves a finished run's record, in its own file and in the `results.json` of the experiment's `folder`.
 ///
 /// # Errors
-/// As [`write_records`] and [`read_records`].
+/// As [`read_records`], and if the file cannot be written.
 pub fn save_record(folder: &Path, record: &Record) -> Result<()> {
     save_own_record(folder, record)?;
     list_records(folder, std::slice::from_ref(record))
