@@ -56,7 +56,7 @@ impl Pickle {
     /// Reads a pickle of protocol 2 to 4.
     ///
     /// # Errors
-    /// It ends early, is not such a pickle, or asks for anything but plain values and arrays, in one line.
+    /// One line if the bytes end early, are no such pickle, or ask for anything but plain values and arrays.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let mut machine = Machine { rest: bytes, ..Machine::default() };
         let root = machine.run()?;

@@ -68,7 +68,7 @@ impl fmt::Display for Warning {
 /// Returns the number of views and the warnings.
 ///
 /// # Errors
-/// Those of [`crate::load`].
+/// As [`crate::load`].
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<Warning>), SceneError> {
     let request = SceneRequest {
         train: ViewSelection::All,

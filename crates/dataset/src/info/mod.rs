@@ -56,7 +56,7 @@ pub struct Info {
 /// Summarises the scene in the folder `path`. At most one image is read, and images may be missing.
 ///
 /// # Errors
-/// Those of [`crate::load`] that concern the poses.
+/// As [`crate::load`] where poses are read.
 pub fn info(path: &Path) -> Result<Info, SceneError> {
     let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.understood()?;
     let first = found.train.iter().chain(&found.test).find(|frame| frame.image.is_file());
@@ -123,7 +123,7 @@ impl SceneSource {
     /// is read.
     ///
     /// # Errors
-    /// Those of [`crate::load`] that concern the poses, or that image.
+    /// As [`crate::load`] where poses are read, or if that image cannot be read.
     pub fn setting(&self) -> Result<(Option<Backdrop>, Layout), SceneError> {
         match self {
             Self::Procedural(name) => {
@@ -139,7 +139,7 @@ impl SceneSource {
 /// Returns the scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
 ///
 /// # Errors
-/// Those of [`crate::load`] that concern the poses.
+/// As [`crate::load`] where poses are read.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
     let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.understood()?;
     Ok(Scene {

@@ -23,7 +23,7 @@ use runs::Roots;
 /// Server of a page that lists the runs below some folders and shows each: its field, curves, and test views next to
 /// their truth; or two of them under one camera.
 ///
-/// It reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that
+/// The server reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that
 /// are open in the browser are kept out: requests must name this server as their host and, if they have an origin, as
 /// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry a random
 /// token that the page holds.

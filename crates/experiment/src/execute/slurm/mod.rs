@@ -81,7 +81,7 @@ impl Slurm {
     /// Submits what is missing of `sweeps`, and the job that merges when all of them have ended.
     ///
     /// # Errors
-    /// What Slurm printed, on one line. What it has taken before stays submitted: the line says what.
+    /// One line with what Slurm printed. Items that it had accepted before stay submitted; the line names them.
     pub(super) fn submit(&self, sweeps: &[Sweep], prepared: &[Prepared]) -> Result<Jobs> {
         let limit = array_limit()?;
         let mut all: Vec<String> = Vec::new();
