@@ -1,7 +1,5 @@
 //! Several outputs of one operation as parts of one buffer, which are split without a launch.
 
-use std::sync::{Arc, Mutex, PoisonError};
-
 use burn::tensor::{self, Shape};
 use burn_cubecl::kernel::slice;
 use burn_cubecl::ops::reshape;
@@ -31,24 +29,23 @@ pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, sh
     reshape(slice(buffer, &[start..start + shape.num_elements()]), shape)
 }
 
-/// Places of an operation's outputs in its buffer; in the backward pass their gradients.
-#[derive(Debug)]
+/// Places of the outputs of an operation without a gradient in its buffer.
+#[derive(Clone, Debug)]
 pub(crate) struct Outputs<const N: usize> {
     starts: [usize; N],
     shapes: [Shape; N],
-    grads: Mutex<[Option<CubeTensor>; N]>,
 }
 
 impl<const N: usize> Outputs<N> {
     /// Places outputs of these shapes at multiples of [`ALIGNMENT`].
-    pub(crate) fn new(shapes: [Shape; N]) -> Arc<Self> {
+    pub(crate) fn new(shapes: [Shape; N]) -> Self {
         let mut end = 0;
         let starts = shapes.each_ref().map(|shape| {
             let start = end;
             end += shape.num_elements().next_multiple_of(ALIGNMENT);
             start
         });
-        Arc::new(Self { starts, shapes, grads: Mutex::new([const { None }; N]) })
+        Self { starts, shapes }
     }
 
     /// Allocates a buffer for all outputs.
@@ -59,45 +56,28 @@ impl<const N: usize> Outputs<N> {
 
     /// Returns each output in a buffer.
     pub(crate) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
-        std::array::from_fn(|index| self.part(buffer, index))
-    }
-
-    fn part(&self, buffer: &CubeTensor, index: usize) -> CubeTensor {
-        part_or_copy(buffer, self.starts[index], self.shapes[index].clone())
+        std::array::from_fn(|index| part_or_copy(buffer, self.starts[index], self.shapes[index].clone()))
     }
 
     /// Returns an output of the operation that filled the `buffer`.
-    pub(crate) fn output<const D: usize>(
-        self: &Arc<Self>,
-        buffer: &tensor::Tensor<1>,
-        index: usize,
-    ) -> tensor::Tensor<D> {
-        apply(OutputPart { outputs: self.clone(), index }, buffer.clone())
-    }
-
-    /// Takes the gradient of each output, for the operation's backward pass; `None` if nothing depends on an output.
-    pub(crate) fn gradients(&self) -> [Option<CubeTensor>; N] {
-        std::mem::replace(&mut *self.grads.lock().unwrap_or_else(PoisonError::into_inner), [const { None }; N])
+    pub(crate) fn output<const D: usize>(&self, buffer: &tensor::Tensor<1>, index: usize) -> tensor::Tensor<D> {
+        apply(OutputPart { start: self.starts[index], shape: self.shapes[index].clone() }, buffer.clone())
     }
 }
 
 /// Part of the output of the operation that filled its input.
 #[derive(Debug)]
-struct OutputPart<const N: usize> {
-    outputs: Arc<Outputs<N>>,
-    index: usize,
+struct OutputPart {
+    start: usize,
+    shape: Shape,
 }
 
-impl<const N: usize> CubeKernel for OutputPart<N> {
+impl CubeKernel for OutputPart {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        self.outputs.part(&inputs[0], self.index)
+        part_or_copy(&inputs[0], self.start, self.shape.clone())
     }
 
-    /// Leaves the gradient in `outputs`. The first gradient is passed on in the graph, where it stands for all and is not read.
-    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        let mut grads = self.outputs.grads.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_first = grads.iter().all(Option::is_none);
-        grads[self.index] = Some(pass.grad.clone());
-        vec![is_first.then(|| pass.grad.clone())]
+    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        vec![None]
     }
 }

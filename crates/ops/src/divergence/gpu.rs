@@ -6,7 +6,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
-use crate::cube::rays::{RayOffsets, alpha_of, clear_tail, first_sample, ln_1p, mass_of};
+use crate::cube::rays::{RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
 
 /// Computes [`ray_divergence`](super::ray_divergence), `[R]`.
@@ -115,8 +115,6 @@ fn divergence_backward(grad: &Tensor<f32>, dtau: &mut Tensor<f32>, dnear: &mut T
     let (ray, other) = (mass_of(&pairs.tau, start, end), mass_of(&pairs.near, start, end));
     let epsilon = pairs.epsilon;
     let missed = ray.sum < pairs.min_sum || other.sum < pairs.min_sum;
-    clear_tail(dtau, &pairs.offsets, 1, place);
-    clear_tail(dnear, &pairs.offsets, 1, place);
     // ∂KL/∂p and ∂KL/∂q are kept in the results until their means are known.
     let mut mean_p = 0.0f32;
     let mut mean_q = 0.0f32;

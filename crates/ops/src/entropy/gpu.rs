@@ -1,70 +1,49 @@
 //! Kernels of ray entropy: one thread per ray.
 
-use std::sync::Arc;
-
 use burn::cubecl::{self, prelude::*};
-use burn::tensor::{self, Shape};
+use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
-use crate::cube::outputs::Outputs;
-use crate::cube::rays::{RayMass, RayOffsets, alpha_of, clear_tail, first_sample, ln_1p, mass_of};
-use crate::cube::{CubeKernel, Pass, apply, arg, empty_like, launch};
+use crate::cube::rays::{RayMass, RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
 
 /// Computes the results of [`ray_entropy`](super::ray_entropy) for p = α/Σα: bits and Σα, `[R]` each.
 pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
-    let outputs = Outputs::new([0, 1].map(|_| Shape::new([segments.rays()])));
-    let kernel = GpuEntropy { offsets: RayOffsets::new(segments), outputs: outputs.clone(), epsilon };
-    let buffer = apply(kernel, tau);
-    [0, 1].map(|index| outputs.output(&buffer, index))
+    let packed: tensor::Tensor<2> = apply(GpuEntropy { offsets: RayOffsets::new(segments), epsilon }, tau);
+    [0, 1].map(|index| packed.clone().narrow(1, index, 1).squeeze_dim(1))
 }
 
+/// Operation whose output is a row of bits and Σα per ray, `[R, 2]`.
 #[derive(Debug)]
 struct GpuEntropy {
     offsets: RayOffsets,
-    outputs: Arc<Outputs<2>>,
     epsilon: f32,
 }
 
 impl CubeKernel for GpuEntropy {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let tau = &inputs[0];
-        let buffer = self.outputs.buffer(tau);
-        let [bits, alpha_sum] = self.outputs.parts(&buffer);
+        let out = empty(tau, [self.offsets.rays(), 2]);
         launch!(
             entropy_forward::launch, self.offsets.rays();
-            tau, &self.offsets.on_device_of(tau), &bits, &alpha_sum;
+            tau, &self.offsets.on_device_of(tau), &out;
             self.epsilon, MIN_ALPHA_SUM
         );
-        buffer
+        out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let tau = &pass.inputs[0];
         let dtau = empty_like(tau);
-        let gradients = self.outputs.gradients();
-        let has = gradients.each_ref().map(Option::is_some);
-        // Any tensor stands for a gradient that is missing, which is not read.
-        let [bits, alpha_sum] = gradients.map(|grad| arg(&grad.unwrap_or_else(|| tau.clone())));
         launch!(
             entropy_backward::launch, self.offsets.rays();
-            tau, &self.offsets.on_device_of(tau), &dtau;
-            self.epsilon, MIN_ALPHA_SUM, EntropyGradientsLaunch::new(bits, alpha_sum, has[0], has[1])
+            tau, &self.offsets.on_device_of(tau), pass.grad, &dtau;
+            self.epsilon, MIN_ALPHA_SUM
         );
         vec![Some(dtau)]
     }
-}
-
-/// Gradients with respect to the entropy in bits and Σα of each ray.
-#[derive(CubeType, CubeLaunch)]
-struct EntropyGradients {
-    bits: OwnedTensor<f32>,
-    alpha_sum: OwnedTensor<f32>,
-    #[cube(comptime)]
-    has_bits: bool,
-    #[cube(comptime)]
-    has_alpha_sum: bool,
 }
 
 /// Computes ln(p + ε) of a sample. Without ε an empty sample counts as the smallest normal `f32`.
@@ -82,16 +61,9 @@ fn ln_density(alpha: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
 
 /// Writes a ray's entropy in bits and Σα.
 #[cube(launch)]
-fn entropy_forward(
-    tau: &Tensor<f32>,
-    offsets: &Tensor<i32>,
-    bits: &mut Tensor<f32>,
-    alpha_sum: &mut Tensor<f32>,
-    epsilon: f32,
-    min_sum: f32,
-) {
+fn entropy_forward(tau: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>, epsilon: f32, min_sum: f32) {
     let place = ABSOLUTE_POS;
-    if place >= bits.shape(0) {
+    if place >= out.shape(0) {
         terminate!();
     }
     let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
@@ -104,8 +76,8 @@ fn entropy_forward(
             entropy -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
         }
     }
-    bits[place] = entropy;
-    alpha_sum[place] = ray.sum;
+    out[2 * place] = entropy;
+    out[2 * place + 1] = ray.sum;
 }
 
 /// Writes the gradient with respect to τ.
@@ -113,39 +85,32 @@ fn entropy_forward(
 fn entropy_backward(
     tau: &Tensor<f32>,
     offsets: &Tensor<i32>,
+    grad: &Tensor<f32>,
     dtau: &mut Tensor<f32>,
     epsilon: f32,
     min_sum: f32,
-    gradients: &EntropyGradients,
 ) {
     let place = ABSOLUTE_POS;
-    if place >= offsets.shape(0) - 1 {
+    if place >= grad.shape(0) {
         terminate!();
     }
     let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
     let ray = mass_of(tau, start, end);
-    clear_tail(dtau, offsets, 1, place);
-    let mut dsum = 0.0f32;
-    if comptime!(gradients.has_alpha_sum) {
-        dsum = gradients.alpha_sum[place];
-    }
     for i in start..end {
-        dtau[i] = dsum * f32::exp(-tau[i]);
+        dtau[i] = grad[2 * place + 1] * f32::exp(-tau[i]);
     }
     let missed = ray.sum < min_sum;
-    if comptime!(gradients.has_bits) {
-        if !missed {
-            let scale = gradients.bits[place] * std::f32::consts::LOG2_E;
-            let common = entropy_gradient(tau[ray.top], ray.top, &ray, epsilon);
-            let mut mean = 0.0f32;
-            for i in start..end {
-                let dp = entropy_gradient(tau[i], i, &ray, epsilon);
-                mean += alpha_of(tau[i]) / ray.sum * (dp - common);
-            }
-            for i in start..end {
-                let dp = entropy_gradient(tau[i], i, &ray, epsilon) - common - mean;
-                dtau[i] += scale * dp / ray.sum * f32::exp(-tau[i]);
-            }
+    if !missed {
+        let scale = grad[2 * place] * std::f32::consts::LOG2_E;
+        let common = entropy_gradient(tau[ray.top], ray.top, &ray, epsilon);
+        let mut mean = 0.0f32;
+        for i in start..end {
+            let dp = entropy_gradient(tau[i], i, &ray, epsilon);
+            mean += alpha_of(tau[i]) / ray.sum * (dp - common);
+        }
+        for i in start..end {
+            let dp = entropy_gradient(tau[i], i, &ray, epsilon) - common - mean;
+            dtau[i] += scale * dp / ray.sum * f32::exp(-tau[i]);
         }
     }
 }

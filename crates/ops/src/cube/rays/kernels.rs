@@ -61,17 +61,6 @@ pub(crate) fn first_sample(offsets: &Tensor<i32>, ray: usize) -> usize {
     usize::cast_from(offsets[ray] - offsets[0])
 }
 
-/// Writes zeros to unused capacity behind the last ray's samples, `columns` values each; the threads of all rays share it.
-#[cube]
-pub(crate) fn clear_tail(out: &mut Tensor<f32>, offsets: &Tensor<i32>, columns: usize, ray: usize) {
-    let rays = offsets.shape(0) - 1;
-    let mut at = first_sample(offsets, rays) * columns + ray;
-    while at < out.len() {
-        out[at] = 0.0f32;
-        at += rays;
-    }
-}
-
 /// Copies the row of its ray to each sample: one thread per value.
 #[cube(launch)]
 pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>) {

@@ -7,7 +7,7 @@ use burn::tensor::{Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-pub(crate) use self::kernels::{RayMass, alpha_of, clear_tail, first_sample, ln_1p, mass_of};
+pub(crate) use self::kernels::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::traffic::count_upload;

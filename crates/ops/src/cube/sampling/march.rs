@@ -1,7 +1,5 @@
 //! Marching along rays on the device: one thread per ray, which walks twice, to count its samples and to write them.
 
-use std::sync::Arc;
-
 use burn::cubecl::{self, prelude::*};
 use burn::tensor::{self, DType, Shape};
 use burn_cubecl::tensor::CubeTensor;
@@ -77,7 +75,7 @@ impl CubeKernel for Count {
 struct Write {
     walk: Walk,
     rays: RayOffsets,
-    outputs: Arc<Outputs<3>>,
+    outputs: Outputs<3>,
 }
 
 impl CubeKernel for Write {

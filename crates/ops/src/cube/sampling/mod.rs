@@ -3,8 +3,6 @@
 mod kernels;
 mod march;
 
-use std::sync::Arc;
-
 use burn::tensor::{DType, Shape, Tensor};
 use burn_cubecl::tensor::CubeTensor;
 
@@ -52,7 +50,7 @@ enum Sampling {
     Stratified { shape: [usize; 2], rule: SampleRule, jitter: bool },
     Importance { count: usize, jitter: bool },
     Resample { count: usize, jitter: bool },
-    Intervals { outputs: Arc<Outputs<2>>, rule: SampleRule, last: LastInterval },
+    Intervals { outputs: Outputs<2>, rule: SampleRule, last: LastInterval },
 }
 
 impl CubeKernel for Sampling {
