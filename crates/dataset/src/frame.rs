@@ -6,11 +6,6 @@ use glam::DMat4;
 use infonerf_scene::image::{dimensions, is_image_name};
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
-const SAME_PIXELS: f64 = 0.1;
-/// Fields of view that differ by at most this, in radians, belong to the same camera.
-const SAME_ANGLE: f64 = 1e-4;
-
 /// Frame: an image that can be loaded, with its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
@@ -117,26 +112,6 @@ impl Intrinsics {
         }
     }
 
-    /// Whether both belong to the same camera, up to rounding in files and in the decomposition of projections.
-    pub fn is_like(&self, other: &Self) -> bool {
-        let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance;
-        let near_pixels = |a: [f64; 2], b: [f64; 2]| (0..2).all(|axis| near(a[axis], b[axis], SAME_PIXELS));
-        match (*self, *other) {
-            (Self::Fov(a), Self::Fov(b)) => near(a, b, SAME_ANGLE),
-            (
-                Self::Pixels { focal, centre, size },
-                Self::Pixels { focal: other_focal, centre: other_centre, size: other_size },
-            ) => {
-                let centres = match (centre, other_centre) {
-                    (Some(a), Some(b)) => near_pixels(a, b),
-                    (a, b) => a == b,
-                };
-                near_pixels(focal, other_focal) && centres && size == other_size
-            }
-            _ => false,
-        }
-    }
-
     /// Returns the image size that the file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
         match self {
@@ -187,24 +162,4 @@ pub(crate) fn without_extension(relative: &str) -> String {
     let path = Path::new(relative);
     let bare = if is_image_name(path) { path.with_extension("") } else { path.to_owned() };
     bare.to_string_lossy().into_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rounding_makes_no_other_camera() {
-        let pixels = |fx: f64, cx: Option<f64>| Intrinsics::Pixels {
-            focal: [fx, fx],
-            centre: cx.map(|cx| [cx, 300.0]),
-            size: Some((800, 600)),
-        };
-        let camera = pixels(1446.134, Some(411.6));
-        assert!(camera.is_like(&pixels(1446.136, Some(411.65))));
-        assert!(!camera.is_like(&pixels(1447.0, Some(411.6))) && !camera.is_like(&pixels(1446.134, Some(412.6))));
-        assert!(!camera.is_like(&pixels(1446.134, None)) && pixels(1.0, None).is_like(&pixels(1.0, None)));
-        assert!(Intrinsics::Fov(0.6911112).is_like(&Intrinsics::Fov(0.6911113)));
-        assert!(!Intrinsics::Fov(0.69).is_like(&Intrinsics::Fov(0.70)) && !Intrinsics::Fov(0.69).is_like(&camera));
-    }
 }

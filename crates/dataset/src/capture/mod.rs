@@ -252,8 +252,8 @@ mod tests {
     use infonerf_scene::{Layout, Scene, ViewSelection};
 
     use super::*;
-    use crate::colmap::testing::write_text;
-    use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction};
+    use crate::colmap::ColmapCamera;
+    use crate::colmap::testing::{reconstruction, write_text};
     use crate::loaders::testing::*;
 
     fn cameras(count: usize) -> Vec<Camera> {
@@ -375,31 +375,32 @@ mod tests {
         assert!(view.valid.as_ref().is_some_and(|valid| !valid[9900] && valid[0]));
     }
 
-    /// JPEGs of a camera that was held upright, stored lying on their side.
-    fn sideways(dir: &Path, cameras: &[Camera]) {
-        photographs(dir, cameras);
-        for i in 0..cameras.len() {
-            let (from, to) = (dir.join(format!("images/p{i:02}.png")), dir.join(format!("images/p{i:02}.jpg")));
-            image::open(&from).unwrap().rotate270().save(&to).unwrap();
-            fs::remove_file(from).unwrap();
-            set_orientation(&to, 6);
-        }
-    }
-
     #[test]
     fn images_and_cameras_are_turned_as_exif_states() {
         let lens = Camera::pinhole((16, 24), [30.0; 2], [7.0, 13.0], DMat4::IDENTITY);
         let all: Vec<Camera> = cameras(9).iter().map(|camera| lens.with_pose(camera.to_world)).collect();
         let upright = loaded(&all);
         let guard = tempfile::tempdir().unwrap();
-        sideways(guard.path(), &all);
+        photographs(guard.path(), &all);
+        // JPEGs of a camera that was held upright, stored lying on their side.
+        for i in 0..all.len() {
+            let from = guard.path().join(format!("images/p{i:02}.png"));
+            let to = from.with_extension("jpg");
+            image::open(&from).unwrap().rotate270().save(&to).unwrap();
+            fs::remove_file(from).unwrap();
+            set_orientation(&to, 6);
+        }
         // A tool that turned the images before it found the poses.
         let shown = load(guard.path(), &request()).unwrap();
         assert!(shown.warnings[0].starts_with("EXIF data turn 9 images"), "{:?}", shown.warnings);
         // COLMAP, which saw the pixels as they are stored.
         let stored: Vec<Camera> = all.iter().map(|camera| camera.turned(3)).collect();
         fs::remove_file(guard.path().join("transforms.json")).unwrap();
-        write_model(guard.path(), &stored);
+        let lens = &stored[0];
+        let parameters = vec![lens.fx, lens.fy, lens.cx, lens.cy];
+        let camera = ColmapCamera::new(guard.path(), "camera", 1, (lens.width, lens.height), parameters).unwrap();
+        let all = reconstruction(camera, &stored, |i| format!("p{i:02}.jpg"));
+        write_text(&guard.path().join("sparse/0"), &all);
         let turned = load(guard.path(), &request()).unwrap();
         assert!(turned.warnings[0].ends_with("their cameras are turned with them"), "{:?}", turned.warnings);
         for ((a, b), exact) in shown.train.iter().zip(&turned.train).zip(&upright.train) {
@@ -409,23 +410,6 @@ mod tests {
                 assert!(apart / 384.0 < 0.05, "{apart}");
             }
         }
-    }
-
-    /// A reconstruction of COLMAP without points, of `images/p00.jpg` and so on.
-    fn write_model(dir: &Path, cameras: &[Camera]) {
-        let first = &cameras[0];
-        let parameters = vec![first.fx, first.fy, first.cx, first.cy];
-        let camera = ColmapCamera::new(dir, "camera", 1, (first.width, first.height), parameters).unwrap();
-        let image = |(i, camera): (usize, &Camera)| ColmapImage {
-            id: i as u32 + 1,
-            name: format!("p{i:02}.jpg"),
-            camera: 1,
-            pose: camera.to_world,
-            observations: Vec::new(),
-        };
-        let images = cameras.iter().enumerate().map(image).collect();
-        let all = Reconstruction { cameras: [(1, camera)].into(), images, points: [].into() };
-        write_text(&dir.join("sparse/0"), &all);
     }
 
     #[test]
@@ -466,8 +450,12 @@ mod tests {
         assert_eq!(scene.train.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 1, 2, 3, 5]);
         assert_eq!(scene.test.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 2]);
         assert!(scene.warnings[0].contains("r_4.png") && scene.warnings[1].contains("r_1.png"), "{:?}", scene.warnings);
-        let asked = SceneRequest { train: ViewSelection::Ids(vec![4]), ..request() };
-        assert!(message(&dir, &asked).contains("r_4.png: not found"));
+        let asked = |id: usize| SceneRequest { train: ViewSelection::Ids(vec![id]), ..request() };
+        assert!(message(&dir, &asked(4)).contains("r_4.png: not found"));
+        // Images that are not chosen need not be there.
+        fs::remove_file(dir.join("train/r_0.png")).unwrap();
+        let scene = load(&dir, &asked(2)).unwrap();
+        assert_eq!((scene.train[0].id, scene.all_train_cameras.len()), (2, 6));
     }
 
     #[test]

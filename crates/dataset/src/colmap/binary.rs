@@ -7,29 +7,12 @@ use glam::{DVec2, DVec3};
 use infonerf_scene::SceneError;
 
 use super::camera::{MODELS, known};
-use super::{ColmapCamera, ColmapImage, Reconstruction, check, pose};
-use crate::files::read_file;
+use super::{ColmapCamera, ColmapImage, pose};
 
-/// Largest file that is read, in bytes.
-const MAX_BYTES: u64 = 2 << 30;
 /// Longest name of an image, in bytes.
 const MAX_NAME: usize = 4096;
 /// The id that stands for no point.
 const NONE: u64 = u64::MAX;
-
-pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
-    let file = |name: &str| read_file(&dir.join(name), "a file of a COLMAP reconstruction", MAX_BYTES);
-    let images = dir.join("images.bin");
-    let read = Reconstruction {
-        cameras: cameras(&dir.join("cameras.bin"), &file("cameras.bin")?)?,
-        images: self::images(&images, &file("images.bin")?)?,
-        points: match dir.join("points3D.bin") {
-            path if path.is_file() => points(&path, &file("points3D.bin")?)?,
-            _ => BTreeMap::new(),
-        },
-    };
-    check(&images, read)
-}
 
 pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
     let mut bytes = Bytes { path, rest: bytes };

@@ -8,28 +8,7 @@ use glam::{DVec2, DVec3};
 use infonerf_scene::SceneError;
 
 use super::camera::{MODELS, known};
-use super::{ColmapCamera, ColmapImage, Reconstruction, check, pose};
-use crate::files::read_file;
-
-/// Largest file that is read, in bytes.
-const MAX_BYTES: u64 = 2 << 30;
-
-pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
-    let file = |name: &str| {
-        let bytes = read_file(&dir.join(name), "a file of a COLMAP reconstruction", MAX_BYTES)?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
-    };
-    let images = dir.join("images.txt");
-    let read = Reconstruction {
-        cameras: cameras(&dir.join("cameras.txt"), &file("cameras.txt")?)?,
-        images: self::images(&images, &file("images.txt")?)?,
-        points: match dir.join("points3D.txt") {
-            path if path.is_file() => points(&path, &file("points3D.txt")?)?,
-            _ => BTreeMap::new(),
-        },
-    };
-    check(&images, read)
-}
+use super::{ColmapCamera, ColmapImage, pose};
 
 /// Returns the lines that are not comments, each with its location.
 fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = TextLine<'a>> {

@@ -60,38 +60,3 @@ fn sphere(points: &[Vec3]) -> (DVec3, f64) {
     let farthest = points.iter().map(|p| p.distance(centre)).fold(1e-3, f32::max);
     (centre.as_dvec3(), 1.05 * f64::from(farthest))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::export;
-    use crate::loaders::testing::{load, request};
-    use infonerf_scene::{Format, SceneRequest, TestProtocol};
-
-    #[test]
-    fn a_table_reads_back() {
-        let guard = tempfile::tempdir().unwrap();
-        export("table", 16, Format::Dtu, guard.path()).unwrap();
-        let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
-        let scene = load(guard.path(), &chosen).unwrap();
-        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [25, 22, 28]);
-        assert_eq!((scene.format, scene.test.len(), scene.warnings.len()), (Format::Dtu, 25, 0));
-        let cameras = procedural::photographs("table", 16, VIEWS);
-        for view in scene.train.iter().chain(&scene.test) {
-            let camera = &cameras[view.id];
-            assert_eq!(view.mask.as_deref().unwrap(), procedural::object_mask("table", camera).unwrap());
-            // What the masks show lies in the unit sphere, where it is.
-            let shown = procedural::render("table", camera).unwrap();
-            for (i, mask) in view.mask.as_deref().unwrap().iter().enumerate() {
-                let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
-                let (a, b) = (view.camera.ray(x, y), camera.ray(x, y));
-                assert!((a.direction - b.direction).length() < 1e-5);
-                let scale = camera.position().distance(cameras[0].position())
-                    / view.camera.position().distance(scene.all_train_cameras[0].position());
-                if *mask && view.id != 0 && scale.is_finite() {
-                    assert!(a.at(shown.depth[i] / scale).length() < 1.0 + 1e-3);
-                }
-            }
-        }
-    }
-}

@@ -117,24 +117,20 @@ fn intrinsics(camera: &Camera) -> DMat3 {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_scene::{Layout, RgbaImage, Scene, SceneRequest, TestProtocol};
+
     use super::*;
-    use crate::{SceneSource, load};
-    use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+    use crate::loaders::testing::{assert_same_rays, load, request};
+    use crate::{SceneSource, load as load_from};
 
     #[test]
     fn an_exported_scene_loads_back_to_the_same_pixels() {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path().join("orrery");
         export("orrery", 24, Format::Blender, &dir).unwrap();
-        let request = SceneRequest {
-            train: ViewSelection::All,
-            test: TestProtocol::All,
-            image_size: Some(24),
-            background: [0.1, 0.7, 1.0],
-            ..Default::default()
-        };
-        let loaded = load(&SceneSource::Folder { path: dir }, &request).unwrap();
-        let direct = load(&SceneSource::Procedural("orrery".into()), &request).unwrap();
+        let request = SceneRequest { image_size: Some(24), background: [0.1, 0.7, 1.0], ..request() };
+        let loaded = load(&dir, &request).unwrap();
+        let direct = load_from(&SceneSource::Procedural("orrery".into()), &request).unwrap();
         for (a, b) in loaded.test.iter().zip(&direct.test) {
             assert_eq!(a, b);
         }
@@ -144,13 +140,10 @@ mod tests {
         assert_eq!(loaded.all_train_cameras, direct.all_train_cameras);
         assert_eq!((loaded.space.near, loaded.space.far), (direct.space.near, direct.space.far));
         assert_eq!((loaded.space.bounds, loaded.name), (direct.space.bounds, direct.name));
-    }
-
-    #[test]
-    fn a_body_goes_along() {
-        let guard = tempfile::tempdir().unwrap();
-        export("figure", 8, Format::Blender, guard.path()).unwrap();
-        let text = fs::read_to_string(guard.path().join("vertices.ply")).unwrap();
+        // A body goes along.
+        let dir = guard.path().join("figure");
+        export("figure", 8, Format::Blender, &dir).unwrap();
+        let text = fs::read_to_string(dir.join("vertices.ply")).unwrap();
         let lines = text.lines().skip_while(|line| *line != "end_header").skip(1);
         let numbers: Vec<f32> = lines.flat_map(|line| line.split(' ').map(|x| x.parse().unwrap())).collect();
         let body = procedural::body("figure").unwrap().unwrap();
@@ -158,32 +151,95 @@ mod tests {
         assert!(text.contains(&format!("element vertex {}\n", body.vertices.len())));
     }
 
-    #[test]
-    fn bad_requests_are_refused() {
+    /// Returns the scene that an export gives with published views, and the cameras that it was taken with.
+    fn read_back(name: &str, format: Format, train: &str) -> (Scene, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();
-        let error = export("tree", 8, Format::Blender, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("`tree`") && error.contains("castle, crane, knot, orrery"));
-        assert!(export("knot", 0, Format::Blender, guard.path()).is_err());
-        let file = guard.path().join("file");
-        fs::write(&file, "").unwrap();
-        let error = export("knot", 8, Format::Blender, &file.join("below")).unwrap_err().to_string();
-        assert!(error.contains("below"), "{error}");
+        export(name, 16, format, guard.path()).unwrap();
+        let chosen = SceneRequest { train: train.parse().unwrap(), test: TestProtocol::Split, ..request() };
+        let scene = load(guard.path(), &chosen).unwrap();
+        let count = if format == Format::Dtu { 49 } else { 40 };
+        (scene, procedural::photographs(name, 16, count))
     }
 
     #[test]
-    fn a_folder_of_somebody_elses_is_left_alone() {
+    fn a_table_reads_back() {
+        let (scene, cameras) = read_back("table", Format::Dtu, "regnerf-3");
+        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [25, 22, 28]);
+        assert_eq!((scene.format, scene.test.len(), scene.warnings.len()), (Format::Dtu, 25, 0));
+        let place = |camera: &Camera| camera.position();
+        for view in scene.train.iter().chain(&scene.test) {
+            let camera = &cameras[view.id];
+            let mask = view.mask.as_deref().unwrap();
+            assert_eq!(mask, procedural::object_mask("table", camera).unwrap());
+            // What the masks show lies in the unit sphere.
+            let shown = procedural::render("table", camera).unwrap();
+            let scale = place(camera).distance(place(&cameras[0]))
+                / place(&view.camera).distance(place(&scene.all_train_cameras[0]));
+            for (i, mask) in mask.iter().enumerate() {
+                let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
+                let (a, b) = (view.camera.ray(x, y), camera.ray(x, y));
+                assert!((a.direction - b.direction).length() < 1e-5);
+                assert!(!mask || view.id == 0 || a.at(shown.depth[i] / scale).length() < 1.0 + 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_room_reads_back() {
+        let (scene, cameras) = read_back("room", Format::Llff, "regnerf-3");
+        assert_eq!((scene.format, scene.space.layout), (Format::Llff, Layout::Forward));
+        assert_eq!((scene.train.len(), scene.test.len()), (3, 5));
+        let names: Vec<_> = scene.train.iter().map(|view| view.name.as_str()).collect();
+        assert_eq!(names, ["images/image001", "images/image020", "images/image039"]);
+        let shown = procedural::render("room", &cameras[39]).unwrap().rgba.to_f32();
+        assert_eq!(*scene.train[2].image, RgbaImage { has_alpha: false, ..shown }.composite([0.0; 3]));
+        // Poses are moved and scaled by the loader: angles stay, distances keep their ratios.
+        let [a, b, c] = [0, 1, 2].map(|i| &scene.train[i].camera);
+        let [p, q, r] = [1, 20, 39].map(|i| &cameras[i]);
+        for (x, y) in [(0.0, 0.0), (12.0, 3.0)] {
+            let cosine = |a: &Camera, b: &Camera| a.ray(x, y).direction.dot(b.ray(y, x).direction);
+            assert!((cosine(a, b) - cosine(p, q)).abs() < 1e-5);
+        }
+        let scale = |a: &Camera, b: &Camera, p: &Camera, q: &Camera| {
+            a.position().distance(b.position()) / p.position().distance(q.position())
+        };
+        let factor = scale(c, a, r, p);
+        assert!((scale(b, a, q, p) / factor - 1.0).abs() < 1e-4);
+        // Near and far are those of what is seen.
+        let (near, far) = (scene.space.near / 0.9 / factor, scene.space.far / factor);
+        assert!((0.4..3.0).contains(&near) && (3.0..9.0).contains(&far), "{near} {far}");
+    }
+
+    #[test]
+    fn a_person_reads_back() {
+        let (scene, _) = read_back("figure", Format::Zju, "infonerf-4");
+        assert_eq!((scene.format, scene.train.len(), scene.test.len()), (Format::Zju, 4, 19));
+        assert_eq!(scene.space.body, procedural::body("figure").unwrap());
+        let cameras = procedural::photographs("figure", 16, 23);
+        for view in scene.train.iter().chain(&scene.test) {
+            let camera = cameras[view.id].with_lens(lens());
+            assert_same_rays(&view.camera, &camera);
+            assert_eq!(view.mask.as_deref().unwrap(), procedural::object_mask("figure", &camera).unwrap());
+        }
+    }
+
+    #[test]
+    fn bad_requests_are_refused_and_other_files_left_alone() {
         let guard = tempfile::tempdir().unwrap();
-        let json = guard.path().join("transforms_train.json");
+        let (dir, json) = (guard.path(), guard.path().join("transforms_train.json"));
+        let fault = |name, size, format, dir: &Path| export(name, size, format, dir).unwrap_err().to_string();
+        let error = fault("tree", 8, Format::Blender, dir);
+        assert!(error.contains("`tree`") && error.contains("castle, crane, knot, orrery"));
+        assert!(fault("knot", 0, Format::Blender, dir).contains("image_size"));
         fs::write(&json, "{}").unwrap();
-        let error = export("knot", 8, Format::Blender, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("a new or empty folder"), "{error}");
+        assert!(fault("knot", 8, Format::Blender, &json.join("below")).contains("below"));
+        assert!(fault("knot", 8, Format::Blender, dir).contains("a new or empty folder"));
         assert_eq!(fs::read_to_string(&json).unwrap(), "{}");
         fs::remove_file(&json).unwrap();
         for _ in 0..2 {
-            export("knot", 8, Format::Blender, guard.path()).unwrap();
+            export("knot", 8, Format::Blender, dir).unwrap();
         }
-        let error = export("knot", 8, Format::Llff, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("in LLFF's format"), "a folder in two formats: {error}");
-        assert!(export("knot", 8, Format::Colmap, guard.path()).unwrap_err().to_string().contains("LLFF, DTU"));
+        assert!(fault("knot", 8, Format::Llff, dir).contains("in LLFF's format"), "a folder in two formats");
+        assert!(fault("knot", 8, Format::Colmap, dir).contains("LLFF, DTU"));
     }
 }

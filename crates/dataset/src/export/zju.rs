@@ -85,27 +85,3 @@ fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), SceneError> {
     fs::write(path, bytes).map_err(|e| SceneError::io(path, e))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::export;
-    use crate::loaders::testing::{assert_same_rays, load, request};
-    use infonerf_scene::{Format, SceneRequest, TestProtocol};
-
-    #[test]
-    fn a_person_reads_back() {
-        let guard = tempfile::tempdir().unwrap();
-        export("figure", 16, Format::Zju, guard.path()).unwrap();
-        let chosen = SceneRequest { train: "infonerf-4".parse().unwrap(), test: TestProtocol::Split, ..request() };
-        let scene = load(guard.path(), &chosen).unwrap();
-        assert_eq!((scene.format, scene.train.len(), scene.test.len()), (Format::Zju, 4, 19));
-        assert_eq!(scene.space.body, procedural::body("figure").unwrap());
-        let cameras = procedural::photographs("figure", 16, VIEWS);
-        for view in scene.train.iter().chain(&scene.test) {
-            let camera = cameras[view.id].with_lens(lens());
-            assert_same_rays(&view.camera, &camera);
-            assert_eq!(view.mask.as_deref().unwrap(), procedural::object_mask("figure", &camera).unwrap());
-        }
-    }
-}

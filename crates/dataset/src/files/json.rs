@@ -207,7 +207,8 @@ mod tests {
     fn comments_are_skipped_and_numbers_that_are_not_finite_are_null() {
         let text = br#"{ // a rig's "poses"
             "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
-        let file = JsonFile::parse(Path::new("a.json"), text).unwrap();
+        let marked = [b"\xef\xbb\xbf", &text[..]].concat();
+        let file = JsonFile::parse(Path::new("a.json"), &marked).unwrap();
         let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
         assert!(
             a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none()

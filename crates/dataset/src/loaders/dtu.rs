@@ -335,27 +335,4 @@ mod tests {
         fs::write(guard.path().join("cameras_sphere.npz"), "PK").unwrap();
         assert!(message(guard.path(), &request()).contains("cameras_sphere.npz: expected 4×4 matrices"));
     }
-
-    #[test]
-    #[ignore = "needs …/shared/data"]
-    fn scan24_of_dtu() {
-        let dir = shared_data("dtu/scan24");
-        let chosen = SceneRequest {
-            train: "regnerf-3".parse().unwrap(),
-            test: TestProtocol::Split,
-            image_size: Some(100),
-            ..Default::default()
-        };
-        let scene = load(&dir, &chosen).unwrap();
-        assert_eq!((scene.train.len(), scene.test.len(), scene.backdrop), (3, 25, Backdrop::Unknown));
-        // The object's mask holds the middle of the sphere in every view, and its image has the object in it.
-        for view in scene.train.iter().chain(&scene.test) {
-            let mask = view.mask.as_deref().unwrap();
-            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len() as f32;
-            assert!((0.05..0.9).contains(&share), "{} {share}", view.name);
-            assert!((1.5..5.0).contains(&view.camera.position().length()), "{}", view.camera.position());
-            let p = view.camera.project(Vec3::ZERO).unwrap();
-            assert!((10.0..90.0).contains(&p.x) && (10.0..65.0).contains(&p.y), "{p}");
-        }
-    }
 }

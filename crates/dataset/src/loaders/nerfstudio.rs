@@ -74,66 +74,50 @@ mod tests {
     /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
         let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path().join("capture");
-        fs::create_dir_all(dir.join("images")).unwrap();
-        let frames: Vec<Value> = (0..10)
-            .map(|i| {
-                image(8, i as u8).write_png(&dir.join(format!("images/f_{i}.png"))).unwrap();
-                json!({"file_path": format!("images/f_{i}.png"), "transform_matrix": pose(i)})
-            })
-            .collect();
-        let value = json!({"w": 8, "h": 8, "fl_x": 10.0, "fl_y": 11.0, "cx": 4.5, "cy": 3.5,
-            "k1": 0.0, "frames": frames});
-        let json = dir.join("transforms.json");
-        write_json(&json, &value);
+        let (dir, json) = (guard.path().to_owned(), guard.path().join("transforms.json"));
+        let frames = frames(&dir, "images", 10, 0);
+        let shared = json!({"w": 8, "h": 8, "fl_x": 10.0, "fl_y": 11.0, "cx": 4.5, "cy": 3.5, "k1": 0.0});
+        write_json(&json, &shared);
+        edit(&json, "/frames", Some(json!(frames)));
         (guard, dir, json)
     }
 
     #[test]
     fn shared_intrinsics_and_hold_out() {
         let (_guard, dir, json) = folder();
+        edit(&json, "/frames/1/fl_x", Some(json!(20.0)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!((scene.train.len(), scene.test.len()), (8, 2));
-        assert_eq!(scene.test[1].name, "images/f_8");
-        assert_eq!(scene.train[0].name, "images/f_1");
-        let camera = &scene.train[0].camera;
+        assert_eq!((scene.test[1].name.as_str(), scene.train[0].name.as_str()), ("images/r_8", "images/r_1"));
+        let camera = &scene.train[1].camera;
         assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (10.0, 11.0, 4.5, 3.5));
         let centre = camera.project(camera.position() + camera.forward()).unwrap();
         assert!((centre - Vec2::new(4.5, 3.5)).length() < 1e-4);
         // The scene lies about the point that all cameras look at.
         assert!(scene.space.bounds.centre().length() < 1e-3 && scene.space.near < 3.0 && scene.space.far > 5.0);
-
+        // Intrinsics of a frame come first, and are resized with the image.
+        let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
+        assert_eq!([small.train[0].camera.fx, small.train[1].camera.fx, small.train[1].camera.cx], [10.0, 5.0, 2.25]);
         edit(&json, "/near", Some(json!(1.0)));
         edit(&json, "/far", Some(json!(2.0)));
         assert_eq!(load(&dir, &request()).unwrap().space.far, 2.0);
     }
 
     #[test]
-    fn frames_override_intrinsics_and_images_are_resized_with_them() {
-        let (_guard, dir, json) = folder();
-        edit(&json, "/frames/1/fl_x", Some(json!(20.0)));
-        let small = SceneRequest { image_size: Some(4), ..request() };
-        let scene = load(&dir, &small).unwrap();
-        assert_eq!(scene.train[0].camera.fx, 10.0);
-        assert_eq!(scene.train[1].camera.fx, 5.0);
-        assert_eq!(scene.train[1].camera.cx, 2.25);
-    }
-
-    #[test]
     fn named_splits() {
         let (_guard, dir, json) = folder();
-        edit(&json, "/train_filenames", Some(json!(["images/f_3.png", "./images/f_0.png"])));
-        edit(&json, "/test_filenames", Some(json!(["images/f_9.png"])));
+        edit(&json, "/train_filenames", Some(json!(["images/r_3.png", "./images/r_0.png"])));
+        edit(&json, "/test_filenames", Some(json!(["images/r_9.png"])));
         let scene = load(&dir, &request()).unwrap();
         let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
-        assert_eq!(names, ["images/f_0", "images/f_3"]);
+        assert_eq!(names, ["images/r_0", "images/r_3"]);
         assert_eq!(scene.test.len(), 1);
-        edit(&json, "/test_filenames", Some(json!(["images/f_99.png"])));
+        edit(&json, "/test_filenames", Some(json!(["images/r_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
         edit(&json, "/test_filenames", None);
-        edit(&json, "/val_filenames", Some(json!(["images/f_5.png"])));
-        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/f_5");
+        edit(&json, "/val_filenames", Some(json!(["images/r_5.png"])));
+        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/r_5");
         edit(&json, "/train_filenames", Some(json!([])));
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
@@ -166,13 +150,13 @@ mod tests {
             .enumerate()
             .map(|(i, camera)| {
                 if i != 3 {
-                    write_view(&dir.join(format!("images/f_{i}.png")), camera);
+                    write_view(&dir.join(format!("images/r_{i}.png")), camera);
                 }
                 let mut frame = fields.clone();
                 // A frame's own focal lengths; instant-ngp leaves extensions out.
                 frame["fl_x"] = json!(camera.fx);
                 frame["fl_y"] = json!(camera.fy);
-                frame["file_path"] = json!(format!("./images/f_{i}"));
+                frame["file_path"] = json!(format!("./images/r_{i}"));
                 frame["transform_matrix"] = pose(i);
                 frame
             })
@@ -214,6 +198,14 @@ mod tests {
             assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
             assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
             assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+            // Cameras that are written load back.
+            write_json(&guard.path().join("transforms.json"), &crate::transforms(&scene));
+            let again = load(guard.path(), &request()).unwrap();
+            assert_eq!((again.space.range, again.space.bounds), (scene.space.range, scene.space.bounds));
+            assert_eq!((again.train.len(), again.test.len(), again.warnings.len()), (4, 1, 0));
+            for (view, i) in again.train.iter().zip([1, 2, 4, 5]) {
+                assert_same_view(view, &cameras[i]);
+            }
         }
     }
 
@@ -248,7 +240,7 @@ mod tests {
         write_mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
-        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/f_8: they are not tested");
+        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/r_8: they are not tested");
         write_mask(1, 64);
         assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
         assert_eq!(load(&dir, &score).unwrap().test.len(), 2);
@@ -267,7 +259,7 @@ mod tests {
         let scaled = load(&dir, &request()).unwrap();
         assert_eq!(scaled.warnings, ["the cameras are for images of 32×32 pixels, these have 8×8: they are scaled"]);
         assert!(infonerf_scene::Scene { warnings: Vec::new(), ..scaled } == whole);
-        image(9, 1).write_png(&dir.join("images/f_3.png")).unwrap();
+        image(9, 1).write_png(&dir.join("images/r_3.png")).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().train[2].image.width, 8);
     }
 
@@ -284,7 +276,7 @@ mod tests {
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
             ("/fl_x", None, "`camera_angle_x`"),
             ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),
-            ("/w", Some(json!(9)), "f_1.png: expected an image of 9×8 pixels"),
+            ("/w", Some(json!(9)), "r_1.png: expected an image of 9×8 pixels"),
             ("/frames/4/transform_matrix/1/1", Some(json!("x")), "`frames[4].transform_matrix[1][1]`"),
             ("/frames/2/p2", Some(json!(1e9)), "`frames[2].p2`"),
         ];

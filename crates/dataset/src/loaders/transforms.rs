@@ -222,7 +222,8 @@ mod tests {
             let found = image_path(dir, named);
             assert_eq!((found.is_file(), name_of(dir, &found)), (true, "scan/images/0".into()), "{named}");
         }
-        assert_eq!(image_path(dir, "./train/r_0.5"), dir.join("train/r_0.5.png"));
+        let dotted = image_path(dir, "./train/r_0.5");
+        assert_eq!((name_of(dir, &dotted), dotted), ("train/r_0.5".into(), dir.join("train/r_0.5.png")));
         assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
     }
 }
