@@ -18,6 +18,20 @@ use crate::files::{npy, npz};
 use crate::loaders::transforms::transforms as read_transforms;
 use crate::loaders::{dtu, llff, zju};
 
+/// A fuzz target: its name, and its reader, which returns whether it accepts the bytes.
+pub type Target = (&'static str, fn(&[u8]) -> bool);
+
+/// All fuzz targets.
+pub const TARGETS: [Target; 7] = [
+    ("transforms", transforms),
+    ("poses_bounds", poses_bounds),
+    ("depth", depth),
+    ("colmap", colmap),
+    ("cameras_npz", cameras_npz),
+    ("annots", annots),
+    ("image", image),
+];
+
 /// Maximum number of frames from which poses are derived, which bounds the time of one input.
 const MAX_FRAMES: usize = 64;
 

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, PoseError, Scene, View};
-use infonerf_sfm::{Pose, Posed, SfmSettings, Uncertainty, refine};
+use infonerf_sfm::{Pose, Posed, Uncertainty, refine};
 
 use crate::capture::{camera_pose, ray};
 use crate::colmap::opengl;
@@ -44,7 +44,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
         Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
     });
     let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());
-    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty, &SfmSettings::default());
+    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty);
     let [before, after] = found.errors;
     let shared = format!("{} points that the photographs share are off by a median of", found.points.len());
     if found.poses.iter().all(Result::is_err) {

@@ -28,5 +28,5 @@ mod two_view;
 pub use bundle::Point;
 pub use camera::{Pose, SimpleRadial};
 pub use pairs::{ImageMatches, explains, verified_matches};
-pub use reconstruction::{Photograph, SfmSettings, SparseModel, reconstruct};
+pub use reconstruction::{Photograph, SparseModel, reconstruct};
 pub use refine::{Posed, Refined, Uncertainty, refine};

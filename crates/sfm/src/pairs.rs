@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::camera::{Pose, SimpleRadial};
 use crate::essential::sampson;
 use crate::matching::{Matches, matches_of_pairs};
-use crate::reconstruction::SfmSettings;
+use crate::reconstruction::TOLERANCE;
 use crate::sift::{Features, features};
 use crate::triangulate::triangulate;
 use crate::two_view::{cross, two_view};
@@ -29,16 +29,17 @@ pub struct ImageMatches {
 }
 
 /// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
-/// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have.
-pub fn verified_matches(images: &[GreyImage], focal: &[f64], settings: &SfmSettings) -> Vec<ImageMatches> {
-    let found: Vec<Features> = images.par_iter().map(|image| features(image, settings.features)).collect();
+/// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have; an image has at most
+/// `most` features.
+pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
+    let found: Vec<Features> = images.par_iter().map(|image| features(image, most)).collect();
     let verify = |Matches { a, b, pairs }: &Matches| {
         let (width, height) = (images[*a].width as f64, images[*a].height as f64);
         let longer = width.max(height);
         let pixels: Vec<_> = pairs.iter().map(|(i, j)| (found[*a].pixels[*i], found[*b].pixels[*j])).collect();
         let inliers = |focal: f64| {
             let lens = SimpleRadial { focal, k1: 0.0, centre: 0.5 * DVec2::new(width, height) };
-            two_view(&pixels, &lens, settings.tolerance * longer, settings.seed).map_or(Vec::new(), |view| view.inliers)
+            two_view(&pixels, &lens, TOLERANCE * longer, 0).map_or(Vec::new(), |view| view.inliers)
         };
         let guesses = FOCAL_LENGTHS.map(|times| times * longer);
         let best = [focal[*a]].into_iter().chain(guesses).map(inliers).max_by_key(Vec::len)?;
@@ -56,27 +57,4 @@ pub fn explains([a, b]: [&Pose; 2], rays: (DVec2, DVec2), tolerance: f64) -> boo
     let essential = cross(relative.translation) * relative.rotation;
     sampson(&essential, rays) < tolerance.powi(2)
         && triangulate(&[(Pose::IDENTITY, rays.0), (relative, rays.1)]).is_some()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::world;
-
-    #[test]
-    fn true_poses_explain_what_is_seen_and_others_do_not() {
-        let all = world(3, 2, 60);
-        let share = |poses: [&Pose; 2]| {
-            let seen = |point: &crate::bundle::Point| {
-                let ray = |k: usize| all.lens.unproject(point.seen[k].1);
-                explains(poses, (ray(0), ray(1)), 1e-3)
-            };
-            all.points.iter().filter(|point| seen(point)).count()
-        };
-        let [a, b] = [&all.poses[0], &all.poses[1]];
-        assert_eq!(share([a, b]), 60);
-        let flip = glam::DMat3::from_diagonal(glam::DVec3::new(1.0, -1.0, -1.0));
-        let flipped = [a, b].map(|pose| Pose { rotation: flip * pose.rotation, translation: flip * pose.translation });
-        assert!(share([&flipped[0], &flipped[1]]) < 15 && share([b, a]) < 15);
-    }
 }

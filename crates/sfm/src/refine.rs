@@ -9,7 +9,7 @@ use crate::bundle::{Point, PosePrior, Prior};
 use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
 use crate::matching::matches_of_pairs;
-use crate::reconstruction::SfmSettings;
+use crate::reconstruction::{FEATURES, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
 use crate::tracks::tracks;
 use crate::triangulate::triangulate;
@@ -74,13 +74,12 @@ pub struct Refined {
 
 /// Adjusts `photographs` and the points that they share together, beginning at the given poses and drawn to them by their
 /// `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
-pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, settings: &SfmSettings) -> Refined {
-    let features: Vec<Features> =
-        photographs.par_iter().map(|photograph| seen(photograph, focal, settings.features)).collect();
+pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty) -> Refined {
+    let features: Vec<Features> = photographs.par_iter().map(|photograph| seen(photograph, focal)).collect();
     let longer = photographs.iter().map(|p| p.image.width.max(p.image.height)).max().unwrap_or(0);
-    let tolerance = (settings.tolerance * longer as f64).max(MIN_TOLERANCE);
+    let tolerance = (TOLERANCE * longer as f64).max(MIN_TOLERANCE);
     let lens = SimpleRadial { focal, k1: 0.0, centre: DVec2::ZERO };
-    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance, settings.seed)
+    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance)
         .into_iter()
         .filter(|(matches, found)| uncertainty.allows(&found.pose, [matches.a, matches.b].map(|i| photographs[i].pose)))
         .map(|(matches, _)| matches)
@@ -93,7 +92,7 @@ pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, s
         shift_deviation: uncertainty.shift,
     };
     let given: Vec<Result<Pose, String>> = expected.poses.iter().copied().map(Ok).collect();
-    let found = Mapper::at(&tracks, (lens, prior), tolerance, expected, settings.seed).refine();
+    let found = Mapper::at(&tracks, (lens, prior), tolerance, expected).refine();
     let points = found.points();
     let errors = [(lens, &given), (found.lens, &found.poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
     Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }
@@ -116,8 +115,8 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
 }
 
 /// Finds the features of a photograph, as a lens of that focal length without distortion sees them.
-fn seen(photograph: &Posed<'_>, focal: f64, most: usize) -> Features {
-    let found = features(&photograph.image, most);
+fn seen(photograph: &Posed<'_>, focal: f64) -> Features {
+    let found = features(&photograph.image, FEATURES);
     let mut seen = Features::default();
     for (pixel, descriptor) in found.pixels.iter().zip(found.descriptors.chunks_exact(LENGTH)) {
         if let Some(p) = (photograph.unproject)(*pixel) {

@@ -37,12 +37,11 @@ pub(crate) fn verified(
     matched: &[Matches],
     lens: &SimpleRadial,
     tolerance: f64,
-    seed: u64,
 ) -> Vec<(Matches, TwoView)> {
     let verified = |&Matches { a, b, ref pairs }: &Matches| {
         let pixels: Vec<(DVec2, DVec2)> =
             pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
-        let view = two_view(&pixels, lens, tolerance, seed ^ ((a as u64) << 32 | b as u64))?;
+        let view = two_view(&pixels, lens, tolerance, (a as u64) << 32 | b as u64)?;
         let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
         (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
     };

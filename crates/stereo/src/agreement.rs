@@ -5,9 +5,12 @@ use rayon::prelude::*;
 
 use crate::map::DepthMap;
 
+/// Greatest difference between two views' disparities of one point, in steps between planes.
+const TOLERANCE: f32 = 1.5;
+
 /// Clears each pixel whose surface point is confirmed by no other view of `pairs`: one whose own map has, at the pixel
-/// where it sees the point, the point's disparity to within `tolerance` steps.
-pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>], tolerance: f32) -> Vec<DepthMap> {
+/// where it sees the point, the point's disparity to within [`TOLERANCE`] steps.
+pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) -> Vec<DepthMap> {
     let checked = |view: usize| {
         let (map, camera) = (&maps[view], &cameras[view]);
         let confirmed = |i: usize| {
@@ -24,7 +27,7 @@ pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]
                 let Some(place) = there.project(point).filter(inside) else { return false };
                 let Some((disparity, step)) = maps[other].at(there, place.x, place.y) else { return false };
                 let distance = point.distance(there.position());
-                (1.0 / distance - disparity).abs() <= tolerance * step
+                (1.0 / distance - disparity).abs() <= TOLERANCE * step
             })
         };
         let disparity =

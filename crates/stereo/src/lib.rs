@@ -42,17 +42,11 @@ pub struct StereoSettings {
     pub size: u32,
     /// Views that each view is compared with, at most.
     pub neighbours: usize,
-    /// Candidate depths per ray, at most.
-    pub planes: usize,
-    /// Half the side of the windows that are compared, in pixels.
-    pub window: usize,
-    /// Greatest difference between two views' disparities of one point, in steps between planes.
-    pub tolerance: f32,
 }
 
 impl Default for StereoSettings {
     fn default() -> Self {
-        Self { size: 252, neighbours: 4, planes: 192, window: 3, tolerance: 1.5 }
+        Self { size: 252, neighbours: 4 }
     }
 }
 
@@ -86,15 +80,15 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         .collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
-        let sweep = PlaneSweep::new(scene, &cameras[view], &others, settings.planes, disparities);
-        let costs = sweep.costs(&images[view], &others, settings.window);
+        let sweep = PlaneSweep::new(scene, &cameras[view], &others, disparities);
+        let costs = sweep.costs(&images[view], &others);
         let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]));
         let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());
         invalid.for_each(|(disparity, _)| *disparity = f32::NAN);
         map
     };
     let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
-    agreement::agreed(&maps, &cameras, &neighbours, settings.tolerance)
+    agreement::agreed(&maps, &cameras, &neighbours)
 }
 
 /// Reduces a view to a grey image, NaN where a pixel is not valid: such pixels are matched neither in it nor in others.

@@ -43,14 +43,3 @@ fn score(angle: f32) -> f32 {
     let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
     (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_moderate_angle_is_best() {
-        let scores = [0.0, 3.0, 5.0, 15.0, 40.0].map(score);
-        assert!(scores[0] < scores[1] && scores[1] < scores[2] && scores[2] > scores[3] && scores[3] > scores[4]);
-    }
-}

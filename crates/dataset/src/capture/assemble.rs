@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
 use super::{Capture, Found, StatedExtent, same_proportions};
-use crate::files::depth::read_depth;
+use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
 /// Most bytes that the chosen images may take in memory together: 3.75 GiB.
@@ -342,7 +342,7 @@ impl Reader<'_> {
     fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, bool), SceneError> {
         let (native, size, canvas) = ((stored.width, stored.height), self.scale.size(stored), self.scale.canvas);
         let depth = match &frame.depth {
-            Some(path) if canvas == native => Some(read_depth(path, native.0, native.1)?),
+            Some(path) if canvas == native => Some(read_depth(path, native)?),
             _ => None,
         };
         let mut rgba = read_rgba(&frame.image)?;

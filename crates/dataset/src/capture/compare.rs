@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use infonerf_scene::image::{GreyImage, read_rgba, resized_dimensions};
 use infonerf_scene::{Camera, SceneError};
-use infonerf_sfm::{ImageMatches, Pose, SfmSettings, explains, verified_matches};
+use infonerf_sfm::{ImageMatches, Pose, explains, verified_matches};
 use rayon::prelude::*;
 
 use super::Capture;
@@ -42,8 +42,7 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let (images, cameras): (Vec<GreyImage>, Vec<Camera>) = read?.into_iter().unzip();
     let mut doubts = implausible(&frames, &chosen, &cameras);
     let focal: Vec<f64> = cameras.iter().map(|camera| (camera.fx * camera.fy).sqrt()).collect();
-    let settings = SfmSettings { features: FEATURES, ..SfmSettings::default() };
-    let matches = verified_matches(&images, &focal, &settings);
+    let matches = verified_matches(&images, &focal, FEATURES);
     let count: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
     if count < MIN_MATCHES {
         return Ok(doubts);

@@ -249,21 +249,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn points_give_the_box_of_an_object() {
-        let cameras = infonerf_procedural::train_cameras(20);
-        let mut points: Vec<Vec3> = (0..1000)
-            .map(|i| {
-                let a = i as f32;
-                Vec3::new((a * 0.37).sin(), (a * 0.91).cos(), 0.5 * (a * 0.53).sin())
-            })
-            .collect();
-        points.push(Vec3::splat(500.0));
-        let space = capture_space(&cameras, points, Vec::new());
-        assert_eq!(space.layout, Layout::Object);
-        assert!((space.bounds.max.x - 1.2).abs() < 0.05 && (space.bounds.max.z - 0.6).abs() < 0.05, "{space:?}");
-        assert!(space.near > 1.5 && space.far < 7.0);
-        assert!(space.centre.length() < 1e-3 && (space.radius - 4.03).abs() < 0.01);
-    }
 }

@@ -21,7 +21,7 @@ pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapC
         let id = bytes.u32()?;
         let place = format!("camera {id}");
         let model = bytes.u32()? as usize;
-        let count = MODELS.get(model).map_or(0, |m| m.1);
+        let count = MODELS.get(model).map_or(0, |m| m.1.len());
         if count == 0 {
             return Err(SceneError::field(path, place, known(), format!("number {model}")));
         }

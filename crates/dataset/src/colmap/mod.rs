@@ -5,6 +5,7 @@ mod camera;
 pub(crate) mod text;
 mod write;
 
+pub(crate) use camera::lens;
 pub use camera::{ColmapCamera, MODELS};
 
 use std::collections::BTreeMap;

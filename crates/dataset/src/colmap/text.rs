@@ -24,11 +24,11 @@ pub(crate) fn cameras(path: &Path, text: &str) -> Result<BTreeMap<u32, ColmapCam
         let expected = "a camera: number, model, width, height, parameters";
         let id: u32 = line.word(0, expected)?;
         let name: String = line.word(1, expected)?;
-        let Some(model) = MODELS.iter().position(|m| m.0 == name && m.1 > 0) else {
+        let Some(model) = MODELS.iter().position(|m| m.0 == name && !m.1.is_empty()) else {
             return Err(line.fault(known(), name));
         };
         let size = (line.word(2, expected)?, line.word(3, expected)?);
-        let count = MODELS[model].1;
+        let count = MODELS[model].1.len();
         if line.words.len() != 4 + count {
             let expected = format!("{count} numbers after the size, as {name} has them");
             return Err(line.fault(expected, line.words.len().saturating_sub(4)));

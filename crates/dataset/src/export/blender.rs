@@ -8,7 +8,7 @@ use infonerf_scene::{Aabb, Body, Camera, SceneError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::files::depth::write_depth;
+use crate::files::npy;
 
 /// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
 /// images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it hits nothing).
@@ -78,7 +78,7 @@ fn write_view(
     let mut frame = json!({"file_path": format!("./{split}/r_{id}"), "transform_matrix": rows});
     if with_depth {
         let path = folder.join(format!("r_{id}_depth.npy"));
-        write_depth(&path, camera.width, camera.height, &view.depth)?;
+        npy::write(&path, &[u64::from(camera.height), u64::from(camera.width)], &view.depth)?;
         frame["ray_depth_file_path"] = json!(format!("./{split}/r_{id}_depth.npy"));
     }
     Ok(frame)

@@ -179,20 +179,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_name_file_and_place() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.json");
-        fs::write(&path, r#"{"a": [{"b": "x"}]}"#).unwrap();
-        let file = JsonFile::read(&path).unwrap();
-        let items = file.root().get("a", "a list").unwrap().items("a list").unwrap();
-        let b = items[0].get("b", "a number").unwrap();
-        let text = b.number("a number").unwrap_err().to_string();
-        assert!(text.ends_with("a.json: field `a[0].b`: expected a number, found \"x\""), "{text}");
-        let text = items[0].get("c", "a flag").err().unwrap().to_string();
-        assert!(text.ends_with("field `a[0].c`: expected a flag, found nothing"), "{text}");
-    }
-
-    #[test]
     fn broken_json_says_where() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.json");

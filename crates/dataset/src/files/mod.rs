@@ -1,6 +1,5 @@
 //! Files of numbers: JSON, NumPy's arrays and archives, pickles; with limits on what is read.
 
-pub(crate) mod depth;
 pub(crate) mod json;
 pub(crate) mod npy;
 pub(crate) mod npz;

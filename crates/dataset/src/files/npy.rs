@@ -84,6 +84,20 @@ pub(crate) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
     Ok(Cursor::new(header))
 }
 
+/// Reads distances along the unit pixel rays, `[height, width]`; +∞ where a ray hits nothing.
+pub(crate) fn read_depth(path: &Path, (width, height): (u32, u32)) -> Result<Vec<f32>, SceneError> {
+    let expected = format!("f32 ray distances of shape [{height}, {width}]");
+    let array = read(path, &expected)?;
+    let bad = array.values.iter().find(|v| v.is_nan() || **v < 0.0);
+    if array.shape != [u64::from(height), u64::from(width)] {
+        return Err(SceneError::malformed(path, expected, format!("shape {:?}", array.shape)));
+    }
+    match bad {
+        Some(bad) => Err(SceneError::malformed(path, expected, format!("the distance {bad}"))),
+        None => Ok(array.values.into_iter().map(|v| v as f32).collect()),
+    }
+}
+
 fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> io::Result<Vec<f64>> {
     let values = npy.data::<T>().map_err(io::Error::other)?;
     values.map(|v| v.map(Into::into)).collect()

@@ -284,11 +284,11 @@ mod tests {
         assert!(message(&dir, &request()).contains("d.npy: not found"));
         let mut depth = vec![f32::INFINITY; 64];
         depth[9] = 3.25;
-        crate::files::depth::write_depth(&dir.join("test/d.npy"), 8, 8, &depth).unwrap();
+        crate::files::npy::write(&dir.join("test/d.npy"), &[8, 8], &depth).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
         let small = SceneRequest { image_size: Some(4), ..request() };
         assert_eq!(load(&dir, &small).unwrap().test[0].depth, None);
-        crate::files::depth::write_depth(&dir.join("test/d.npy"), 4, 16, &depth).unwrap();
+        crate::files::npy::write(&dir.join("test/d.npy"), &[16, 4], &depth).unwrap();
         assert!(message(&dir, &request()).contains("shape [8, 8]: shape [16, 4]"));
     }
 }

@@ -122,17 +122,6 @@ mod tests {
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
 
-    #[test]
-    fn test_cameras_do_not_shape_the_space() {
-        let (_guard, dir, json) = folder();
-        let before = load(&dir, &request()).unwrap();
-        let mut far = pose(8);
-        far[0][3] = json!(10.0);
-        edit(&json, "/frames/8/transform_matrix", Some(far));
-        let after = load(&dir, &request()).unwrap();
-        assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
-    }
-
     /// Returns views of `knot` through the lens whose fields are given, one of them without its image.
     fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();

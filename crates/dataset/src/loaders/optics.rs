@@ -2,6 +2,7 @@
 
 use infonerf_scene::{Lens, SceneError};
 
+use crate::colmap::lens;
 use crate::files::json::{Node, PIXELS};
 use crate::frame::Intrinsics;
 
@@ -19,10 +20,8 @@ pub(super) fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsi
     let lens = read_lens(&find)?;
     let Some(focal_x) = find("fl_x") else {
         let expected = "a horizontal field of view between 0 and π radians";
-        let node = match find("camera_angle_x") {
-            Some(node) => node,
-            None => root.get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?,
-        };
+        let missing = || root.get("camera_angle_x", &format!("{expected} (or `fl_x`)"));
+        let node = find("camera_angle_x").map_or_else(missing, Ok)?;
         let angle = node.number(expected)?;
         if angle <= 0.0 || angle >= std::f64::consts::PI {
             return Err(node.error(expected));
@@ -45,8 +44,6 @@ pub(super) fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsi
 }
 
 /// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients.
-///
-/// Without a model the lens is OpenCV's polynomial; with k₅ or k₆, or as FULL_OPENCV, its rational one.
 fn read_lens<'a>(find: &impl Fn(&str) -> Option<Node<'a>>) -> Result<Lens, SceneError> {
     let mut values = [0.0; DISTORTION.len()];
     for (value, key) in values.iter_mut().zip(DISTORTION) {
@@ -58,33 +55,16 @@ fn read_lens<'a>(find: &impl Fn(&str) -> Option<Node<'a>>) -> Result<Lens, Scene
             }
         }
     }
-    let [k1, k2, k3, k4, k5, k6, p1, p2] = values;
-    let name = match find("camera_model") {
-        Some(node) => Some((node.text(MODELS)?.to_ascii_uppercase(), node)),
-        None => None,
+    let fisheye = find("is_fisheye").map_or(Ok(false), |node| node.flag("true or false"))?;
+    let model = find("camera_model");
+    let name = match &model {
+        Some(node) => node.text(MODELS)?.to_ascii_uppercase(),
+        None => if fisheye { "FISHEYE" } else { "PERSPECTIVE" }.to_owned(),
     };
-    let fisheye = match find("is_fisheye") {
-        Some(node) => node.flag("true or false")?,
-        None => false,
-    };
-    let plain = || {
-        if [k5, k6] == [0.0; 2] {
-            Lens::radial_tangential([k1, k2, k3, k4], [p1, p2])
-        } else {
-            Lens::rational([k1, k2, k3, k4, k5, k6], [p1, p2])
-        }
-    };
-    match &name {
-        None if fisheye => Ok(Lens::fisheye([k1, k2, k3, k4])),
-        None => Ok(plain()),
-        Some((name, node)) => match name.as_str() {
-            "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" => {
-                Ok(Lens::fisheye([k1, k2, k3, k4]))
-            }
-            "FULL_OPENCV" => Ok(Lens::rational([k1, k2, k3, k4, k5, k6], [p1, p2])),
-            "PERSPECTIVE" | "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => Ok(plain()),
-            _ => Err(node.error(MODELS)),
-        },
+    let value = |key: &str| DISTORTION.iter().zip(values).find(|(known, _)| **known == key).map_or(0.0, |(_, v)| v);
+    match (lens(&name, value), model) {
+        (None, Some(node)) => Err(node.error(MODELS)),
+        (lens, _) => Ok(lens.unwrap_or_default()),
     }
 }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::DVec2;
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images};
 use infonerf_scene::{Image, SceneError, resized_dimensions};
-use infonerf_sfm::{Photograph, SfmSettings, reconstruct};
+use infonerf_sfm::{Photograph, reconstruct};
 use rayon::prelude::*;
 
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
@@ -47,7 +47,7 @@ pub(super) fn pose(
     let fault =
         |reason: String| SceneError::malformed(images, "photographs that overlap enough to find their poses", reason);
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
-    let found = reconstruct(&input, focal, &SfmSettings::default(), &mut progress).map_err(fault)?;
+    let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
     for (path, pose) in paths.iter().zip(&found.poses) {
         let state = match pose {
