@@ -105,7 +105,6 @@ fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     Ok(Keyframe { pose, fov_y })
 }
 
-/// Returns the number in an optional field.
 fn number_of(
     root: &Node<'_>,
     key: &str,

@@ -9,27 +9,22 @@ use infonerf_scene::{Camera, Lens, SceneError};
 /// Frame: an image that can be loaded, with its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// Id of the view, by which selections name it.
     pub id: usize,
     /// Path within the scene without extension.
     pub name: String,
-    /// Image file.
     pub image: PathBuf,
     /// Exact distances along the pixel rays, `[height, width]` in an `.npy` file.
     pub depth: Option<PathBuf>,
-    /// Mask image, and its purpose.
     pub mask: Option<(PathBuf, MaskRole)>,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
     /// Focal lengths and principal point, as the file gives them.
     pub intrinsics: Intrinsics,
-    /// Lens distortion.
     pub lens: Lens,
     /// Indices of the capture's points that a reconstruction saw in the image.
     pub points: Vec<usize>,
 }
 
-/// Purpose of a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MaskRole {
     /// Masked metrics use only the pixels that are not black.
@@ -152,7 +147,6 @@ pub(crate) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
     (if there.is_empty() { missing } else { there }, warning)
 }
 
-/// Numbers the frames by their places in the list.
 pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
 }

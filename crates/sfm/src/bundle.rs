@@ -49,11 +49,9 @@ pub(crate) struct Bundle {
     pub(crate) points: Vec<Point>,
 }
 
-/// Settings of an adjustment.
 pub(crate) struct Adjustment<'a> {
     pub(crate) prior: Prior,
     pub(crate) poses: Option<&'a PosePrior>,
-    /// Whether points move.
     pub(crate) points: bool,
     /// Residuals far above this, in pixels, lose their weight (Cauchy's loss).
     pub(crate) scale: f64,
@@ -267,11 +265,9 @@ impl PosePrior {
     }
 }
 
-/// Derivatives of one coordinate of a pixel.
 struct PixelDerivative {
     /// Derivatives by `ln focal`, `k1`, the turn of the camera and its shift.
     camera: [f64; LENS + POSE],
-    /// Derivative by the point's position.
     point: DVec3,
 }
 

@@ -6,28 +6,10 @@ use nalgebra::{Matrix3, SMatrix};
 use crate::camera::Pose;
 use crate::polynomial::{evaluate, product, real_roots};
 
-/// Exponents of x, y, z in the order in which the first ten are eliminated.
-const MONOMIALS: [[u8; 3]; 20] = [
-    [3, 0, 0],
-    [0, 3, 0],
-    [2, 1, 0],
-    [1, 2, 0],
-    [2, 0, 1],
-    [2, 0, 0],
-    [0, 2, 1],
-    [0, 2, 0],
-    [1, 1, 1],
-    [1, 1, 0],
-    [1, 0, 2],
-    [1, 0, 1],
-    [1, 0, 0],
-    [0, 1, 2],
-    [0, 1, 1],
-    [0, 1, 0],
-    [0, 0, 3],
-    [0, 0, 2],
-    [0, 0, 1],
-    [0, 0, 0],
+/// Exponents of x, y, z, a hexadecimal digit each, in the order in which the first ten are eliminated.
+const MONOMIALS: [u16; 20] = [
+    0x300, 0x030, 0x210, 0x120, 0x201, 0x200, 0x021, 0x020, 0x111, 0x110, 0x102, 0x101, 0x100, 0x012, 0x011, 0x010,
+    0x003, 0x002, 0x001, 0x000,
 ];
 
 /// Polynomials of degree 3 in x, y, z.
@@ -37,8 +19,7 @@ fn times(a: &Cubic, b: &Cubic) -> Cubic {
     let mut out = [0.0; 20];
     for (i, &x) in a.iter().enumerate().filter(|(_, x)| **x != 0.0) {
         for (j, &y) in b.iter().enumerate().filter(|(_, y)| **y != 0.0) {
-            let sum: [u8; 3] = std::array::from_fn(|d| MONOMIALS[i][d] + MONOMIALS[j][d]);
-            if let Some(k) = MONOMIALS.iter().position(|m| *m == sum) {
+            if let Some(k) = MONOMIALS.iter().position(|m| *m == MONOMIALS[i] + MONOMIALS[j]) {
                 out[k] += x * y;
             }
         }

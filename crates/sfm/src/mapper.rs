@@ -4,16 +4,15 @@ use glam::{DVec2, DVec3};
 
 use crate::bundle::{Adjustment, Bundle, Point, PosePrior, Prior};
 use crate::camera::{Pose, SimpleRadial};
+use crate::matching::Track;
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
-use crate::tracks::Track;
 use crate::triangulate::{angle, triangulate};
 
 /// Points that a photograph must see to be placed.
 pub(crate) const MIN_POINTS: usize = 15;
 /// The share of a photograph's matches with points that must agree on its pose.
 const AGREEING: f64 = 0.25;
-/// Samples of three points, at most.
 const SAMPLES: usize = 5000;
 /// Rays that meet at a smaller angle, in radians, make no point.
 const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
@@ -21,7 +20,6 @@ const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 const TRIED: usize = 30;
 /// Factors on the tolerance, one adjustment each, where cameras are known roughly.
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
-/// Number of photographs from which on the lens is adjusted.
 const FOR_LENS: usize = 3;
 
 /// Poses and points found so far.

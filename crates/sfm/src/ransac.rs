@@ -9,11 +9,9 @@ const CONFIDENCE: f64 = 0.9999;
 
 /// How a model is looked for.
 pub(crate) struct Ransac {
-    /// Data per sample.
     pub(crate) sample: usize,
     /// Squared errors below this are inliers.
     pub(crate) threshold: f64,
-    /// Samples, at most.
     pub(crate) most: usize,
     pub(crate) seed: u64,
 }

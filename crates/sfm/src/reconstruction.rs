@@ -6,13 +6,11 @@ use rayon::prelude::*;
 use crate::bundle::{Point, Prior};
 use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
-use crate::matching::{FEWEST, Matches, matches_of_pairs};
+use crate::matching::{FEWEST, Matches, matches_of_pairs, tracks};
 use crate::sift::{Features, features};
-use crate::tracks::tracks;
 use crate::two_view::{TwoView, verified};
 use infonerf_scene::image::GreyImage;
 
-/// Features per photograph, at most.
 pub(crate) const FEATURES: usize = 6000;
 /// Greatest distance between the pixel at which a point is seen and its projection, over the longer side of a photograph.
 pub(crate) const TOLERANCE: f64 = 2.5e-3;

@@ -20,7 +20,6 @@
 //! # Ok::<(), infonerf_scene::SceneError>(())
 //! ```
 
-mod agreement;
 mod correlation;
 mod map;
 mod neighbours;
@@ -88,7 +87,7 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         map
     };
     let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
-    agreement::agreed(&maps, &cameras, &neighbours)
+    map::agreed(&maps, &cameras, &neighbours)
 }
 
 /// Reduces a view to a grey image, NaN where a pixel is not valid: such pixels are matched neither in it nor in others.
@@ -102,7 +101,6 @@ fn valid_grey(view: &View, size: u32) -> GreyImage {
     image
 }
 
-/// A range of disparities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Disparities {
     least: f32,

@@ -243,7 +243,6 @@ fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
     Some(format!("the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"))
 }
 
-/// Warns of images of several sizes.
 fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
     let mut counts: Vec<((u32, u32), usize)> = Vec::new();
     for camera in cameras {
@@ -314,7 +313,6 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
     Ok(())
 }
 
-/// Reader of the images of a scene.
 struct Reader<'a> {
     dir: &'a Path,
     scale: &'a ImageScale,

@@ -11,7 +11,6 @@ use crate::frame::{Frame, MaskRole};
 /// Prefix of instant-ngp's mask of an image, in the same folder; its white pixels are left out.
 const DYNAMIC: &str = "dynamic_mask_";
 
-/// Whether a file next to images is a mask by its name.
 pub(crate) fn is_mask_name(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DYNAMIC.as_bytes()))
 }

@@ -36,23 +36,18 @@ const SAME_PROPORTIONS: f64 = 0.01;
 pub(crate) struct Found<'a> {
     /// The scene's folder, for its name.
     pub dir: &'a Path,
-    /// Format of the folder.
     pub format: Format,
     /// Every training frame.
     pub train: Vec<Frame>,
-    /// Every test frame.
     pub test: Vec<Frame>,
     /// Ids of the test frames that are the format's own test split; `None` if all are.
     pub split: Option<Vec<usize>>,
-    /// Published selections of training frames.
     pub selections: Named,
     /// Published sets of test frames.
     pub protocols: Named,
-    /// Extent of the content.
     pub extent: StatedExtent,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
-    /// Warnings for the user, a line each.
     pub warnings: Vec<String>,
 }
 
@@ -69,7 +64,6 @@ pub(crate) enum StatedExtent {
 /// Statements of a capture about where its content is.
 #[derive(Default)]
 pub(crate) struct Estimate {
-    /// Surface points.
     pub points: Vec<DVec3>,
     /// Near and far.
     pub range: Option<(f32, f32)>,
@@ -260,7 +254,6 @@ mod tests {
         infonerf_procedural::train_cameras(16)[..count].to_vec()
     }
 
-    /// Returns photographs of `cameras`, loaded.
     fn loaded(cameras: &[Camera]) -> Scene {
         let guard = tempfile::tempdir().unwrap();
         photographs(guard.path(), cameras);

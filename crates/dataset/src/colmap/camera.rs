@@ -92,7 +92,6 @@ impl ColmapCamera {
     }
 }
 
-/// Describes the known models.
 pub(super) fn known() -> String {
     let names: Vec<_> = MODELS.iter().filter(|m| !m.1.is_empty()).map(|m| m.0).collect();
     format!("a known lens model ({})", names.join(", "))

@@ -10,7 +10,6 @@ use infonerf_scene::SceneError;
 use super::camera::{MODELS, known};
 use super::{ColmapCamera, ColmapImage, pose};
 
-/// Returns the lines that are not comments, each with its location.
 fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = TextLine<'a>> {
     let text = text.trim_start_matches('\u{feff}');
     let line =
@@ -99,7 +98,6 @@ pub(crate) fn points(path: &Path, text: &str) -> Result<BTreeMap<u64, DVec3>, Sc
     Ok(points)
 }
 
-/// The words of a line.
 struct TextLine<'a> {
     path: &'a Path,
     number: usize,

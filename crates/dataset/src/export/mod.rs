@@ -3,7 +3,6 @@
 mod blender;
 mod dtu;
 mod llff;
-pub(crate) mod pickle;
 mod transforms;
 mod zju;
 
@@ -87,7 +86,6 @@ struct ExportedView {
     depth: Vec<f32>,
 }
 
-/// Returns photographs of the scene `name`.
 fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
     let photograph = |camera: Camera| {
         let procedural::Rendering { rgba, depth } = procedural::render(name, &camera)?;

@@ -6,9 +6,9 @@ use std::path::Path;
 use infonerf_procedural as procedural;
 use infonerf_scene::{Body, Camera, Lens, SceneError};
 
-use super::pickle::{dict, list, npy, numbers, object, text};
 use super::{intrinsics, make, opencv, photographs, write_mask};
 use crate::files::npy as arrays;
+use crate::files::pickle::{dict, list, npy, object, write_numbers, write_text};
 
 /// Number of cameras.
 const VIEWS: usize = 23;
@@ -42,7 +42,6 @@ fn image_path(camera: usize, frame: usize) -> String {
     format!("Camera_B{camera}/{frame:06}.png")
 }
 
-/// Returns the lens of [`DISTORTION`].
 pub(crate) fn lens() -> Lens {
     let [k1, k2, p1, p2, k3] = DISTORTION;
     Lens::rational([k1, k2, k3, 0.0, 0.0, 0.0], [p1, p2])
@@ -52,7 +51,7 @@ pub(crate) fn lens() -> Lens {
 /// `ims` with the images of each frame.
 pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
     let of = |sides: &[usize], values: &dyn Fn(&Camera) -> Vec<f64>| {
-        list(&cameras.iter().map(|camera| numbers(sides, &values(camera))).collect::<Vec<_>>())
+        list(&cameras.iter().map(|camera| write_numbers(sides, &values(camera))).collect::<Vec<_>>())
     };
     let translation = |camera: &Camera| {
         let (rotation, centre) = opencv(camera);
@@ -65,7 +64,7 @@ pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
         ("T", of(&[3, 1], &|c| translation(c).to_array().to_vec())),
     ]);
     let frame = |frame: usize| {
-        let names: Vec<_> = (0..cameras.len()).map(|camera| text(&image_path(camera, frame))).collect();
+        let names: Vec<_> = (0..cameras.len()).map(|camera| write_text(&image_path(camera, frame))).collect();
         dict(&[("ims", list(&names))])
     };
     let frames: Vec<_> = (0..frames).map(frame).collect();
@@ -78,7 +77,7 @@ fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
     }
     let vertices: Vec<f32> = body.vertices.iter().flat_map(|v| v.to_array()).collect();
     arrays::write(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
-    let still = || numbers(&[1, 3], &[0.0; 3]);
+    let still = || write_numbers(&[1, 3], &[0.0; 3]);
     write_file(&dir.join("new_params/0.npy"), &npy(&object(dict(&[("Rh", still()), ("Th", still())]))))
 }
 

@@ -14,7 +14,6 @@ const MAX_BYTES: u64 = 256 << 20;
 /// Plausible focal lengths and image sides, in pixels.
 pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
-/// A parsed JSON file.
 pub(crate) struct JsonFile {
     path: PathBuf,
     root: Value,

@@ -28,7 +28,6 @@ pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
 
-/// Decodes the bytes of the file at `path`.
 pub(crate) fn decode(path: &Path, mut file: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
     let size = file.len() as u64;
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);

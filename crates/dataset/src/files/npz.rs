@@ -14,7 +14,6 @@ use super::read_file;
 
 /// Largest archive that is read, in bytes, packed or unpacked.
 const MAX_BYTES: u64 = 256 << 20;
-/// Most arrays in an archive.
 const MAX_ARRAYS: usize = 10_000;
 
 /// Reads the arrays of an archive whose name `wanted` accepts, by their names.

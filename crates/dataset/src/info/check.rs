@@ -62,7 +62,6 @@ fn check(scene: &Scene) -> Vec<String> {
     warnings
 }
 
-/// Returns the cameras of all views, with their names.
 fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
     let chosen = || scene.train.iter().chain(&scene.test);
     let views = chosen().map(|view| (view.name.clone(), &view.camera));

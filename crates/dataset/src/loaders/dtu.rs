@@ -21,7 +21,6 @@ const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
 const LISTS: [&str; 2] = ["new_train.lst", "new_val.lst"];
 pub(crate) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
 
-/// Views of a whole scan.
 const VIEWS: usize = 49;
 /// RegNeRF's training views, in the order in which they are taken.
 const REGNERF: [usize; 9] = [25, 22, 28, 40, 44, 48, 0, 8, 13];
@@ -34,7 +33,6 @@ const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
 /// Skew up to this share of the focal length is rounding.
 const SKEW: f64 = 1e-3;
 
-/// Returns the file with the cameras of the scan in `dir`.
 pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
     FILES.iter().map(|file| dir.join(file)).find(|file| file.is_file())
 }
@@ -151,13 +149,11 @@ fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> R
     }
 }
 
-/// A projection matrix taken apart.
 struct DecomposedProjection {
     focal: [f64; 2],
     centre_pixel: [f64; 2],
     /// World to camera; x right, y down, z forward.
     rotation: DMat3,
-    /// The optical centre in the world.
     centre: DVec3,
 }
 

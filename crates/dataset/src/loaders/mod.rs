@@ -5,7 +5,6 @@ mod colmap;
 pub(crate) mod dtu;
 pub(crate) mod llff;
 mod nerfstudio;
-mod optics;
 mod pose;
 pub(crate) mod transforms;
 pub(crate) mod zju;
@@ -46,7 +45,6 @@ pub(crate) fn is_scene(dir: &Path) -> bool {
     FORMATS.iter().any(|(format, marker, _)| has_marker(dir, *format, marker))
 }
 
-/// Whether the folder `dir` comes with a body.
 pub(crate) fn has_body(dir: &Path) -> bool {
     zju::has_body(dir)
 }

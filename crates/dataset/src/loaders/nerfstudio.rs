@@ -259,7 +259,6 @@ mod tests {
             ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
-            ("/applied_transform", Some(json!([[1, 0, 0, 0]])), "`applied_transform`: expected a 3×4 matrix"),
             ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
             ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),

@@ -13,12 +13,10 @@ const TOLERANCE: f64 = 1e-3;
 const SHEAR: f64 = 0.02;
 /// Axes whose lengths differ from their mean by at most this share are corrected to one length.
 const STRETCH: f64 = 0.15;
-/// Scales of a rotation that are taken off.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-world matrix";
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
-/// A pose that a file gives.
 pub(super) struct GivenPose {
     /// Camera-to-world.
     pub matrix: DMat4,

@@ -1,28 +1,27 @@
-//! The `frames` of a `transforms*.json` file, as Blender exports and nerfstudio write them.
+//! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are the file's: `applied_transform`, which
+//! led to them, is not undone.
 
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use infonerf_scene::image::{find_image, is_image_name, unread_format};
-use infonerf_scene::{Aabb, SceneError};
+use infonerf_scene::{Aabb, Lens, SceneError};
 
-use super::optics::read_optics;
 use super::pose::{GivenPose, read_pose};
+use crate::colmap::lens;
 use crate::files::FARTHEST;
-use crate::files::json::{JsonFile, Node};
-use crate::frame::{Frame, MaskRole, without_extension};
+use crate::files::json::{JsonFile, Node, PIXELS};
+use crate::frame::{Frame, Intrinsics, MaskRole, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
 const NGP_SCALE: f64 = 0.33;
 
-/// Contents of a `transforms*.json` file.
 #[derive(Debug)]
 pub(crate) struct Transforms {
     /// Frames with a pose, in the file's order.
     pub frames: Vec<Frame>,
     /// Names of the frames without a pose.
     pub lost: Vec<String>,
-    /// Warnings about the frames.
     pub warnings: Vec<String>,
     /// Optional fields `near` and `far`, scene units.
     pub range: Option<(f32, f32)>,
@@ -39,7 +38,6 @@ pub(crate) struct Transforms {
 pub(crate) struct Split {
     pub train: Vec<String>,
     pub test: Vec<String>,
-    /// Field that `test` is from.
     pub test_field: &'static str,
 }
 
@@ -72,7 +70,6 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
     if frames.is_empty() {
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
-    check_applied(&root)?;
     let of = |names: &[String], what: &str| {
         names.first().map(|first| {
             format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path))
@@ -95,17 +92,6 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
 
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// Checks that `applied_transform` is a matrix. It took the capture's own coordinates to the file's, which are used here.
-fn check_applied(root: &Node<'_>) -> Result<(), SceneError> {
-    let Some(node) = root.find("applied_transform") else { return Ok(()) };
-    let expected = "a 3×4 matrix";
-    let rows = node.items(expected)?;
-    if !(3..=4).contains(&rows.len()) {
-        return Err(node.fault(expected, format!("{} rows", rows.len())));
-    }
-    rows.iter().try_for_each(|row| row.numbers::<4>("4 finite numbers, a row of a 3×4 matrix").map(drop))
 }
 
 /// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
@@ -198,6 +184,76 @@ fn image_path(dir: &Path, named: &str) -> PathBuf {
         let complete = is_image_name(&whole) || unread_format(&whole).is_some();
         if complete { whole } else { dir.join(format!("{relative}.png")) }
     })
+}
+
+/// Lens distortion coefficients of nerfstudio and instant-ngp.
+const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+const MAX_COEFFICIENT: f64 = 1e6;
+/// Values of `camera_model` that are known; the coefficients decide which lens they mean.
+const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
+                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE";
+
+/// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root.
+fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), SceneError> {
+    let find = |key: &str| frame.find(key).or_else(|| root.find(key));
+    let lens = read_lens(&find)?;
+    let Some(focal_x) = find("fl_x") else {
+        let expected = "a horizontal field of view between 0 and π radians";
+        let missing = || root.get("camera_angle_x", &format!("{expected} (or `fl_x`)"));
+        let node = find("camera_angle_x").map_or_else(missing, Ok)?;
+        let angle = node.number(expected)?;
+        if angle <= 0.0 || angle >= std::f64::consts::PI {
+            return Err(node.error(expected));
+        }
+        return Ok((Intrinsics::Fov(angle), lens));
+    };
+    let expected = "a positive focal length in pixels";
+    let fx = focal_x.pixels(expected)?;
+    let fy = find("fl_y").map_or(Ok(fx), |node| node.pixels(expected))?;
+    let position = |node: Node<'_>| {
+        let expected = "a position in pixels";
+        let position = node.number(expected)?;
+        if position.abs() <= *PIXELS.end() { Ok(position) } else { Err(node.error(expected)) }
+    };
+    let number = |key| find(key).map(position).transpose();
+    let centre = number("cx")?.zip(number("cy")?).map(|(x, y)| [x, y]);
+    let side = |key| find(key).map(|node| read_side(&node)).transpose();
+    let size = side("w")?.zip(side("h")?);
+    Ok((Intrinsics::Pixels { focal: [fx, fy], centre, size }, lens))
+}
+
+/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients.
+fn read_lens<'a>(find: &impl Fn(&str) -> Option<Node<'a>>) -> Result<Lens, SceneError> {
+    let mut values = [0.0; DISTORTION.len()];
+    for (value, key) in values.iter_mut().zip(DISTORTION) {
+        if let Some(node) = find(key) {
+            let expected = "a distortion coefficient";
+            *value = node.number(expected)?;
+            if value.abs() > MAX_COEFFICIENT {
+                return Err(node.error(expected));
+            }
+        }
+    }
+    let fisheye = find("is_fisheye").map_or(Ok(false), |node| node.flag("true or false"))?;
+    let model = find("camera_model");
+    let name = match &model {
+        Some(node) => node.text(MODELS)?.to_ascii_uppercase(),
+        None => if fisheye { "FISHEYE" } else { "PERSPECTIVE" }.to_owned(),
+    };
+    let value = |key: &str| DISTORTION.iter().zip(values).find(|(known, _)| **known == key).map_or(0.0, |(_, v)| v);
+    match (lens(&name, value), model) {
+        (None, Some(node)) => Err(node.error(MODELS)),
+        (lens, _) => Ok(lens.unwrap_or_default()),
+    }
+}
+
+fn read_side(node: &Node<'_>) -> Result<u32, SceneError> {
+    let expected = "an image side in whole pixels";
+    let side = node.positive(expected)?;
+    if side.fract() != 0.0 || side > f64::from(u32::MAX) {
+        return Err(node.error(expected));
+    }
+    Ok(side as u32)
 }
 
 #[cfg(test)]

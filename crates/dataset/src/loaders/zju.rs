@@ -77,7 +77,6 @@ fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
     folders.into_iter().find(|[vertices, _]| vertices.is_dir())
 }
 
-/// Whether the folder `dir` is in this format and has a body.
 pub(super) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
 }
@@ -184,9 +183,7 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
 pub(crate) struct Annotations {
     /// Cameras; their image size is not part of the file.
     pub cameras: Vec<Camera>,
-    /// The images of the frame, one a camera.
     pub images: Vec<String>,
-    /// Number of frames.
     pub frames: usize,
 }
 
@@ -275,8 +272,8 @@ mod tests {
 
     use super::super::testing::*;
     use super::*;
-    use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
     use crate::export::{annotations, lens};
+    use crate::files::pickle::{dict, npy as npy_of, object, write_numbers, write_text};
     use infonerf_scene::{Backdrop, Rgba8, TestProtocol};
 
     fn write(path: &Path, pickle: &[u8]) {
@@ -340,7 +337,7 @@ mod tests {
         fs::create_dir(guard.path().join("new_params")).unwrap();
         let pose = guard.path().join("new_params/2.npy");
         let of = |turn: f64| {
-            dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
+            dict(&[("Rh", write_numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", write_numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
         };
         write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
         let posed = load(guard.path(), &second()).unwrap().space.body.unwrap();
@@ -372,8 +369,8 @@ mod tests {
         };
         assert!(with(b"cos\nsystem\n(S'true'\ntR.").contains("field `ims`"), "nothing is run");
         assert!(with(&whole[..whole.len() / 2]).contains("EOF"));
-        assert!(with(&replaced(&text("K"), &text("Q"))).contains("field `cams.K`"));
-        assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
+        assert!(with(&replaced(&write_text("K"), &write_text("Q"))).contains("field `cams.K`"));
+        assert!(with(&replaced(&write_text("cams"), &write_text("cam"))).contains("field `cams`"));
         assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
         assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
         let few = annotations(&cameras[..2], 2);

@@ -13,7 +13,6 @@ use infonerf_scene::SceneError;
 
 use crate::colmap::models;
 
-/// The program, as it is looked for in the folders of PATH.
 const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
 const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [

@@ -103,12 +103,10 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A reduced photograph.
 struct SmallPhotograph {
     width: usize,
     height: usize,
     rgb: Vec<[u8; 3]>,
-    /// Size of the file.
     size: (u32, u32),
     /// Focal length over the longer side, if EXIF data state it.
     focal: Option<f64>,
