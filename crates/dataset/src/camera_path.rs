@@ -6,7 +6,7 @@ use std::path::Path;
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
 use crate::files::json::{JsonFile, Node};
-use crate::loaders::read_flat_pose;
+use crate::loaders::read_pose;
 
 /// Maximum number of keyframes or frames of a path.
 const MAX_FRAMES: usize = 10_000;
@@ -36,7 +36,7 @@ impl CameraPath {
     /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
     ///   keyframe if `is_cycle` is true.
     ///
-    /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
+    /// An entry has `camera_to_world`, a 4×4 matrix, row by row, in the scene's own coordinates with OpenGL's axes, and
     /// may have `fov`, vertical and in degrees, which then all must have. Next to the list there may be `fps` (20),
     /// `render_width` and `render_height`. Other fields are ignored.
     ///
@@ -89,20 +89,15 @@ impl CameraPath {
 }
 
 fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
-    let pose = read_flat_pose(&node.get("camera_to_world", "a camera's pose")?)?;
+    let field = "camera_to_world";
+    let given = read_pose(node, field)?;
+    let pose = given.ok_or_else(|| node.fault(format!("a camera's pose in `{field}`"), "nothing"))?.matrix;
     let expected = "a vertical field of view between 0 and 180 degrees";
-    let fov = node.find("fov").map(|node| (node.number(expected), node));
-    let fov_y = match fov {
-        Some((fov, node)) => {
-            let fov = fov?;
-            if fov <= 0.0 || fov >= 180.0 {
-                return Err(node.error(expected));
-            }
-            Some(fov.to_radians())
-        }
-        None => None,
+    let fov = |node: Node<'_>| match node.number(expected)? {
+        fov if fov > 0.0 && fov < 180.0 => Ok(fov.to_radians()),
+        _ => Err(node.error(expected)),
     };
-    Ok(Keyframe { pose, fov_y })
+    Ok(Keyframe { pose, fov_y: node.find("fov").map(fov).transpose()? })
 }
 
 fn number_of(
@@ -174,8 +169,8 @@ mod tests {
             ("/camera_path", json!([]), "`camera_path`: expected a list of 1 to 10000 cameras"),
             ("/camera_path", Value::Null, "`keyframes`: expected a list of 1 to 10000 cameras (or in `camera_path`)"),
             ("/camera_path", json!(3), "`camera_path`: expected a list"),
-            ("/camera_path/1", json!({}), "`camera_path[1].camera_to_world`"),
-            ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected 16 numbers"),
+            ("/camera_path/1", json!({}), "`camera_path[1]`: expected a camera's pose in `camera_to_world`"),
+            ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected a 4×4 rigid"),
             ("/camera_path/1/camera_to_world/0", json!(5), "expected a 4×4 rigid camera-to-world matrix"),
             ("/camera_path/1/fov", json!(180), "`camera_path[1].fov`: expected a vertical field of view"),
             ("/camera_path/1/fov", Value::Null, "`camera_path[1].fov`: expected a field of view, as other"),

@@ -57,23 +57,34 @@ impl Frame {
     /// Returns the camera for an image of `width × height` pixels. Intrinsics for another size are scaled.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let stated = self.stated_size().unwrap_or((width, height));
-        self.intrinsics.camera(stated, self.pose).with_lens(self.lens).resized(width, height)
+        let camera = match self.intrinsics {
+            Intrinsics::Fov(angle) => Camera::from_fov(stated.0, stated.1, angle, self.pose),
+            Intrinsics::Pixels { focal, centre, .. } => {
+                let centre = centre.unwrap_or([stated.0, stated.1].map(|side| f64::from(side) / 2.0));
+                Camera::pinhole(stated, focal, centre, self.pose)
+            }
+        };
+        camera.with_lens(self.lens).resized(width, height)
     }
 
-    /// Returns the camera for an image of the stated size, or of one that the intrinsics suggest.
+    /// Returns the camera for an image of the stated size, or else of twice the principal point, or of the focal lengths.
     pub fn nominal_camera(&self) -> Camera {
-        let (width, height) = self.intrinsics.nominal_size();
+        let side = |side: f64| side.round().clamp(1.0, 1e6) as u32;
+        let (width, height) = match self.intrinsics {
+            Intrinsics::Pixels { size: Some(size), .. } => size,
+            Intrinsics::Pixels { centre: Some([x, y]), .. } => (side(2.0 * x), side(2.0 * y)),
+            Intrinsics::Pixels { focal: [x, y], .. } => (side(x), side(y)),
+            Intrinsics::Fov(_) => (1, 1),
+        };
         self.camera(width, height)
-    }
-
-    /// Whether the image's alpha channel is in a mask of its own.
-    pub fn is_matted(&self) -> bool {
-        matches!(self.mask, Some((_, MaskRole::Matte)))
     }
 
     /// Returns the image size that the poses file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
-        self.intrinsics.stated_size()
+        match self.intrinsics {
+            Intrinsics::Pixels { size, .. } => size,
+            Intrinsics::Fov(_) => None,
+        }
     }
 }
 
@@ -93,36 +104,6 @@ impl Intrinsics {
             focal: [camera.fx, camera.fy],
             centre: Some([camera.cx, camera.cy]),
             size: Some((camera.width, camera.height)),
-        }
-    }
-
-    /// Returns the camera without distortion for an image of the given size.
-    pub fn camera(&self, (width, height): (u32, u32), pose: DMat4) -> Camera {
-        match *self {
-            Self::Fov(angle) => Camera::from_fov(width, height, angle, pose),
-            Self::Pixels { focal, centre, .. } => {
-                let centre = centre.unwrap_or([f64::from(width) / 2.0, f64::from(height) / 2.0]);
-                Camera::pinhole((width, height), focal, centre, pose)
-            }
-        }
-    }
-
-    /// Returns the image size that the file states.
-    pub fn stated_size(&self) -> Option<(u32, u32)> {
-        match self {
-            Self::Pixels { size, .. } => *size,
-            Self::Fov(_) => None,
-        }
-    }
-
-    /// Returns the stated size, or twice the principal point, or a square of one pixel.
-    pub fn nominal_size(&self) -> (u32, u32) {
-        let doubled = |c: f64| (2.0 * c).round().clamp(1.0, 1e6) as u32;
-        match *self {
-            Self::Pixels { size: Some(size), .. } => size,
-            Self::Pixels { centre: Some([x, y]), .. } => (doubled(x), doubled(y)),
-            Self::Pixels { focal: [x, y], .. } => (doubled(0.5 * x), doubled(0.5 * y)),
-            Self::Fov(_) => (1, 1),
         }
     }
 }

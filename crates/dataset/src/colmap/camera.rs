@@ -6,7 +6,7 @@ use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
 /// COLMAP's camera models by id: name and parameters, which models that are not supported lack.
-pub const MODELS: [(&str, &[&str]); 11] = [
+pub(super) const MODELS: [(&str, &[&str]); 11] = [
     ("SIMPLE_PINHOLE", &["fx", "cx", "cy"]),
     ("PINHOLE", &["fx", "fy", "cx", "cy"]),
     ("SIMPLE_RADIAL", &["fx", "cx", "cy", "k1"]),
@@ -44,7 +44,7 @@ const MAX_SIDE: u32 = 1 << 20;
 /// A camera of a reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
-    /// The model's index in [`MODELS`].
+    /// COLMAP's number of the model.
     pub model: usize,
     /// Image width in pixels.
     pub width: u32,

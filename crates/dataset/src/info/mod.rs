@@ -16,7 +16,7 @@ use infonerf_scene::{Backdrop, Camera, Format, Image, Layout, Range, Scene, Scen
 use serde::Serialize;
 
 use crate::capture::{Capture, scene_name};
-use crate::frame::Frame;
+use crate::frame::{Frame, MaskRole};
 use crate::{SceneSource, loaders};
 
 /// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
@@ -105,7 +105,8 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
 /// border.
 fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let white = SceneRequest::default().background;
-    let shown = frame.is_matted() || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
+    let is_matted = matches!(frame.mask, Some((_, MaskRole::Matte)));
+    let shown = is_matted || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
     Ok(if shown { Backdrop::Colour } else { Backdrop::Unknown })
 }
 

@@ -9,7 +9,7 @@ mod pose;
 pub(crate) mod transforms;
 pub(crate) mod zju;
 
-pub(crate) use pose::read_flat_pose;
+pub(crate) use pose::read_pose;
 
 use std::path::Path;
 

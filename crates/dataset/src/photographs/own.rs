@@ -69,7 +69,8 @@ pub(super) fn pose(
     for (i, pose) in found.poses.iter().enumerate() {
         let Ok(pose) = pose else { continue };
         let photograph = &photographs[i];
-        let (reduced, margin) = (photograph.reduction(), found.lens.centre - photograph.middle());
+        let reduced = f64::from(photograph.size.0) / photograph.width as f64;
+        let margin = found.lens.centre - photograph.middle();
         let [cx, cy] = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let lens = vec![found.lens.focal * reduced, cx, cy, found.lens.k1];
         let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, photograph.size, lens)?;
@@ -123,11 +124,6 @@ impl SmallPhotograph {
         Ok(Self { width: width as usize, height: height as usize, rgb, size, focal })
     }
 
-    /// Returns the pixels of the file per pixel of the reduced photograph.
-    fn reduction(&self) -> f64 {
-        f64::from(self.size.0) / self.width as f64
-    }
-
     fn middle(&self) -> DVec2 {
         0.5 * DVec2::new(self.width as f64, self.height as f64)
     }
@@ -146,11 +142,10 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
+    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity};
 
     use super::*;
-    use crate::loaders::testing::shared_data;
-    use crate::{SceneSource, load};
+    use crate::loaders::testing::{load, request, shared_data};
 
     /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
     /// positions in percent of the mean distance between cameras.
@@ -165,11 +160,10 @@ mod tests {
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
-    /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, the lines of progress too.
+    /// Prints the table of docs/photographs.md.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn poses_of_published_captures() {
-        let told = std::env::var_os("INFONERF_LINES").is_some();
         let llff = |name| (name, format!("nerf_llff_data/{name}"), "images_8");
         let captures = [llff("fern"), llff("flower"), ("tumbler", "colmap_tumbler".into(), "images")];
         eprintln!(
@@ -178,13 +172,7 @@ mod tests {
         eprintln!("|---|---|---|---|---|---|---|");
         for (capture, dir, folder) in captures {
             let dir = shared_data(&dir);
-            let request = SceneRequest {
-                train: ViewSelection::All,
-                test: TestProtocol::All,
-                image_size: Some(16),
-                ..Default::default()
-            };
-            let scene = load(&SceneSource::Folder { path: dir.clone() }, &request).unwrap();
+            let scene = load(&dir, &SceneRequest { image_size: Some(16), ..request() }).unwrap();
             let views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
             let mut files = list_images(&dir.join(folder)).unwrap();
             files.sort_by_key(|path| (name(path).len(), name(path)));
@@ -195,12 +183,7 @@ mod tests {
                     fs::copy(path, guard.path().join(name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
-                let tell = |line: &str| {
-                    if told {
-                        eprintln!("{line}");
-                    }
-                };
-                let result = pose(guard.path(), &guard.path().join("sparse"), None, tell);
+                let result = pose(guard.path(), &guard.path().join("sparse"), None, |_| {});
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
                 if let Err(error) = result {
