@@ -12,7 +12,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::capture::{capture_space, frusta_bounds};
-use crate::colmap;
+use crate::colmap::{self, read::Values};
 use crate::files::json::JsonFile;
 use crate::files::{npy, npz};
 use crate::loaders::transforms::transforms as read_transforms;
@@ -69,9 +69,10 @@ pub fn depth(bytes: &[u8]) -> bool {
 pub fn colmap(bytes: &[u8]) -> bool {
     let path = Path::new("colmap");
     let text = String::from_utf8_lossy(bytes);
-    let cameras = [colmap::binary::cameras(path, bytes).ok(), colmap::text::cameras(path, &text).ok()];
-    let images = [colmap::binary::images(path, bytes).ok(), colmap::text::images(path, &text).ok()];
-    let points = [colmap::binary::points(path, bytes).is_ok(), colmap::text::points(path, &text).is_ok()];
+    let sources = || [Values::binary(path, bytes), Ok(Values::text(path, &text))];
+    let cameras = sources().map(|values| values.and_then(colmap::read::cameras).ok());
+    let images = sources().map(|values| values.and_then(colmap::read::images).ok());
+    let points = sources().map(|values| values.and_then(colmap::read::points).is_ok());
     for camera in cameras.iter().flatten().flat_map(|all| all.values()).take(MAX_FRAMES) {
         let poses = infonerf_procedural::train_cameras(8);
         let cameras: Vec<Camera> = poses[..3].iter().map(|c| camera.at(c.to_world)).collect();

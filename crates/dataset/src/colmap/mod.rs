@@ -1,8 +1,7 @@
 //! Reconstructions of COLMAP: cameras with their lenses, poses, points and where each image sees them.
 
-pub(crate) mod binary;
 mod camera;
-pub(crate) mod text;
+pub(crate) mod read;
 mod write;
 
 pub use camera::ColmapCamera;
@@ -19,6 +18,7 @@ use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::{Camera, SceneError};
 
 use crate::files::read_file;
+use read::Values;
 
 /// Folders below a scene's that may hold reconstructions, or numbered folders of them; the last is the scene's own.
 const PLACES: [&str; 7] = ["sparse", "colmap/sparse", "dense/0/sparse", "dense/sparse", "distorted/sparse", "0", ""];
@@ -72,38 +72,21 @@ impl Reconstruction {
 
     /// Reads the reconstruction whose files are in `place`.
     pub(crate) fn read_at(place: &Path) -> Result<Self, SceneError> {
-        let is_binary = place.join("cameras.bin").is_file();
-        let file = |name: &str| -> Result<(PathBuf, Vec<u8>), SceneError> {
-            let path = place.join(name).with_extension(if is_binary { "bin" } else { "txt" });
-            let bytes = read_file(&path, "a file of a COLMAP reconstruction", MAX_BYTES)?;
-            Ok((path, bytes))
+        let mut read = Self {
+            cameras: read_values(place, "cameras", read::cameras)?,
+            images: read_values(place, "images", read::images)?,
+            points: match read_values(place, "points3D", read::points) {
+                Err(SceneError::NotFound { .. }) => BTreeMap::new(),
+                points => points?,
+            },
         };
-        let (cameras, images) = (file("cameras")?, file("images")?);
-        let points = match file("points3D") {
-            Err(SceneError::NotFound { .. }) => None,
-            points => Some(points?),
-        };
-        let mut read = if is_binary {
-            Self {
-                cameras: binary::cameras(&cameras.0, &cameras.1)?,
-                images: binary::images(&images.0, &images.1)?,
-                points: points.map_or_else(|| Ok(BTreeMap::new()), |(path, bytes)| binary::points(&path, &bytes))?,
-            }
-        } else {
-            let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-            Self {
-                cameras: text::cameras(&cameras.0, &text(&cameras.1))?,
-                images: text::images(&images.0, &text(&images.1))?,
-                points: points
-                    .map_or_else(|| Ok(BTreeMap::new()), |(path, bytes)| text::points(&path, &text(&bytes)))?,
-            }
-        };
+        let images = place.join("images");
         if let Some(image) = read.images.iter().find(|image| !read.cameras.contains_key(&image.camera)) {
             let field = format!("image {}", image.id);
-            return Err(SceneError::field(&images.0, field, "the number of a camera", image.camera));
+            return Err(SceneError::field(&images, field, "the number of a camera", image.camera));
         }
         if read.images.is_empty() {
-            return Err(SceneError::malformed(&images.0, "at least one registered image", "it has none"));
+            return Err(SceneError::malformed(&images, "at least one registered image", "it has none"));
         }
         read.images.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(read)
@@ -113,6 +96,17 @@ impl Reconstruction {
     pub fn camera(&self, image: &ColmapImage) -> Option<Camera> {
         self.cameras.get(&image.camera).map(|camera| camera.at(image.pose))
     }
+}
+
+/// Applies `read` to the values of a file in `place`.
+fn read_values<T>(place: &Path, name: &str, read: fn(Values<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
+    let is_binary = place.join("cameras.bin").is_file();
+    let path = place.join(name).with_extension(if is_binary { "bin" } else { "txt" });
+    let bytes = read_file(&path, "a file of a COLMAP reconstruction", MAX_BYTES)?;
+    if is_binary {
+        return read(Values::binary(&path, &bytes)?);
+    }
+    read(Values::text(&path, &String::from_utf8_lossy(&bytes)))
 }
 
 /// Lists the reconstructions in the first place below `dir` that holds any, with their numbers of images, those with most
@@ -336,7 +330,7 @@ mod tests {
         assert!(fault("cameras.txt", replace("PINHOLE 32", "MAGIC 32"), true).contains("line 2"));
         assert!(fault("cameras.txt", replace(" 50 16", " 50 x"), true).contains("line 2"));
         assert!(fault("cameras.txt", replace(" 50 16", " -50 16"), true).contains("positive focal length"));
-        assert!(fault("cameras.txt", replace(" 50 16 12", " 50 16"), true).contains("3 numbers"));
+        assert!(fault("cameras.txt", replace(" 50 16 12", " 50 16"), true).contains("too few words"));
         assert!(fault("images.txt", replace("11 ", "11 9"), true).contains("quaternion of length 1"));
         assert!(fault("images.txt", replace(" 3.5 4.5 -1", " 3.5 4.5"), true).contains("line 3"));
         assert!(fault("points3D.txt", replace(" 1 2 3", " "), true).contains("line 2"));

@@ -128,10 +128,8 @@ mod tests {
         assert_eq!((scene.space.near, scene.space.far), (2.0, 6.0));
         assert_eq!(scene.train[1].name, "train/r_1");
         assert_eq!(*scene.train[1].image, image(8, 1).to_f32().composite([1.0; 3]));
-        assert_eq!(
-            (scene.format, scene.backdrop, scene.space.layout),
-            (Format::Blender, Backdrop::Colour, Layout::Object)
-        );
+        let kind = (scene.format, scene.backdrop, scene.space.layout);
+        assert_eq!(kind, (Format::Blender, Backdrop::Colour, Layout::Object));
         assert!(scene.space.bounded && scene.warnings.is_empty(), "{:?}", scene.warnings);
         let camera = &scene.train[1].camera;
         assert_eq!(camera.to_world, infonerf_procedural::train_cameras(8)[1].to_world);
@@ -256,10 +254,8 @@ mod tests {
         edit(&json, "/frames/1/transform_matrix", Some(json!(null)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.train.len(), 2);
-        assert_eq!(
-            scene.warnings,
-            ["1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1"]
-        );
+        let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1";
+        assert_eq!(scene.warnings, [lost]);
         // Three rows, sixteen numbers, and a scaled rotation.
         let pose = pose(0);
         let rows: Vec<_> = pose.as_array().unwrap()[..3].to_vec();

@@ -122,6 +122,15 @@ pub(crate) mod testing {
         text
     }
 
+    /// Asserts that the warning `index` of a scene contains `part`.
+    pub fn assert_warns(scene: &Scene, index: usize, part: &str) {
+        assert!(
+            scene.warnings.get(index).is_some_and(|warning| warning.contains(part)),
+            "{part}: {:?}",
+            scene.warnings
+        );
+    }
+
     /// Writes the image that a camera has of `knot`, as a PNG.
     pub fn write_view(path: &Path, camera: &Camera) {
         infonerf_procedural::render("knot", camera).unwrap().rgba.write_png(path).unwrap();
@@ -262,11 +271,7 @@ mod tests {
         std::fs::copy(dir.join("transforms_test.json"), dir.join("transforms.json")).unwrap();
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.format, Format::Transforms);
-        assert!(
-            scene.warnings[0].starts_with("read as transforms.json: as Blender it is broken: "),
-            "{:?}",
-            scene.warnings
-        );
+        assert_warns(&scene, 0, "read as transforms.json: as Blender it is broken: ");
         let asked = |format| SceneRequest { format: Some(format), ..request() };
         assert_eq!(load(&dir, &asked(Format::Transforms)).unwrap().warnings.len(), 0);
         assert!(message(&dir, &asked(Format::Blender)).contains("field `frames`"));
