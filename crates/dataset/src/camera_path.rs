@@ -1,6 +1,6 @@
 //! Camera path files.
 
-use std::ops::RangeInclusive;
+use std::ops::{Bound, RangeInclusive};
 use std::path::Path;
 
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
@@ -74,16 +74,17 @@ impl CameraPath {
             let without = if keyframes[i].fov_y.is_some() { 0 } else { i };
             items[without].get("fov", "a field of view, as other cameras of the path have one")?;
         }
-        let fps = number_of(root, "fps", "0.001 to 1000 frames per second", 1e-3..=1e3)?.unwrap_or(DEFAULT_FPS);
-        let seconds = number_of(root, "seconds", "0.001 to 10000 seconds", 1e-3..=1e4)?.unwrap_or(DEFAULT_SECONDS);
+        let number = |key: &str, range: RangeInclusive<f64>, expected: &str| {
+            root.optional(key, |node| node.within(range, expected))
+        };
+        let fps = number("fps", 1e-3..=1e3, "0.001 to 1000 frames per second")?.unwrap_or(DEFAULT_FPS);
+        let seconds = number("seconds", 1e-3..=1e4, "0.001 to 10000 seconds")?.unwrap_or(DEFAULT_SECONDS);
         let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MAX_FRAMES) };
-        let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", 1.0..=8192.0);
+        let side = |key| number(key, 1.0..=8192.0, "a side of 1 to 8192 pixels");
         let size = side("render_width")?.zip(side("render_height")?);
         let size = size.map(|(width, height)| (width as u32, height as u32));
-        let closed = match root.find("is_cycle") {
-            Some(node) if !complete => node.flag("true or false")?,
-            _ => false,
-        };
+        let is_cycle = root.optional("is_cycle", |node| node.flag("true or false"))?;
+        let closed = !complete && is_cycle.unwrap_or(false);
         Ok(Self { keyframes, closed, fps, frames, size })
     }
 }
@@ -93,22 +94,9 @@ fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     let given = read_pose(node, field)?;
     let pose = given.ok_or_else(|| node.fault(format!("a camera's pose in `{field}`"), "nothing"))?.matrix;
     let expected = "a vertical field of view between 0 and 180 degrees";
-    let fov = |node: Node<'_>| match node.number(expected)? {
-        fov if fov > 0.0 && fov < 180.0 => Ok(fov.to_radians()),
-        _ => Err(node.error(expected)),
-    };
-    Ok(Keyframe { pose, fov_y: node.find("fov").map(fov).transpose()? })
-}
-
-fn number_of(
-    root: &Node<'_>,
-    key: &str,
-    expected: &str,
-    range: RangeInclusive<f64>,
-) -> Result<Option<f64>, SceneError> {
-    let Some(node) = root.find(key) else { return Ok(None) };
-    let value = node.number(expected)?;
-    if range.contains(&value) { Ok(Some(value)) } else { Err(node.error(expected)) }
+    let range = (Bound::Excluded(0.0), Bound::Excluded(180.0));
+    let fov = node.optional("fov", |node| node.within(range, expected))?;
+    Ok(Keyframe { pose, fov_y: fov.map(f64::to_radians) })
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! JSON files in which every value knows its path, for error messages.
 
-use std::ops::RangeInclusive;
+use std::ops::{RangeBounds, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
@@ -64,6 +64,15 @@ impl<'a> Node<'a> {
         Some(Node { file: self.file, field: self.join(key), value })
     }
 
+    /// Reads the field `key`, if it is there and not null.
+    pub fn optional<T>(
+        &self,
+        key: &str,
+        read: impl FnOnce(Self) -> Result<T, SceneError>,
+    ) -> Result<Option<T>, SceneError> {
+        self.find(key).map(read).transpose()
+    }
+
     /// Returns the elements of an array.
     pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
         let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
@@ -81,28 +90,17 @@ impl<'a> Node<'a> {
         self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
     }
 
-    /// Returns a finite number greater than 0.
-    pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
-        self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
-    }
-
-    /// Returns a focal length or image side in pixels, which rays can be computed with.
-    pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
-        let value = self.number(expected)?;
-        if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
+    /// Returns a number in `range`.
+    pub fn within(&self, range: impl RangeBounds<f64>, expected: &str) -> Result<f64, SceneError> {
+        let number = self.number(expected)?;
+        if range.contains(&number) { Ok(number) } else { Err(self.error(expected)) }
     }
 
     /// Returns an array of `N` finite numbers.
     pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
-        let items = self.items(expected)?;
-        if items.len() != N {
-            return Err(self.fault(expected, format!("{} values", items.len())));
-        }
-        let mut numbers = [0.0; N];
-        for (number, item) in numbers.iter_mut().zip(&items) {
-            *number = item.number(expected)?;
-        }
-        Ok(numbers)
+        let numbers = self.items(expected)?.iter().map(|item| item.number(expected)).collect::<Result<Vec<_>, _>>()?;
+        let count = numbers.len();
+        numbers.try_into().map_err(|_| self.fault(expected, format!("{count} values")))
     }
 
     /// Returns `true` or `false`.

@@ -1,6 +1,7 @@
 //! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are the file's: `applied_transform`, which
 //! led to them, is not undone.
 
+use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
@@ -84,8 +85,8 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
         lost,
         warnings: warnings.into_iter().flatten().collect(),
         range: read_range(&root)?,
-        bounds: read_bounds(&root)?,
-        cube: read_aabb_scale(&root)?,
+        bounds: root.optional("aabb", read_bounds)?,
+        cube: root.optional("aabb_scale", read_aabb_scale)?,
         split: read_split(dir, &root)?,
     })
 }
@@ -95,25 +96,19 @@ fn file_name(path: &Path) -> String {
 }
 
 /// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
-fn read_aabb_scale(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
-    let Some(node) = root.find("aabb_scale") else { return Ok(None) };
+fn read_aabb_scale(node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "a power of two from 1 to 128";
-    let scale = node.number(expected)?;
-    if !(1.0..=128.0).contains(&scale) || scale.log2().fract() != 0.0 {
+    let scale = node.within(1.0..=128.0, expected)?;
+    if scale.log2().fract() != 0.0 {
         return Err(node.error(expected));
     }
-    Ok(Some(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32)))
+    Ok(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32))
 }
 
 fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Result<Frame, SceneError> {
-    let depth = match frame.find("ray_depth_file_path") {
-        Some(node) => Some(dir.join(node.text("the path of an .npy file")?)),
-        None => None,
-    };
-    let mask = match frame.find("mask_path") {
-        Some(node) => Some((image_path(dir, node.text("the path of a mask image")?), MaskRole::Capture)),
-        None => None,
-    };
+    let depth = frame.optional("ray_depth_file_path", |node| Ok(dir.join(node.text("the path of an .npy file")?)))?;
+    let mask = frame.optional("mask_path", |node| Ok(image_path(dir, node.text("the path of a mask image")?)))?;
+    let mask = mask.map(|mask| (mask, MaskRole::Capture));
     let (intrinsics, lens) = read_optics(root, frame)?;
     let image = image_path(dir, path);
     let name = name_of(dir, &image);
@@ -124,21 +119,15 @@ fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
     let (Some(near), Some(far)) = (root.find("near"), root.find("far")) else {
         return Ok(None);
     };
-    let n = near.number("a distance of at least 0")? as f32;
-    let f = far.number("a distance beyond `near`")? as f32;
-    if n < 0.0 {
-        return Err(near.error("a distance of at least 0"));
-    }
-    if n >= f || f64::from(f) > FARTHEST {
+    let n = near.within(0.0.., "a distance of at least 0")? as f32;
+    let f = far.within(..=FARTHEST, "a distance beyond `near`")? as f32;
+    if n >= f {
         return Err(far.error(format!("a distance beyond `near` = {n}")));
     }
     Ok(Some((n, f)))
 }
 
-fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
-    let Some(node) = root.find("aabb") else {
-        return Ok(None);
-    };
+fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "two corners [[x, y, z], [x, y, z]], the least first";
     let [min, max] = &node.items(expected)?[..] else {
         return Err(node.error(expected));
@@ -149,7 +138,7 @@ fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
     if !min.cmplt(max).all() || !inside(min) || !inside(max) {
         return Err(node.fault(expected, format!("{min} and {max}")));
     }
-    Ok(Some(Aabb { min, max }))
+    Ok(Aabb { min, max })
 }
 
 fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
@@ -195,65 +184,49 @@ const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPE
 
 /// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root.
 fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), SceneError> {
-    let find = |key: &str| frame.find(key).or_else(|| root.find(key));
-    let lens = read_lens(&find)?;
-    let Some(focal_x) = find("fl_x") else {
+    let place = |key: &str| if frame.find(key).is_some() { frame } else { root };
+    let lens = read_lens(place)?;
+    let focal = |key: &str| place(key).optional(key, |node| node.within(PIXELS, "a positive focal length in pixels"));
+    let Some(fx) = focal("fl_x")? else {
         let expected = "a horizontal field of view between 0 and π radians";
-        let missing = || root.get("camera_angle_x", &format!("{expected} (or `fl_x`)"));
-        let node = find("camera_angle_x").map_or_else(missing, Ok)?;
-        let angle = node.number(expected)?;
-        if angle <= 0.0 || angle >= std::f64::consts::PI {
-            return Err(node.error(expected));
-        }
-        return Ok((Intrinsics::Fov(angle), lens));
+        let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
+        let node = place("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?;
+        return Ok((Intrinsics::Fov(node.within(range, expected)?), lens));
     };
-    let expected = "a positive focal length in pixels";
-    let fx = focal_x.pixels(expected)?;
-    let fy = find("fl_y").map_or(Ok(fx), |node| node.pixels(expected))?;
-    let position = |node: Node<'_>| {
-        let expected = "a position in pixels";
-        let position = node.number(expected)?;
-        if position.abs() <= *PIXELS.end() { Ok(position) } else { Err(node.error(expected)) }
+    let position = |key: &str| {
+        let range = -*PIXELS.end()..=*PIXELS.end();
+        place(key).optional(key, |node| node.within(range, "a position in pixels"))
     };
-    let number = |key| find(key).map(position).transpose();
-    let centre = number("cx")?.zip(number("cy")?).map(|(x, y)| [x, y]);
-    let side = |key| find(key).map(|node| read_side(&node)).transpose();
+    let side = |key: &str| {
+        place(key).optional(key, |node| {
+            let expected = "an image side in whole pixels";
+            let side = node.within(1.0..=f64::from(u32::MAX), expected)?;
+            if side.fract() == 0.0 { Ok(side as u32) } else { Err(node.error(expected)) }
+        })
+    };
+    let focal = [fx, focal("fl_y")?.unwrap_or(fx)];
+    let centre = position("cx")?.zip(position("cy")?).map(|(x, y)| [x, y]);
     let size = side("w")?.zip(side("h")?);
-    Ok((Intrinsics::Pixels { focal: [fx, fy], centre, size }, lens))
+    Ok((Intrinsics::Pixels { focal, centre, size }, lens))
 }
 
-/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients.
-fn read_lens<'a>(find: &impl Fn(&str) -> Option<Node<'a>>) -> Result<Lens, SceneError> {
+/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients, each field in its `place`.
+fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, SceneError> {
     let mut values = [0.0; DISTORTION.len()];
     for (value, key) in values.iter_mut().zip(DISTORTION) {
-        if let Some(node) = find(key) {
-            let expected = "a distortion coefficient";
-            *value = node.number(expected)?;
-            if value.abs() > MAX_COEFFICIENT {
-                return Err(node.error(expected));
-            }
-        }
+        let range = -MAX_COEFFICIENT..=MAX_COEFFICIENT;
+        let read = |node: Node<'_>| node.within(range, "a distortion coefficient");
+        *value = place(key).optional(key, read)?.unwrap_or(0.0);
     }
-    let fisheye = find("is_fisheye").map_or(Ok(false), |node| node.flag("true or false"))?;
-    let model = find("camera_model");
-    let name = match &model {
-        Some(node) => node.text(MODELS)?.to_ascii_uppercase(),
-        None => if fisheye { "FISHEYE" } else { "PERSPECTIVE" }.to_owned(),
-    };
+    let is_fisheye = place("is_fisheye").optional("is_fisheye", |node| node.flag("true or false"))?.unwrap_or(false);
     let value = |key: &str| DISTORTION.iter().zip(values).find(|(known, _)| **known == key).map_or(0.0, |(_, v)| v);
-    match (lens(&name, value), model) {
-        (None, Some(node)) => Err(node.error(MODELS)),
-        (lens, _) => Ok(lens.unwrap_or_default()),
-    }
-}
-
-fn read_side(node: &Node<'_>) -> Result<u32, SceneError> {
-    let expected = "an image side in whole pixels";
-    let side = node.positive(expected)?;
-    if side.fract() != 0.0 || side > f64::from(u32::MAX) {
-        return Err(node.error(expected));
-    }
-    Ok(side as u32)
+    let known = |node: Node<'_>| {
+        let model = node.text(MODELS)?.to_ascii_uppercase();
+        lens(&model, value).ok_or_else(|| node.error(MODELS))
+    };
+    let unnamed = if is_fisheye { "FISHEYE" } else { "PERSPECTIVE" };
+    let named = place("camera_model").optional("camera_model", known)?;
+    Ok(named.or_else(|| lens(unnamed, value)).unwrap_or_default())
 }
 
 #[cfg(test)]
