@@ -69,7 +69,7 @@ pub(crate) fn write(path: &Path, arrays: &[NamedArray], method: CompressionMetho
         let mut archive = ZipWriter::new(File::create(path)?);
         for (name, shape, values) in arrays {
             archive.start_file(format!("{name}.npy"), SimpleFileOptions::default().compression_method(method))?;
-            archive.write_all(&npy::encode(shape, values)?)?;
+            archive.write_all(&npy::encode(shape, values))?;
         }
         archive.finish().map(drop).map_err(io::Error::from)
     };

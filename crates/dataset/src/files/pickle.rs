@@ -3,6 +3,8 @@
 
 use serde_pickle::{DeOptions, HashableValue, Value};
 
+use super::npy;
+
 /// Reads a pickle, and returns its outermost value; of an array without axes, its element.
 ///
 /// # Errors
@@ -141,13 +143,7 @@ pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
 
 /// Returns the `.npy` file around such a pickle.
 pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
-    let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
-    // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.
-    while !(header.len() + 11).is_multiple_of(64) {
-        header.push(' ');
-    }
-    let length = (header.len() as u16 + 1).to_le_bytes();
-    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), b"\n", pickle].concat()
+    npy::with_header("|O", &[], pickle)
 }
 
 #[cfg(test)]

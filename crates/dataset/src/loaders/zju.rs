@@ -219,14 +219,14 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
 }
 
 /// Returns the object in a `.npy` file of objects.
-fn pickled(path: &Path, mut bytes: &[u8], expected: &str) -> Result<Value, SceneError> {
+fn pickled(path: &Path, bytes: &[u8], expected: &str) -> Result<Value, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
-    let header = npy::header(&mut bytes).map_err(|e| fault(&e))?.into_inner();
-    let text = String::from_utf8_lossy(&header);
-    if !text.contains("NUMPY") || !text.replace(' ', "").contains("'descr':'|O'") {
-        return Err(fault(&"an array of something else than objects"));
+    match npy::split(bytes) {
+        Some((header, data)) if npy::entry(header, "descr").is_some_and(|kind| kind.starts_with("'|O'")) => {
+            pickle::read(data).map_err(|e| fault(&e))
+        }
+        _ => Err(fault(&"an array of something else than objects")),
     }
-    pickle::read(bytes).map_err(|e| fault(&e))
 }
 
 /// Makes camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
