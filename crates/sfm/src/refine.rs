@@ -12,7 +12,7 @@ use crate::matching::{matches_of_pairs, tracks};
 use crate::reconstruction::{FEATURES, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
 use crate::triangulate::triangulate;
-use crate::two_view::verified;
+use crate::two_view::{relative, verified};
 use infonerf_scene::image::GreyImage;
 
 /// Points may always fall this many pixels from where they are seen.
@@ -47,9 +47,7 @@ impl Uncertainty {
     /// Whether two cameras that are thought to be at `given` may be at the relative pose `found`, whose translation is known up
     /// to its length: within [`MAX_DEVIATIONS`] in rotation, and in the direction of the translation.
     fn allows(&self, found: &Pose, given: [Pose; 2]) -> bool {
-        let [first, second] = given;
-        let rotation = second.rotation * first.rotation.transpose();
-        let translation = second.translation - rotation * first.translation;
+        let Pose { rotation, translation } = relative([&given[0], &given[1]]);
         let turned = DQuat::from_mat3(&found.rotation).angle_between(DQuat::from_mat3(&rotation));
         let [turn, shift] = [self.turn, self.shift].map(|of_one| SQRT_2 * of_one);
         turned <= MAX_DEVIATIONS * turn

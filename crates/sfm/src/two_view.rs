@@ -59,7 +59,16 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
     let (essential, inliers) = ransac.run(rays.len(), solve, |e, i| sampson(e, rays[i]))?;
     let in_front = |pose: &Pose| inliers.iter().filter(|&&i| point(pose, rays[i]).is_some()).count();
     let pose = poses(&essential).into_iter().max_by_key(in_front)?;
-    let pose = refined(pose, matches, &rays, &inliers, lens, tolerance);
+    let points = inliers.iter().filter_map(|&i| {
+        let seen = vec![(0, matches[i].0), (1, matches[i].1)];
+        Some(Point { position: point(&pose, rays[i])?, seen })
+    });
+    let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
+    let (prior, scale) = (Prior::fixed(lens), 0.5 * tolerance);
+    bundle.adjust(&Adjustment { prior, poses: None, points: true, scale, steps: 10 });
+    let adjusted = relative([&bundle.poses[0], &bundle.poses[1]]);
+    let translation = adjusted.translation.try_normalize().unwrap_or(pose.translation);
+    let pose = Pose { translation, ..adjusted };
     let essential = cross(pose.translation) * pose.rotation;
     let centres = [DVec3::ZERO, pose.centre()];
     let agreeing = |i: usize| {
@@ -110,31 +119,10 @@ fn point(pose: &Pose, (a, b): (DVec2, DVec2)) -> Option<DVec3> {
     triangulate(&[(Pose::IDENTITY, a), (*pose, b)])
 }
 
-/// Returns the pose after bundle adjustment of the two views, at distance 1.
-fn refined(
-    pose: Pose,
-    matches: &[(DVec2, DVec2)],
-    rays: &[(DVec2, DVec2)],
-    inliers: &[usize],
-    lens: &SimpleRadial,
-    tolerance: f64,
-) -> Pose {
-    let points = inliers.iter().filter_map(|&i| {
-        let seen = vec![(0, matches[i].0), (1, matches[i].1)];
-        Some(Point { position: point(&pose, rays[i])?, seen })
-    });
-    let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
-    bundle.adjust(&Adjustment {
-        prior: Prior::fixed(lens),
-        poses: None,
-        points: true,
-        scale: 0.5 * tolerance,
-        steps: 10,
-    });
-    let [first, second] = [bundle.poses[0], bundle.poses[1]];
-    let rotation = second.rotation * first.rotation.transpose();
-    let translation = second.translation - rotation * first.translation;
-    Pose { rotation, translation: translation.try_normalize().unwrap_or(pose.translation) }
+/// Returns the pose of the second camera in the axes of the first.
+pub(crate) fn relative([a, b]: [&Pose; 2]) -> Pose {
+    let rotation = b.rotation * a.rotation.transpose();
+    Pose { rotation, translation: b.translation - rotation * a.translation }
 }
 
 /// Returns the matrix of `x ↦ v × x`.
@@ -181,12 +169,9 @@ pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec
 
 /// Whether two cameras see one point in front of them along `rays`, `(x, y, 1)` in their axes, up to `tolerance` (Sampson's
 /// distance in the plane at depth 1).
-pub fn explains([a, b]: [&Pose; 2], rays: (DVec2, DVec2), tolerance: f64) -> bool {
-    let rotation = b.rotation * a.rotation.transpose();
-    let relative = Pose { rotation, translation: b.translation - rotation * a.translation };
-    let essential = cross(relative.translation) * relative.rotation;
-    sampson(&essential, rays) < tolerance.powi(2)
-        && triangulate(&[(Pose::IDENTITY, rays.0), (relative, rays.1)]).is_some()
+pub fn explains(poses: [&Pose; 2], rays: (DVec2, DVec2), tolerance: f64) -> bool {
+    let pose = relative(poses);
+    sampson(&(cross(pose.translation) * pose.rotation), rays) < tolerance.powi(2) && point(&pose, rays).is_some()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The space of a capture (near, far, box, layout), estimated from its cameras and points.
 
 use glam::Vec3;
-use infonerf_scene::poses::{ViewRegion, up_direction};
+use infonerf_scene::poses::ViewRegion;
 use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
 
 /// Rows and columns of rays that stand for an image.
@@ -60,20 +60,7 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
         }
         _ => (focus, reach),
     };
-    let up = up_direction(cameras).as_vec3();
-    Space {
-        range: Range::Distance { near, far },
-        near,
-        far,
-        bounds,
-        bounded: false,
-        layout,
-        up,
-        centre,
-        radius,
-        points,
-        body: None,
-    }
+    Space { bounded: false, layout, centre, radius, points, ..Space::known(cameras, (near, far), bounds) }
 }
 
 /// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.

@@ -227,28 +227,21 @@ mod tests {
 
     /// Returns points on a ball, seen by cameras of every model.
     pub(super) fn toy() -> Reconstruction {
-        let parameters: [&[f64]; 10] = [
-            &[50.0, 16.0, 12.0],
-            &[50.0, 51.0, 16.5, 12.0],
-            &[50.0, 16.0, 12.0, -0.1],
-            &[50.0, 16.0, 12.0, -0.1, 0.02],
-            &[50.0, 51.0, 16.0, 12.0, -0.1, 0.02, 1e-3, -2e-3],
-            &[50.0, 51.0, 16.0, 12.0, 0.1, 0.02, -0.01, 1e-3],
-            &[50.0, 51.0, 16.0, 12.0, 0.3, 0.1, 1e-3, 2e-3, 0.01, 0.2, 0.1, 0.01],
-            &[],
-            &[50.0, 16.0, 12.0, 0.1],
-            &[50.0, 16.0, 12.0, 0.1, -0.01],
-        ];
-        let path = Path::new("toy");
-        let cameras: BTreeMap<u32, ColmapCamera> = (0..10)
-            .filter(|&model| model != 7)
-            .map(|model| {
-                (
-                    model as u32 + 1,
-                    ColmapCamera::new(path, "camera", model, (32, 24), parameters[model].to_vec()).unwrap(),
-                )
-            })
-            .collect();
+        let parameter = |name: &&str| match *name {
+            "fx" => 50.0,
+            "fy" => 51.0,
+            "cx" => 16.0,
+            "cy" => 12.0,
+            "k1" => 0.1,
+            "k2" => 0.02,
+            _ => 1e-3,
+        };
+        let camera = |(model, (_, names)): (usize, &(&str, &[&str]))| {
+            let parameters: Vec<f64> = names.iter().map(parameter).collect();
+            let camera = ColmapCamera::new(Path::new("toy"), "camera", model, (32, 24), parameters);
+            (!names.is_empty()).then(|| (model as u32 + 1, camera.unwrap()))
+        };
+        let cameras: BTreeMap<u32, ColmapCamera> = MODELS.iter().take(10).enumerate().filter_map(camera).collect();
         let points: BTreeMap<u64, DVec3> = (0..60)
             .map(|i| {
                 let a = i as f64;

@@ -88,40 +88,19 @@ pub(crate) fn read_depth(path: &Path, (width, height): (u32, u32)) -> Result<Vec
     }
 }
 
-/// Number that arrays are written of.
-pub(crate) trait Element: Copy {
-    /// NumPy's code of the type.
-    const KIND: &'static str;
-
-    fn append_to(self, bytes: &mut Vec<u8>);
-}
-
-impl Element for f32 {
-    const KIND: &'static str = "<f4";
-
-    fn append_to(self, bytes: &mut Vec<u8>) {
-        bytes.extend(self.to_le_bytes());
-    }
-}
-
-impl Element for f64 {
-    const KIND: &'static str = "<f8";
-
-    fn append_to(self, bytes: &mut Vec<u8>) {
-        bytes.extend(self.to_le_bytes());
-    }
-}
-
 /// Writes an array in C's order.
-pub(crate) fn write<T: Element>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
+pub(crate) fn write<T: Copy + Into<f64>>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
     fs::write(path, encode(shape, values)).map_err(|e| SceneError::io(path, e))
 }
 
-/// Returns the bytes of a file with an array in C's order.
-pub(crate) fn encode<T: Element>(shape: &[u64], values: &[T]) -> Vec<u8> {
+/// Returns the bytes of a file with an array of `f32` or `f64` in C's order.
+pub(crate) fn encode<T: Copy + Into<f64>>(shape: &[u64], values: &[T]) -> Vec<u8> {
+    let is_wide = size_of::<T>() == size_of::<f64>();
     let mut data = Vec::new();
-    values.iter().for_each(|value| value.append_to(&mut data));
-    with_header(T::KIND, shape, &data)
+    for value in values.iter().map(|value| (*value).into()) {
+        if is_wide { data.extend(f64::to_le_bytes(value)) } else { data.extend((value as f32).to_le_bytes()) }
+    }
+    with_header(if is_wide { "<f8" } else { "<f4" }, shape, &data)
 }
 
 #[cfg(test)]
