@@ -38,28 +38,14 @@ pub(crate) struct Mapper<'a> {
 }
 
 impl<'a> Mapper<'a> {
-    /// Makes a map of two photographs out of `count`: `a` at the origin, and `b` at `pose`.
+    /// Makes a map of the photographs that have one of `poses`, which are `expected` to be these if they are known roughly.
     pub(crate) fn new(
         tracks: &'a [Track],
-        count: usize,
+        poses: Vec<Result<Pose, String>>,
         (lens, prior): (SimpleRadial, Prior),
         tolerance: f64,
-        (a, b, pose): (usize, usize, Pose),
+        expected: Option<PosePrior>,
     ) -> Self {
-        let mut poses = vec![Err(String::new()); count];
-        (poses[a], poses[b]) = (Ok(Pose::IDENTITY), Ok(pose));
-        Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected: None, tolerance }
-    }
-
-    /// Makes a map of all photographs at the poses where they are `expected`.
-    pub(crate) fn at(
-        tracks: &'a [Track],
-        (lens, prior): (SimpleRadial, Prior),
-        tolerance: f64,
-        expected: PosePrior,
-    ) -> Self {
-        let poses = expected.poses.iter().map(|pose| Ok(*pose)).collect();
-        let expected = Some(expected);
         Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected, tolerance }
     }
 
@@ -236,6 +222,13 @@ mod tests {
     use super::*;
     use crate::testing::world;
 
+    /// Returns what `tracks` place of a world whose poses are known to 0.01.
+    fn refined<'a>(tracks: &'a [Track], all: &Bundle) -> Mapper<'a> {
+        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
+        let poses = all.poses.iter().map(|pose| Ok(*pose)).collect();
+        Mapper::new(tracks, poses, (all.lens, Prior::fixed(&all.lens)), 2.5, Some(expected)).refine()
+    }
+
     /// The second photograph sees ten points with the first, which are too few for that, and 16 or 10 others with the third.
     #[test]
     fn photographs_that_only_uncertain_ones_confirm_are_not_placed() {
@@ -244,16 +237,14 @@ mod tests {
             all.points[range].iter().map(|p| by.map(|i| p.seen[i]).to_vec()).collect()
         };
         let tracks = [seen(0..10, [0, 1]), seen(10..26, [1, 2])].concat();
-        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
-        let found = Mapper::at(&tracks, (all.lens, Prior::fixed(&all.lens)), 2.5, expected).refine();
+        let found = refined(&tracks, &all);
         assert_eq!(found.poses[0], Err("10 points seen, 15 needed".into()));
         assert_eq!(found.placed(), 2);
         // A point that a single placed photograph sees is none.
         let points = found.points();
         assert!(points.len() == 16 && points.iter().all(|point| point.seen.len() == 2), "{}", points.len());
         let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
-        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
-        let found = Mapper::at(&fewer, (all.lens, Prior::fixed(&all.lens)), 2.5, expected).refine();
+        let found = refined(&fewer, &all);
         assert_eq!(found.placed(), 0, "20 points of the second are 10 without the first");
     }
 }

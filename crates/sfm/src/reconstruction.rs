@@ -161,8 +161,9 @@ fn map(
     let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();
     pairs.sort_by(|a, b| worth(b.1).total_cmp(&worth(a.1)));
     let start = |(matches, view): &(&Matches, &TwoView)| {
-        let start = (matches.a, matches.b, view.pose);
-        let mapper = Mapper::new(&tracks, features.len(), lens, tolerance, start).run();
+        let mut poses = vec![Err(String::new()); features.len()];
+        (poses[matches.a], poses[matches.b]) = (Ok(Pose::IDENTITY), Ok(view.pose));
+        let mapper = Mapper::new(&tracks, poses, lens, tolerance, None).run();
         let points = mapper.points();
         ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)
     };

@@ -89,7 +89,7 @@ pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty) -
         shift_deviation: uncertainty.shift,
     };
     let given: Vec<Result<Pose, String>> = expected.poses.iter().copied().map(Ok).collect();
-    let found = Mapper::at(&tracks, (lens, prior), tolerance, expected).refine();
+    let found = Mapper::new(&tracks, given.clone(), (lens, prior), tolerance, Some(expected)).refine();
     let points = found.points();
     let errors = [(lens, &given), (found.lens, &found.poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
     Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }

@@ -137,9 +137,6 @@ fn pick<'f>(frames: &[&'f Frame], positions: &[usize]) -> Vec<&'f Frame> {
 
 /// Returns the camera for the image as it is in its file: scaled from the size that it is stated for, or cut by what the
 /// image lacks of that if it is hardly anything.
-///
-/// # Errors
-/// The image cannot be read, or has not the proportions that its camera is for.
 fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
     let found = dimensions(&frame.image)?;
     let Some(stated) = frame.stated_size() else { return Ok(frame.camera(found.0, found.1)) };

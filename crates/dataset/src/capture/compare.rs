@@ -29,9 +29,6 @@ const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 
 /// Compares the cameras of a capture with its photographs: implausible intrinsics, and matches between photographs that
 /// the poses do not explain, with the convention that explains more of them. Returns a line for each doubt.
-///
-/// # Errors
-/// An image cannot be read.
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());

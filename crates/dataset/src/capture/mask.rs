@@ -100,9 +100,6 @@ pub(super) fn lens_mask(camera: &Camera) -> Option<Vec<bool>> {
 }
 
 /// Leaves the views without a valid pixel out of `test`, and warns of pixels and views that are left out.
-///
-/// # Errors
-/// A training view, whose frames are `frames`, has no valid pixel, or no test view is left.
 pub(super) fn check_valid(frames: &[&Frame], train: &[View], test: &mut Vec<View>) -> Result<Vec<String>, SceneError> {
     let is_blank = |view: &View| view.valid.as_ref().is_some_and(|valid| !valid.contains(&true));
     if let Some((frame, _)) = frames.iter().zip(train).find(|(_, view)| is_blank(view)) {

@@ -117,9 +117,6 @@ impl<'a> Found<'a> {
     }
 
     /// Prepares the frames and derives the space.
-    ///
-    /// # Errors
-    /// An image file that gives the size of cameras cannot be read, or the cameras' rays do not end at finite points.
     pub fn understood(mut self) -> Result<Capture<'a>, SceneError> {
         self.turn();
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));

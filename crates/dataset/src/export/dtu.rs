@@ -5,7 +5,6 @@ use std::path::Path;
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_procedural as procedural;
 use infonerf_scene::{Aabb, Camera, SceneError};
-use zip::CompressionMethod;
 
 use super::{ExportedView, intrinsics, make, opencv, photographs, write_mask};
 use crate::files::npz;
@@ -34,7 +33,7 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
         matrices.map(|(kind, m)| (format!("{kind}_mat_{i}"), vec![4, 4], m.transpose().to_cols_array().to_vec()))
     };
     let arrays: Vec<npz::NamedArray> = photographs.iter().enumerate().flat_map(of).collect();
-    npz::write(&dir.join("cameras_sphere.npz"), &arrays, CompressionMethod::Deflated)
+    npz::write(&dir.join("cameras_sphere.npz"), &arrays)
 }
 
 /// Returns `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.

@@ -6,9 +6,6 @@ use serde_pickle::{DeOptions, HashableValue, Value};
 use super::npy;
 
 /// Reads a pickle, and returns its outermost value; of an array without axes, its element.
-///
-/// # Errors
-/// The bytes end early or are no pickle.
 pub(crate) fn read(bytes: &[u8]) -> Result<Value, serde_pickle::Error> {
     let options = DeOptions::new().keep_restore_state().replace_unresolved_globals();
     let root = serde_pickle::value_from_reader(bytes, options)?;

@@ -114,9 +114,6 @@ fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<PoseRow, SceneErro
 }
 
 /// Scales and recentres the poses, and returns them with near and far.
-///
-/// # Errors
-/// The depths are so small, or so different, that the scene would not fit.
 pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
     let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
     let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);

@@ -51,9 +51,6 @@ pub(crate) fn has_body(dir: &Path) -> bool {
 
 /// Reads the folder `dir`, with no image decoded: in the format asked for, else in the first of the known ones that it
 /// fits, with a warning for each before that it has the file of.
-///
-/// # Errors
-/// That of the first format whose file it has.
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };

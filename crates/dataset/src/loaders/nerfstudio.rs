@@ -28,7 +28,13 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut found = match &transforms.split {
         Some(Split { train, test, test_field }) => {
             let (frames, warning) = present(transforms.frames);
-            let named = |field, names| named(&path, field, &frames, &all, names);
+            // The frames with these names, in the order of the file.
+            let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
+                if let Some(unknown) = names.iter().find(|name| !all.contains(*name)) {
+                    return Err(SceneError::field(&path, field, "the file_path of a frame", format!("\"{unknown}\"")));
+                }
+                Ok(frames.iter().filter(|frame| names.contains(&frame.name)).cloned().collect())
+            };
             let (train, test) = (named("train_filenames", train)?, named(test_field, test)?);
             let extent = StatedExtent::Estimated(estimate);
             let mut found = Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent);
@@ -42,22 +48,6 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     }
     found.warnings.extend(transforms.warnings);
     Ok(found)
-}
-
-/// Returns the frames with the given names, in the order of the file. Every name must be in `all`.
-fn named(
-    path: &Path,
-    field: &str,
-    frames: &[Frame],
-    all: &HashSet<String>,
-    names: &[String],
-) -> Result<Vec<Frame>, SceneError> {
-    if let Some(unknown) = names.iter().find(|n| !all.contains(*n)) {
-        let found = format!("\"{unknown}\"");
-        return Err(SceneError::field(path, field, "the file_path of a frame", found));
-    }
-    let wanted: HashSet<&str> = names.iter().map(String::as_str).collect();
-    Ok(frames.iter().filter(|f| wanted.contains(f.name.as_str())).cloned().collect())
 }
 
 #[cfg(test)]

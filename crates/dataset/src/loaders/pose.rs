@@ -26,10 +26,6 @@ pub(crate) struct GivenPose {
 /// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, and checks that it is a rigid transform; a scale
 /// of its rotation and a slight shear are taken off. `None` if it is null or has numbers that are not finite, which JSON
 /// files hold as null: the pose of an image that a tracker has lost.
-///
-/// # Errors
-/// The matrix has another shape, is singular, mirrored or sheared, its last row is not 0 0 0 1, or it is farther than
-/// [`FARTHEST`] from the origin.
 pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPose>, SceneError> {
     let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;

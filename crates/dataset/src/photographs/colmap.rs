@@ -49,9 +49,6 @@ const REPEATED: usize = 3;
 /// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
 /// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
 /// that starts from pairs with little parallax.
-///
-/// # Errors
-/// A step fails; or the photographs do not overlap enough for a reconstruction. Nothing is left of it then.
 pub(super) fn pose(
     program: &Path,
     dir: &Path,

@@ -26,9 +26,6 @@ const SIMPLE_RADIAL: usize = 2;
 /// receives a line for each step, and for each photograph without a pose the reason.
 ///
 /// All photographs are taken with one lens: images of other sizes are brought to one longest side.
-///
-/// # Errors
-/// An image cannot be read, or fewer than two can be placed. Nothing is written then.
 pub(super) fn pose(
     images: &Path,
     sparse: &Path,
