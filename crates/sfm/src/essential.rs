@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use nalgebra::{Matrix3, SMatrix};
 
 use crate::camera::Pose;
-use crate::polynomial::{evaluate, product, real_roots};
+use crate::p3p::{evaluate, product, real_roots};
 
 /// Exponents of x, y, z, a hexadecimal digit each, in the order in which the first ten are eliminated.
 const MONOMIALS: [u16; 20] = [

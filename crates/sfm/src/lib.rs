@@ -12,7 +12,6 @@ mod essential;
 mod mapper;
 mod matching;
 mod p3p;
-mod polynomial;
 mod ransac;
 mod reconstruction;
 mod refine;

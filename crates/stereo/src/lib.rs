@@ -22,12 +22,12 @@
 
 mod correlation;
 mod map;
-mod neighbours;
 mod semi_global;
 mod sweep;
 
+use glam::Vec3;
 use infonerf_scene::image::resized_mask;
-use infonerf_scene::{Camera, Ray, Scene, View};
+use infonerf_scene::{Camera, Layout, Ray, Scene, View};
 
 use crate::sweep::PlaneSweep;
 use infonerf_scene::image::GreyImage;
@@ -74,9 +74,8 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         .zip(&images)
         .map(|(view, image)| view.camera.resized(image.width as u32, image.height as u32))
         .collect();
-    let neighbours: Vec<Vec<usize>> = (0..cameras.len())
-        .map(|view| neighbours::of(scene, &cameras, view, settings.neighbours, disparities))
-        .collect();
+    let neighbours: Vec<Vec<usize>> =
+        (0..cameras.len()).map(|view| neighbours_of(scene, &cameras, view, settings.neighbours, disparities)).collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
         let sweep = PlaneSweep::new(scene, &cameras[view], &others, disparities);
@@ -129,6 +128,45 @@ fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     found.sort_by(f32::total_cmp);
     let margin = found.len() / 100;
     Some(Disparities { least: 0.8 * found[margin], greatest: 1.25 * found[found.len() - 1 - margin] })
+}
+
+/// The angle between two lines of sight that shows depth best: less shows little, more shows different sides (MVSNet,
+/// Yao et al. 2018, Sec. 4.1).
+const BEST_ANGLE_DEG: f32 = 5.0;
+/// Largest angle at which windows look alike.
+const MAX_ANGLE_DEG: f32 = 45.0;
+
+/// Returns at most `count` cameras other than `view`, the best first.
+fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, within: Disparities) -> Vec<usize> {
+    let camera = &cameras[view];
+    let Some(point) = middle(scene, camera, within) else { return Vec::new() };
+    let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
+    let mut scored: Vec<(f32, usize)> = (0..cameras.len())
+        .filter(|&other| other != view && cameras[other].project(point).is_some())
+        .map(|other| (sight(camera).angle_between(sight(&cameras[other])).to_degrees(), other))
+        .filter(|(angle, _)| *angle <= MAX_ANGLE_DEG)
+        .map(|(angle, other)| (score(angle), other))
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(count);
+    scored.into_iter().map(|(_, other)| other).collect()
+}
+
+/// Returns the point that `camera` looks at: on its middle ray, as far away as the scene's centre if the cameras surround an
+/// object, else at the geometric mean of the disparities within range.
+fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
+    let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
+    let (far, near) = within.along(scene, &ray)?;
+    let distance = match scene.space.layout {
+        Layout::Object => scene.space.centre.distance(ray.origin).clamp(1.0 / near, 1.0 / far),
+        Layout::Forward | Layout::Inside => 1.0 / (near * far).sqrt(),
+    };
+    Some(ray.at(distance))
+}
+
+fn score(angle: f32) -> f32 {
+    let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
+    (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
 }
 
 #[cfg(test)]

@@ -28,16 +28,20 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
     }
     let (centre, radius) = sphere(&seen);
     let scale = DMat4::from_translation(centre) * DMat4::from_scale(DVec3::splat(radius));
-    let of = |(i, photograph): (usize, &ExportedView)| {
-        let matrices = [("world", projection(&photograph.camera)), ("scale", scale)];
+    npz::write(&dir.join("cameras_sphere.npz"), &matrices(photographs.iter().map(|p| &p.camera), scale))
+}
+
+/// Returns `world_mat_<i>` and `scale_mat_<i>` of cameras that look at what `scale` takes the unit sphere to.
+pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMat4) -> Vec<npz::NamedArray> {
+    let of = |(i, camera): (usize, &Camera)| {
+        let matrices = [("world", projection(camera)), ("scale", scale)];
         matrices.map(|(kind, m)| (format!("{kind}_mat_{i}"), vec![4, 4], m.transpose().to_cols_array().to_vec()))
     };
-    let arrays: Vec<npz::NamedArray> = photographs.iter().enumerate().flat_map(of).collect();
-    npz::write(&dir.join("cameras_sphere.npz"), &arrays)
+    cameras.enumerate().flat_map(of).collect()
 }
 
 /// Returns `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
-pub(crate) fn projection(camera: &Camera) -> DMat4 {
+fn projection(camera: &Camera) -> DMat4 {
     let (rotation, centre) = opencv(camera);
     let m: DMat3 = intrinsics(camera) * rotation;
     let t = -(m * centre);

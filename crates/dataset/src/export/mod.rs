@@ -9,7 +9,7 @@ mod zju;
 pub use transforms::transforms;
 
 #[cfg(test)]
-pub(crate) use dtu::projection;
+pub(crate) use dtu::matrices;
 #[cfg(test)]
 pub(crate) use zju::{annotations, lens};
 
@@ -198,11 +198,9 @@ mod tests {
             let cosine = |a: &Camera, b: &Camera| a.ray(x, y).direction.dot(b.ray(y, x).direction);
             assert!((cosine(a, b) - cosine(p, q)).abs() < 1e-5);
         }
-        let scale = |a: &Camera, b: &Camera, p: &Camera, q: &Camera| {
-            a.position().distance(b.position()) / p.position().distance(q.position())
-        };
-        let factor = scale(c, a, r, p);
-        assert!((scale(b, a, q, p) / factor - 1.0).abs() < 1e-4);
+        let apart = |a: &Camera, b: &Camera| a.position().distance(b.position());
+        let factor = apart(c, a) / apart(r, p);
+        assert!((apart(b, a) / apart(q, p) / factor - 1.0).abs() < 1e-4);
         // Near and far are those of what is seen.
         let (near, far) = (scene.space.near / 0.9 / factor, scene.space.far / factor);
         assert!((0.4..3.0).contains(&near) && (3.0..9.0).contains(&far), "{near} {far}");

@@ -123,7 +123,7 @@ impl SceneSource {
     pub fn has_body(&self) -> bool {
         match self {
             Self::Procedural(name) => procedural::has_body(name),
-            Self::Folder { path } => loaders::has_body(path),
+            Self::Folder { path } => loaders::zju::has_body(path),
         }
     }
 

@@ -194,7 +194,7 @@ mod tests {
     use glam::{DMat4, DVec3, Vec3};
 
     use super::super::testing::*;
-    use crate::export::projection;
+    use crate::export::matrices;
     use crate::files::npz::{self, NamedArray};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
@@ -202,27 +202,18 @@ mod tests {
     const SCALE: f64 = 250.0;
     const SHIFT: DVec3 = DVec3::new(10.0, -20.0, 600.0);
 
-    fn rows(m: DMat4) -> Vec<f64> {
-        m.transpose().to_cols_array().to_vec()
-    }
-
-    /// Returns the camera's projection in a world that is larger and elsewhere.
-    fn world_mat(camera: &Camera) -> DMat4 {
-        let mut moved = camera.to_world;
-        moved.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
-        projection(&camera.with_pose(moved))
-    }
-
+    /// Returns the matrices of cameras in a world that is larger and elsewhere.
     fn arrays(cameras: &[Camera]) -> Vec<NamedArray> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
-        let of = |(i, camera): (usize, &Camera)| {
-            [
-                (format!("world_mat_{i}"), vec![4, 4], rows(world_mat(camera))),
-                (format!("scale_mat_{i}"), vec![4, 4], rows(scale)),
-                (format!("world_mat_inv_{i}"), vec![1], vec![0.0]),
-            ]
+        let moved = |camera: &Camera| {
+            let mut pose = camera.to_world;
+            pose.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
+            camera.with_pose(pose)
         };
-        cameras.iter().enumerate().flat_map(of).collect()
+        let moved: Vec<Camera> = cameras.iter().map(moved).collect();
+        let mut arrays = matrices(moved.iter(), scale);
+        arrays.push(("world_mat_inv_0".into(), vec![1], vec![0.0]));
+        arrays
     }
 
     fn cameras(n: usize) -> Vec<Camera> {
@@ -315,12 +306,12 @@ mod tests {
             message(guard.path(), &request())
         };
         assert!(
-            bad(&|a| drop(a.remove(3))).contains("field `world_mat_1`: expected a finite 4×4 matrix, found nothing")
+            bad(&|a| drop(a.remove(2))).contains("field `world_mat_1`: expected a finite 4×4 matrix, found nothing")
         );
-        assert!(bad(&|a| a[3].2[5] = f64::NAN).contains("not finite"));
-        assert!(bad(&|a| a[3].2[..12].fill(0.0)).contains("a last row of zeros"));
-        assert!(bad(&|a| a[3].1 = vec![16]).contains("shape [16]"));
-        assert!(bad(&|a| a[4].2[0] = 0.0).contains("scale_mat_1"));
+        assert!(bad(&|a| a[2].2[5] = f64::NAN).contains("not finite"));
+        assert!(bad(&|a| a[2].2[..12].fill(0.0)).contains("a last row of zeros"));
+        assert!(bad(&|a| a[2].1 = vec![16]).contains("shape [16]"));
+        assert!(bad(&|a| a[3].2[0] = 0.0).contains("scale_mat_1"));
         let guard = tempfile::tempdir().unwrap();
         folder(guard.path(), 3, true);
         fs::remove_file(guard.path().join("mask/001.png")).unwrap();

@@ -45,10 +45,6 @@ pub(crate) fn is_scene(dir: &Path) -> bool {
     FORMATS.iter().any(|(format, marker, _)| has_marker(dir, *format, marker))
 }
 
-pub(crate) fn has_body(dir: &Path) -> bool {
-    zju::has_body(dir)
-}
-
 /// Reads the folder `dir`, with no image decoded: in the format asked for, else in the first of the known ones that it
 /// fits, with a warning for each before that it has the file of.
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {

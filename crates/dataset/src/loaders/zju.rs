@@ -77,7 +77,7 @@ fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
     folders.into_iter().find(|[vertices, _]| vertices.is_dir())
 }
 
-pub(super) fn has_body(dir: &Path) -> bool {
+pub(crate) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
 }
 
