@@ -5,7 +5,7 @@ use std::path::Path;
 
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
-use crate::files::json::{JsonFile, Node};
+use crate::files::json::{self, Node};
 use crate::loaders::read_pose;
 
 /// Maximum number of keyframes or frames of a path.
@@ -44,7 +44,7 @@ impl CameraPath {
     /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
     /// cameras are not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::of(&JsonFile::read(path)?.root())
+        Self::of(&Node::root(path, &json::read(path)?))
     }
 
     /// Returns `n` frames along the path.
@@ -92,7 +92,7 @@ impl CameraPath {
 fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     let field = "camera_to_world";
     let given = read_pose(node, field)?;
-    let pose = given.ok_or_else(|| node.fault(format!("a camera's pose in `{field}`"), "nothing"))?.matrix;
+    let pose = given.ok_or_else(|| node.fault(format!("a camera's pose in `{field}`"), "nothing"))?.0;
     let expected = "a vertical field of view between 0 and 180 degrees";
     let range = (Bound::Excluded(0.0), Bound::Excluded(180.0));
     let fov = node.optional("fov", |node| node.within(range, expected))?;

@@ -13,8 +13,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::capture::{capture_space, frusta_bounds};
 use crate::colmap::{self, read::Values};
-use crate::files::json::JsonFile;
-use crate::files::{npy, npz};
+use crate::files::{json, npy, npz};
 use crate::loaders::transforms::transforms as read_transforms;
 use crate::loaders::{dtu, llff, zju};
 
@@ -65,7 +64,7 @@ pub fn run(target: &str, bytes: &[u8]) -> bool {
 }
 
 fn transforms(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
-    let read = JsonFile::parse(path, bytes).and_then(|file| read_transforms(path, &file)).ok()?;
+    let read = json::parse(path, bytes).and_then(|value| read_transforms(path, &value)).ok()?;
     let cameras: Vec<Camera> = read.frames.iter().take(MAX_FRAMES).map(|frame| frame.camera(8, 6)).collect();
     let space = capture_space(&cameras, Vec::new(), Vec::new()).with(read.range, read.bounds);
     assert!(space.near <= space.far, "near and far: {} {}", space.near, space.far);

@@ -89,14 +89,11 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         let expected = "at least one view that is not trained on (or `training`, to look at those that are)";
         return Err(SceneError::request("test", expected, "none"));
     }
-    let Some(first) = train.first() else {
-        return Err(SceneError::request("train", "at least one view", "none"));
-    };
-    let alpha = has_alpha(&first.image)?;
+    let none = || SceneError::request("train", "at least one view", "none");
+    let alpha = has_alpha(&train.first().ok_or_else(none)?.image)?;
     let frames: Vec<&Frame> = train.iter().chain(&test).copied().collect();
     let cameras: Vec<_> = frames.par_iter().map(|frame| stored_camera(frame)).collect();
     let cameras = cameras.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let none = || SceneError::request("train", "at least one view", "none");
     let scale = ImageScale::new(&cameras, request.image_size).ok_or_else(none)?;
     Ok(Chosen { alpha, train, test, cameras, scale, warnings })
 }
@@ -173,13 +170,12 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let background = found.background.unwrap_or(request.background);
     let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks };
     let (train_cameras, test_cameras) = cameras.split_at(train.len());
-    let (views, has_border) = reader.views(&train, train_cameras)?;
+    let (train_views, has_border) = reader.views(&train, train_cameras)?;
     let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
     warnings.extend(of_many_sizes(&cameras, &scale));
-    warnings.extend(check_valid(&train, &views, &mut test)?);
-    let train_views = views;
+    warnings.extend(check_valid(&train, &train_views, &mut test)?);
     if request.test != TestProtocol::Training {
         warnings.extend(leave_out_copies(&train_views, &mut test));
     }
@@ -267,23 +263,18 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
         let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
         view.image.rgb.iter().step_by(step).flatten().map(|value| value.to_bits()).collect::<Vec<u32>>()
     };
-    let is_blank = |view: &View| view.image.rgb.iter().all(|pixel| *pixel == view.image.rgb[0]);
+    let is_copy = |view: &View, other: &View| {
+        other.image == view.image && view.image.rgb.iter().any(|pixel| *pixel != view.image.rgb[0])
+    };
     let mut known: HashMap<Vec<u32>, &View> = HashMap::new();
     let mut warnings = Vec::new();
     for view in train {
-        match known.insert(fingerprint(view), view) {
-            Some(other) if other.image == view.image && !is_blank(view) => {
-                warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
-            }
-            _ => {}
+        if let Some(other) = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other)) {
+            warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
         }
     }
-    let original = |view: &View| {
-        known
-            .get(&fingerprint(view))
-            .filter(|other| other.image == view.image && !is_blank(view))
-            .map(|other| &other.name)
-    };
+    let original =
+        |view: &View| known.get(&fingerprint(view)).filter(|other| is_copy(view, other)).map(|other| &other.name);
     if test.iter().all(|view| original(view).is_some()) {
         warnings
             .push("all test views are copies of training views: they show nothing of how new views will look".into());

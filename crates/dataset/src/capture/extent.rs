@@ -65,8 +65,7 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
 
 /// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.
 fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
-    let mut sorted: Vec<f32> = distances.collect();
-    sorted.sort_by(f32::total_cmp);
+    let sorted = sorted(distances);
     sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
 }
 
@@ -76,9 +75,7 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
     if layout != Layout::Object || points.len() < MIN_POINTS {
         return layout;
     }
-    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(focus)).collect();
-    distances.sort_by(f32::total_cmp);
-    if quantile(&distances, 0.5) > reach { Layout::Inside } else { layout }
+    if quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5) > reach { Layout::Inside } else { layout }
 }
 
 /// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
@@ -101,7 +98,7 @@ fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
 /// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
 fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
     distances.retain(|d| d.is_finite() && *d > 0.0);
-    distances.sort_by(f32::total_cmp);
+    let mut distances = sorted(distances.into_iter());
     let limit = BEYOND * quantile(&distances, 0.5);
     distances.retain(|d| *d <= limit);
     (distances.len() >= MIN_POINTS).then_some(distances)
@@ -113,18 +110,21 @@ fn point_box(points: &[Vec3], middle: Vec3) -> Option<Aabb> {
     if points.len() < MIN_POINTS {
         return None;
     }
-    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(middle)).collect();
-    distances.sort_by(f32::total_cmp);
-    let limit = OUTSIDE * quantile(&distances, 0.5);
+    let limit = OUTSIDE * quantile(&sorted(points.iter().map(|p| p.distance(middle))), 0.5);
     let points: Vec<Vec3> = points.iter().copied().filter(|p| p.distance(middle) <= limit).collect();
     let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {
-        let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
-        values.sort_by(f32::total_cmp);
+        let values = sorted(points.iter().map(|p| p[axis]));
         (min[axis], max[axis]) = (quantile(&values, 0.01), quantile(&values, 0.99));
     }
     let margin = 0.1 * (max - min).max(Vec3::splat(1e-3));
     Some(Aabb { min: min - margin, max: max + margin })
+}
+
+fn sorted(values: impl Iterator<Item = f32>) -> Vec<f32> {
+    let mut sorted: Vec<f32> = values.collect();
+    sorted.sort_by(f32::total_cmp);
+    sorted
 }
 
 /// Returns the value below which a share `q` of the ascending `sorted` lies, or 0 if they are empty.

@@ -17,6 +17,7 @@ pub(crate) use assemble::{assemble, count_pixels, scene_name};
 pub(crate) use compare::{camera_pose, compare, ray};
 pub(crate) use extent::{capture_space, frusta_bounds, grid};
 pub(crate) use mask::{is_mask_name, read_mask};
+pub(crate) use outliers::listed;
 
 use std::path::Path;
 

@@ -29,6 +29,16 @@ fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
     (middle, median(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
 }
 
+/// Lists names, [`MAX_LISTED`] at most.
+pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names
+        .take(MAX_LISTED + 1)
+        .enumerate()
+        .map(|(i, name)| if i < MAX_LISTED { name } else { "…" })
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
 fn place(frame: &Frame) -> DVec3 {
     frame.pose.w_axis.truncate()
 }
@@ -46,15 +56,10 @@ pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option
     if far.is_empty() || far.len() as f64 > (MAX_SHARE * (train.len() + test.len()) as f64).max(1.0) {
         return None;
     }
-    let mut names: Vec<&str> = far.iter().take(MAX_LISTED).map(|frame| frame.name.as_str()).collect();
-    if far.len() > MAX_LISTED {
-        names.push("…");
-    }
+    let (count, all) = (far.len(), train.len() + test.len());
+    let names = listed(far.iter().map(|frame| frame.name.as_str()));
     let warning = format!(
-        "{} of {} cameras are up to {first:.0} times farther out than the others and left out: {}",
-        far.len(),
-        train.len() + test.len(),
-        names.join(", ")
+        "{count} of {all} cameras are up to {first:.0} times farther out than the others and left out: {names}"
     );
     train.retain(|frame| !is_far(frame));
     test.retain(|frame| !is_far(frame));

@@ -1,7 +1,7 @@
 //! JSON files in which every value knows its path, for error messages.
 
 use std::ops::{RangeBounds, RangeInclusive};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use infonerf_scene::SceneError;
 use serde_json::Value;
@@ -14,34 +14,20 @@ const MAX_BYTES: u64 = 256 << 20;
 /// Plausible focal lengths and image sides, in pixels.
 pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
-pub(crate) struct JsonFile {
-    path: PathBuf,
-    root: Value,
+/// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
+pub(crate) fn read(path: &Path) -> Result<Value, SceneError> {
+    parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
 }
 
-impl JsonFile {
-    /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
-    pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
-    }
-
-    /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
-    /// Python's `NaN` and `Infinity` become null.
-    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let root = serde_json::from_slice(bytes)
-            .or_else(|_| serde_json::from_slice(&strict(bytes)))
-            .map_err(|e| SceneError::malformed(path, "JSON", e))?;
-        Ok(Self { path: path.into(), root })
-    }
-
-    /// Returns the outermost value.
-    pub fn root(&self) -> Node<'_> {
-        Node { file: &self.path, field: String::new(), value: &self.root }
-    }
+/// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
+/// Python's `NaN` and `Infinity` become null.
+pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&strict(bytes)));
+    value.map_err(|e| SceneError::malformed(path, "JSON", e))
 }
 
-/// A value in a [`JsonFile`], with its path.
+/// A value in a JSON file, with its path.
 #[derive(Clone)]
 pub(crate) struct Node<'a> {
     file: &'a Path,
@@ -50,6 +36,11 @@ pub(crate) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
+    /// Makes the node of the outermost `value` of a file.
+    pub fn root(file: &'a Path, value: &'a Value) -> Self {
+        Self { file, field: String::new(), value }
+    }
+
     /// Returns the field `key` of an object, which must be there.
     pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
         match self.find(key) {
@@ -181,7 +172,7 @@ mod tests {
         let path = dir.path().join("a.json");
         for text in ["", "{", "{\"a\": \"b}", "{\"a\": 1e999}", "/* {}"] {
             fs::write(&path, text).unwrap();
-            let text = JsonFile::read(&path).err().unwrap().to_string();
+            let text = read(&path).err().unwrap().to_string();
             assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
         }
     }
@@ -191,11 +182,10 @@ mod tests {
         let text = br#"{ // a rig's "poses"
             "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
         let marked = [b"\xef\xbb\xbf", &text[..]].concat();
-        let file = JsonFile::parse(Path::new("a.json"), &marked).unwrap();
-        let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
-        assert!(
-            a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none()
-        );
+        let value = parse(Path::new("a.json"), &marked).unwrap();
+        let root = Node::root(Path::new("a.json"), &value);
+        let (a, c) = (root.get("a", "").unwrap(), root.get("c", "").unwrap());
+        assert!(a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && root.find("b").is_none());
         assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
     }
 
@@ -205,6 +195,6 @@ mod tests {
         let path = dir.path().join("a.json");
         // Sparse: takes no space on disk.
         fs::File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
-        assert!(matches!(JsonFile::read(&path), Err(SceneError::TooLarge { .. })));
+        assert!(matches!(read(&path), Err(SceneError::TooLarge { .. })));
     }
 }

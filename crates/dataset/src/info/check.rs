@@ -5,7 +5,7 @@ use std::path::Path;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{assemble, compare, grid};
+use crate::capture::{assemble, compare, grid, listed};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -24,8 +24,6 @@ const BLANK: f32 = 0.004;
 const SMALL_MASK: f32 = 0.005;
 /// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
-/// Names that a warning lists, at most.
-const MAX_LISTED: usize = 5;
 /// Longest side, in pixels, of the images in which [`check_folder`] looks for blur.
 const CHECKED_SIZE: u32 = 512;
 
@@ -74,10 +72,7 @@ fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
 fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
     let all = named_cameras(scene);
     let found: Vec<&str> = all.iter().filter(|(_, c)| is_faulty(c)).map(|(name, _)| name.as_str()).collect();
-    let mut names = found.iter().take(MAX_LISTED).copied().collect::<Vec<_>>().join(", ");
-    if found.len() > MAX_LISTED {
-        names += ", …";
-    }
+    let names = listed(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }
 

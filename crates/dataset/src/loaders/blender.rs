@@ -55,8 +55,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut found = if tested.is_empty() {
         let (train, test): (Vec<Frame>, Vec<Frame>) = hold_out(train.frames, &request.test);
         if !test.is_empty() {
-            let name = test_name(&dir.join("transforms_test.json"));
-            warnings.push(format!("{name} has no views: every eighth training view is held out for test"));
+            let text = "transforms_test.json has no views: every eighth training view is held out for test";
+            warnings.push(text.into());
         }
         Found::new(dir, Format::Blender, numbered(train), numbered(test), extent)
     } else {
@@ -65,10 +65,6 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     found.warnings = warnings;
     found.selections = selections;
     Ok(found)
-}
-
-fn test_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Returns what is known of the space, and a warning if it has to be estimated.

@@ -9,6 +9,7 @@ use infonerf_scene::{Format, SceneError, SceneRequest};
 use super::llff::FOLDERS;
 use crate::capture::{Estimate, Found, is_mask_name};
 use crate::colmap::{Reconstruction, models};
+use crate::files::file_name;
 use crate::frame::Frame;
 
 /// Name of this format's file in messages.
@@ -78,8 +79,7 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
     let all: Vec<PathBuf> = list_images(folder).ok()?.into_iter().filter(|path| !is_mask_name(path)).collect();
     let lost: Vec<&PathBuf> = all.iter().filter(|path| !known.contains(path.as_path())).collect();
-    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (first, last) = (name(lost.first()?), name(lost.last()?));
+    let (first, last) = (file_name(lost.first()?), file_name(lost.last()?));
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
@@ -153,7 +153,7 @@ mod tests {
                 assert_same_view(view, camera);
             }
             assert_eq!(scene.warnings.len(), 1);
-            assert!(scene.warnings[0].contains("1 of 9 frames have no image"), "{:?}", scene.warnings);
+            assert_warns(&scene, 0, "1 of 9 frames have no image");
             assert_eq!((scene.space.layout, scene.backdrop), (Layout::Object, Backdrop::Colour));
             assert_eq!(scene.space.points.len(), 200);
             assert!((2.0..3.1).contains(&scene.space.near) && (4.9..6.5).contains(&scene.space.far), "{scene:?}");
@@ -218,18 +218,12 @@ mod tests {
     }
 
     #[test]
-    fn photographs_without_a_pose_are_counted() {
+    fn photographs_without_a_pose_are_counted_and_faults_named() {
         let guard = tempfile::tempdir().unwrap();
-        folder(guard.path(), false);
+        let cameras = folder(guard.path(), false);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
         assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");
-    }
-
-    #[test]
-    fn faults() {
-        let guard = tempfile::tempdir().unwrap();
-        let cameras = folder(guard.path(), false);
         write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();

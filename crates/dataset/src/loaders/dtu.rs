@@ -117,21 +117,19 @@ pub(crate) fn camera(
     let scale = matrix(path, matrices, &format!("scale_mat_{index}"))?;
     let fault =
         |name: &str, expected: &str, found: String| SceneError::field(path, format!("{name}_{index}"), expected, found);
-    let projection = decompose(&world).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
+    let camera = decompose(&world, size).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
     let diagonal = DVec3::new(scale.x_axis.x, scale.y_axis.y, scale.z_axis.z);
     let off = DMat3::from_mat4(scale) - DMat3::from_diagonal(diagonal);
     let usable = diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element());
     if !usable {
         return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
     }
-    let centre = (projection.centre - scale.w_axis.truncate()) / diagonal;
-    let pose = opengl(projection.rotation.transpose(), centre);
-    if let Some(found) = pose::fault(&pose) {
-        return Err(fault("world_mat", "a projection K [R | t]", found));
+    let mut pose = camera.to_world;
+    pose.w_axis = ((camera.position_f64() - scale.w_axis.truncate()) / diagonal).extend(1.0);
+    match pose::fault(&pose) {
+        Some(found) => Err(fault("world_mat", "a projection K [R | t]", found)),
+        None => Ok(camera.with_pose(pose)),
     }
-    // The matrices are for pixels whose centres are whole numbers.
-    let [cx, cy] = projection.centre_pixel;
-    Ok(Camera::pinhole(size, projection.focal, [cx + 0.5, cy + 0.5], pose))
 }
 
 fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> Result<DMat4, SceneError> {
@@ -149,16 +147,8 @@ fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> R
     }
 }
 
-struct DecomposedProjection {
-    focal: [f64; 2],
-    centre_pixel: [f64; 2],
-    /// World to camera; x right, y down, z forward.
-    rotation: DMat3,
-    centre: DVec3,
-}
-
-/// Returns `K [R | t]` up to scale: the rows of `K R`, made orthogonal from the last up.
-fn decompose(matrix: &DMat4) -> Result<DecomposedProjection, String> {
+/// Returns the camera of `K [R | t]`, which is given up to scale: the rows of `K R`, made orthogonal from the last up.
+fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     let rows = DMat3::from_mat4(*matrix).transpose();
     let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
     let (m1, m2, m3) = (sign * rows.x_axis, sign * rows.y_axis, sign * rows.z_axis);
@@ -182,8 +172,9 @@ fn decompose(matrix: &DMat4) -> Result<DecomposedProjection, String> {
     if !centre.is_finite() {
         return Err("a singular matrix".into());
     }
-    let rotation = DMat3::from_cols(r1, r2, r3).transpose();
-    Ok(DecomposedProjection { focal, centre_pixel: [m1.dot(r3) / scale, m2.dot(r3) / scale], rotation, centre })
+    // The matrix is for pixels whose centres are whole numbers.
+    let centre_pixel = [m1, m2].map(|row| row.dot(r3) / scale + 0.5);
+    Ok(Camera::pinhole(size, focal, centre_pixel, opengl(DMat3::from_cols(r1, r2, r3), centre)))
 }
 
 #[cfg(test)]

@@ -241,11 +241,7 @@ mod tests {
         assert_eq!((camera.width, camera.fx), (16, 20.0));
         let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
         assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
-    }
-
-    #[test]
-    fn takes_the_folder_that_suits_the_size() {
-        let guard = folder(&rows());
+        // The folder that suits the size is taken.
         let small = SceneRequest { image_size: Some(8), ..request() };
         let scene = load(guard.path(), &small).unwrap();
         assert_eq!(scene.train[0].name, "images_2/image001");

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
-use super::transforms::{Split, read_transforms};
+use super::transforms::read_transforms;
 use crate::capture::{Estimate, Found, StatedExtent};
 use crate::frame::{Frame, numbered, present};
 
@@ -26,7 +26,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let lost = transforms.lost.iter().cloned();
     let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).chain(lost).collect();
     let mut found = match &transforms.split {
-        Some(Split { train, test, test_field }) => {
+        Some((train, test, test_field)) => {
             let (frames, warning) = present(transforms.frames);
             // The frames with these names, in the order of the file.
             let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
@@ -56,10 +56,10 @@ mod tests {
     use std::path::PathBuf;
 
     use glam::Vec2;
-    use serde_json::{Value, json};
+    use serde_json::json;
 
     use super::super::testing::*;
-    use infonerf_scene::{Camera, Lens, SceneRequest};
+    use infonerf_scene::{Camera, Image, Lens, Scene, SceneRequest, View};
 
     /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
@@ -112,79 +112,46 @@ mod tests {
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
 
-    /// Returns views of `knot` through the lens whose fields are given, one of them without its image.
-    fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
-        let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path();
-        fs::create_dir_all(dir.join("images")).unwrap();
-        let cameras: Vec<Camera> = (0..6)
-            .map(|i| {
-                let f = 20.0 + i as f64;
-                let pose = infonerf_procedural::train_cameras(8)[i].to_world;
-                Camera::pinhole((18, 14), [f, f + 0.5], [8.75, 7.5], pose).with_lens(lens)
-            })
-            .collect();
-        let frames: Vec<Value> = cameras
-            .iter()
-            .enumerate()
-            .map(|(i, camera)| {
-                if i != 3 {
-                    write_view(&dir.join(format!("images/r_{i}.png")), camera);
-                }
-                let mut frame = fields.clone();
-                // A frame's own focal lengths; instant-ngp leaves extensions out.
-                frame["fl_x"] = json!(camera.fx);
-                frame["fl_y"] = json!(camera.fy);
-                frame["file_path"] = json!(format!("./images/r_{i}"));
-                frame["transform_matrix"] = pose(i);
-                frame
-            })
-            .collect();
-        let applied = json!([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]);
-        let value = json!({"w": 18, "h": 14, "cx": 8.75, "cy": 7.5, "aabb_scale": 4, "applied_transform": applied,
-            "frames": frames});
-        write_json(&dir.join("transforms.json"), &value);
-        (guard, cameras)
-    }
-
+    /// One lens a frame; one frame is without its image.
     #[test]
     fn every_lens_round_trips() {
-        let k = [0.05, -0.02, 0.01, 0.003];
-        let p = [1e-3, -2e-3];
-        let full = [0.2, 0.1, 0.01, 0.1, 0.05, 0.002];
-        let lenses = [
-            (Lens::PERSPECTIVE, json!({"camera_model": "PINHOLE"})),
-            (Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]), json!({"k1": k[0]})),
-            (
-                Lens::radial_tangential(k, p),
-                json!({"camera_model": "OPENCV", "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": p[0], "p2": p[1]}),
-            ),
-            (
-                Lens::rational(full, p),
-                json!({"camera_model": "FULL_OPENCV", "k1": full[0], "k2": full[1], "k3": full[2], "k4": full[3],
-                    "k5": full[4], "k6": full[5], "p1": p[0], "p2": p[1]}),
-            ),
-            (Lens::fisheye([0.0; 4]), json!({"camera_model": "OPENCV_FISHEYE"})),
-            (Lens::fisheye(k), json!({"is_fisheye": true, "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": 0.0})),
-        ];
-        for (lens, fields) in lenses {
-            let (guard, cameras) = through(lens, &fields);
-            let scene = load(guard.path(), &request()).unwrap();
-            assert_eq!((scene.train.len(), scene.test.len()), (4, 1));
-            for (view, i) in scene.train.iter().zip([1, 2, 4, 5]) {
-                assert_same_view(view, &cameras[i]);
+        let (k, p, full) = ([0.05, -0.02, 0.01, 0.003], [1e-3, -2e-3], [0.2, 0.1, 0.01, 0.1, 0.05, 0.002]);
+        let simple = Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]);
+        let [bent, rational] = [Lens::radial_tangential(k, p), Lens::rational(full, p)];
+        let [even, fisheye] = [[0.0; 4], k].map(Lens::fisheye);
+        let guard = tempfile::tempdir().unwrap();
+        let (dir, json) = (guard.path(), guard.path().join("transforms.json"));
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let view = |(i, lens): (usize, Lens)| {
+            let (focal, pose) = (20.0 + i as f64, infonerf_procedural::train_cameras(8)[i].to_world);
+            let camera = Camera::pinhole((18, 14), [focal, focal + 0.5], [8.75, 7.5], pose).with_lens(lens);
+            if i != 3 {
+                write_view(&dir.join(format!("images/r_{i}.png")), &camera);
             }
-            assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
-            assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
-            assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
-            // Cameras that are written load back.
-            write_json(&guard.path().join("transforms.json"), &crate::transforms(&scene));
-            let again = load(guard.path(), &request()).unwrap();
-            assert_eq!((again.space.range, again.space.bounds), (scene.space.range, scene.space.bounds));
-            assert_eq!((again.train.len(), again.test.len(), again.warnings.len()), (4, 1, 0));
-            for (view, i) in again.train.iter().zip([1, 2, 4, 5]) {
-                assert_same_view(view, &cameras[i]);
-            }
+            View::new(i, format!("images/r_{i}"), camera, Image::filled(18, 14, [0.0; 3]))
+        };
+        let lenses = [Lens::PERSPECTIVE, simple, bent, bent, rational, even, fisheye];
+        let views: Vec<View> = lenses.into_iter().enumerate().map(view).collect();
+        write_json(&json, &crate::transforms(&Scene { train: views.clone(), ..Scene::default() }));
+        // A lens without a model, and what instant-ngp writes: paths without extension, its own box, and its fisheye.
+        for key in ["near", "aabb", "train_filenames", "frames/1/camera_model", "frames/6/camera_model"] {
+            edit(&json, &format!("/{key}"), None);
+        }
+        for (key, value) in [("aabb_scale", json!(4)), ("frames/6/is_fisheye", json!(true))] {
+            edit(&json, &format!("/{key}"), Some(value));
+        }
+        edit(&json, "/frames/2/file_path", Some(json!("./images/r_2")));
+        let scene = load(dir, &request()).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len(), scene.warnings.len()), (5, 1, 1));
+        assert_warns(&scene, 0, "1 of 7 frames have no image, the first ");
+        assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+        // Cameras that are written load back.
+        write_json(&json, &crate::transforms(&scene));
+        let again = load(dir, &request()).unwrap();
+        assert_eq!((again.space.range, again.space.bounds), (scene.space.range, scene.space.bounds));
+        assert_eq!((again.train.len(), again.test.len(), again.warnings.len()), (5, 1, 0));
+        for view in [scene, again].iter().flat_map(|scene| scene.train.iter().chain(&scene.test)) {
+            assert_same_view(view, &views[view.name["images/r_".len()..].parse::<usize>().unwrap()].camera);
         }
     }
 
@@ -234,7 +201,7 @@ mod tests {
         }
         let scaled = load(&dir, &request()).unwrap();
         assert_eq!(scaled.warnings, ["the cameras are for images of 32×32 pixels, these have 8×8: they are scaled"]);
-        assert!(infonerf_scene::Scene { warnings: Vec::new(), ..scaled } == whole);
+        assert!(Scene { warnings: Vec::new(), ..scaled } == whole);
         image(9, 1).write_png(&dir.join("images/r_3.png")).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().train[2].image.width, 8);
     }

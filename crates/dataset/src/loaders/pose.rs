@@ -16,17 +16,10 @@ const STRETCH: f64 = 0.15;
 const SCALES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
-pub(crate) struct GivenPose {
-    /// Camera-to-world.
-    pub matrix: DMat4,
-    /// Whether the pose's rotation had a scale, or axes not quite at right angles, that were taken off.
-    pub mended: bool,
-}
-
 /// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, and checks that it is a rigid transform; a scale
-/// of its rotation and a slight shear are taken off. `None` if it is null or has numbers that are not finite, which JSON
+/// of its rotation and a slight shear are taken off, and it returns whether they were. `None` if it is null or has numbers that are not finite, which JSON
 /// files hold as null: the pose of an image that a tracker has lost.
-pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPose>, SceneError> {
+pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, bool)>, SceneError> {
     let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;
     if rows.iter().any(Node::holds_null) || node.holds_null() {
@@ -44,12 +37,12 @@ pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPos
     }
     let given = DMat4::from_cols_array_2d(&values).transpose();
     if fault(&given).is_none() {
-        return Ok(Some(GivenPose { matrix: given, mended: false }));
+        return Ok(Some((given, false)));
     }
     let matrix = mended(&given).unwrap_or(given);
     match fault(&matrix) {
         Some(found) => Err(node.fault(EXPECTED, found)),
-        None => Ok(Some(GivenPose { matrix, mended: true })),
+        None => Ok(Some((matrix, true))),
     }
 }
 

@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use infonerf_scene::image::{find_image, is_image_name, unread_format};
 use infonerf_scene::{Aabb, Lens, SceneError};
+use serde_json::Value;
 
-use super::pose::{GivenPose, read_pose};
+use super::pose::read_pose;
 use crate::colmap::lens;
-use crate::files::FARTHEST;
-use crate::files::json::{JsonFile, Node, PIXELS};
+use crate::files::json::{self, Node, PIXELS};
+use crate::files::{FARTHEST, file_name};
 use crate::frame::{Frame, Intrinsics, MaskRole, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
@@ -34,22 +35,17 @@ pub(crate) struct Transforms {
     pub split: Option<Split>,
 }
 
-/// Names of frames, without extension.
-#[derive(Debug)]
-pub(crate) struct Split {
-    pub train: Vec<String>,
-    pub test: Vec<String>,
-    pub test_field: &'static str,
-}
+/// Names of training frames, of test frames, and the field that the latter are from.
+pub(crate) type Split = (Vec<String>, Vec<String>, &'static str);
 
 /// Reads a `transforms*.json` file; no image is opened.
 pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
-    transforms(path, &JsonFile::read(path)?)
+    transforms(path, &json::read(path)?)
 }
 
 /// Interprets the parsed file at `path`.
-pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, SceneError> {
-    let root = file.root();
+pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, SceneError> {
+    let root = Node::root(path, value);
     let expected = "a list of at least one frame";
     let list = root.get("frames", expected)?;
     let items = list.items(expected)?;
@@ -61,9 +57,9 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
     for (id, item) in items.iter().enumerate() {
         let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
         match read_pose(item, "transform_matrix")? {
-            Some(GivenPose { matrix, mended }) => {
+            Some((pose, mended)) => {
                 scaled.extend(mended.then(|| name.to_owned()));
-                frames.push(Frame { id, pose: matrix, ..read_frame(dir, &root, item, name)? });
+                frames.push(Frame { id, pose, ..read_frame(dir, &root, item, name)? });
             }
             None => lost.push(name.to_owned()),
         }
@@ -89,10 +85,6 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
         cube: root.optional("aabb_scale", read_aabb_scale)?,
         split: read_split(dir, &root)?,
     })
-}
-
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
@@ -151,7 +143,7 @@ fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> 
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    Ok(Some(Split { train: names(train)?, test: names(test)?, test_field }))
+    Ok(Some((names(train)?, names(test)?, test_field)))
 }
 
 /// Returns the path of an image below `dir`, without extension.

@@ -53,7 +53,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         .enumerate()
         .map(|(id, (name, camera))| {
             let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
-            let mask = Some((mask_path(&folder, name), MaskRole::Matte));
+            let mask = Some((folder.join(name).with_extension("png"), MaskRole::Matte));
             Frame { id, mask, ..Frame::new(name, dir.join(name), &camera) }
         })
         .collect();
@@ -79,11 +79,6 @@ fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
 
 pub(crate) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
-}
-
-/// Returns the mask of an image: a PNG under the image's path.
-fn mask_path(folder: &Path, image: &str) -> PathBuf {
-    folder.join(image).with_extension("png")
 }
 
 /// Derives the space of a frame from the body and the cameras `train` about it.

@@ -6,8 +6,6 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::mpsc;
-use std::thread;
 
 use infonerf_scene::SceneError;
 
@@ -100,29 +98,22 @@ pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
 /// Runs one step, handing on every line that it prints. Without a screen.
 fn run(program: &Path, step: &str, arguments: &[OsString], progress: &mut impl FnMut(&str)) -> Result<(), SceneError> {
     let io = |e| SceneError::io(program, e);
+    let (output, input) = std::io::pipe().map_err(io)?;
     let mut child = Command::new(program)
         .arg(step)
         .args(arguments)
         .env("QT_QPA_PLATFORM", "offscreen")
         .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
+        .stdout(input.try_clone().map_err(io)?)
+        .stderr(input)
         .spawn()
         .map_err(io)?;
-    let (sender, lines) = mpsc::channel();
-    let streams: [Option<Box<dyn std::io::Read + Send>>; 2] =
-        [child.stdout.take().map(|s| Box::new(s) as _), child.stderr.take().map(|s| Box::new(s) as _)];
-    for stream in streams.into_iter().flatten() {
-        let sender = sender.clone();
-        thread::spawn(move || {
-            let lines = BufReader::new(stream).split(b'\n').map_while(Result::ok);
-            // The receiver is there until both streams have ended.
-            lines.for_each(|line| drop(sender.send(String::from_utf8_lossy(&line).trim_end().to_owned())));
-        });
-    }
-    drop(sender);
     let mut last = VecDeque::new();
-    for line in lines.iter().filter(|line| !line.is_empty()) {
+    for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if line.is_empty() {
+            continue;
+        }
         progress(&line);
         last.push_back(line);
         if last.len() > REPEATED {

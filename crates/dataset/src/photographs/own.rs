@@ -12,6 +12,7 @@ use infonerf_sfm::{Photograph, reconstruct};
 use rayon::prelude::*;
 
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
+use crate::files::file_name;
 
 /// Longest side, in pixels, of the images in which features are looked for.
 const MAX_SIDE: u32 = 1600;
@@ -51,7 +52,7 @@ pub(super) fn pose(
             Ok(_) => "placed".to_owned(),
             Err(reason) => format!("not placed: {reason}"),
         };
-        let line = format!("{}: {state}", name(path));
+        let line = format!("{}: {state}", file_name(path));
         progress(&line);
         lost.extend(pose.is_err().then_some(line));
     }
@@ -80,7 +81,7 @@ pub(super) fn pose(
         });
         all.images.push(ColmapImage {
             id: i as u32 + 1,
-            name: name(&paths[i]),
+            name: file_name(&paths[i]),
             camera: id,
             pose: opengl(pose.rotation.transpose(), pose.centre()),
             observations: observations.collect(),
@@ -95,10 +96,6 @@ pub(super) fn pose(
         let _ = fs::remove_dir_all(sparse);
     }
     written
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 struct SmallPhotograph {
@@ -172,12 +169,12 @@ mod tests {
             let scene = load(&dir, &SceneRequest { image_size: Some(16), ..request() }).unwrap();
             let views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
             let mut files = list_images(&dir.join(folder)).unwrap();
-            files.sort_by_key(|path| (name(path).len(), name(path)));
+            files.sort_by_key(|path| (file_name(path).len(), file_name(path)));
             for (count, spread) in [(4, false), (4, true), (9, false), (9, true)] {
                 let pick = |i: usize| if spread { i * (files.len() - 1) / (count - 1) } else { i + 2 };
                 let guard = tempfile::tempdir().unwrap();
                 for path in (0..count).map(|i| &files[pick(i)]) {
-                    fs::copy(path, guard.path().join(name(path))).unwrap();
+                    fs::copy(path, guard.path().join(file_name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
                 let result = pose(guard.path(), &guard.path().join("sparse"), None, |_| {});
