@@ -193,11 +193,8 @@ mod tests {
         let near = pairs.iter().filter(|(i, j)| turned(a.pixels[*i]).distance(b.pixels[*j]) < 1.0).count();
         assert!(pairs.len() > 60 && near * 100 > pairs.len() * 90, "{near} of {}", pairs.len());
         assert!(matches(&a, &Default::default()).is_empty() && matches(&Default::default(), &a).is_empty());
-        assert_eq!(features(&a_blank(), 10).pixels.len(), 0);
-    }
-
-    fn a_blank() -> GreyImage {
-        GreyImage { width: 40, height: 3, values: vec![0.5; 120] }
+        let blank = GreyImage { width: 40, height: 3, values: vec![0.5; 120] };
+        assert_eq!(features(&blank, 10).pixels.len(), 0);
     }
 
     #[test]

@@ -1,31 +1,22 @@
 //! Writing procedural scenes as folders, in the formats of the data sets that few-view methods are measured on.
 
 mod blender;
-mod dtu;
-mod llff;
+mod photographs;
 mod transforms;
-mod zju;
 
 pub use transforms::transforms;
 
 #[cfg(test)]
-pub(crate) use dtu::matrices;
-#[cfg(test)]
-pub(crate) use zju::{annotations, lens};
+pub(crate) use photographs::{annotations, lens, matrices};
 
 use std::fs;
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-
 use infonerf_procedural as procedural;
-use infonerf_scene::{Camera, Format, Image, SceneError};
+use infonerf_scene::{Format, SceneError};
 
 /// The file that marks a folder as written here. It holds the format's name.
 const MARK: &str = ".infonerf-export";
-/// Background of photographs of a scene that has nothing behind it.
-const WHITE: [f32; 3] = [1.0; 3];
 
 /// Writes the procedural scene `name` into the folder `dir`, with images of `size`² pixels:
 ///
@@ -52,9 +43,9 @@ pub fn export(name: &str, size: u32, format: Format, dir: &Path) -> Result<(), S
     }
     let write = match format {
         Format::Blender => blender::write,
-        Format::Llff => llff::write,
-        Format::Dtu => dtu::write,
-        Format::Zju => zju::write,
+        Format::Llff => photographs::write_llff,
+        Format::Dtu => photographs::write_dtu,
+        Format::Zju => photographs::write_zju,
         _ => return Err(SceneError::request("format", "Blender, LLFF, DTU or ZJU-MoCap", format)),
     };
     claim(dir, format)?;
@@ -78,44 +69,9 @@ fn make(folder: &Path) -> Result<(), SceneError> {
     fs::create_dir_all(folder).map_err(|e| SceneError::io(folder, e))
 }
 
-/// Image and depth that a camera records of a scene.
-struct ExportedView {
-    camera: Camera,
-    image: Image,
-    /// Depth as in [`procedural::Rendering`].
-    depth: Vec<f32>,
-}
-
-fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
-    let photograph = |camera: Camera| {
-        let procedural::Rendering { rgba, depth } = procedural::render(name, &camera)?;
-        Ok(ExportedView { camera, image: rgba.to_f32().composite(WHITE), depth })
-    };
-    cameras.into_par_iter().map(photograph).collect()
-}
-
-/// Writes the subject's mask in a photograph, white on black.
-fn write_mask(path: &Path, photograph: &ExportedView, mask: &[bool]) -> Result<(), SceneError> {
-    let rgb = mask.iter().map(|&subject| if subject { [1.0; 3] } else { [0.0; 3] }).collect();
-    Image { rgb, ..photograph.image.clone() }.write_png(path)
-}
-
-/// Returns a camera in OpenCV's terms (x right, y down, z forward): the rotation from world to camera and the optical
-/// centre.
-fn opencv(camera: &Camera) -> (DMat3, DVec3) {
-    let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-    (flip * camera.rotation().transpose(), camera.position_f64())
-}
-
-/// Returns `K`, for pixels whose centres are whole numbers.
-fn intrinsics(camera: &Camera) -> DMat3 {
-    let centre = DVec3::new(camera.cx - 0.5, camera.cy - 0.5, 1.0);
-    DMat3::from_cols(DVec3::X * camera.fx, DVec3::Y * camera.fy, centre)
-}
-
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{Layout, RgbaImage, Scene, SceneRequest, TestProtocol};
+    use infonerf_scene::{Camera, Layout, RgbaImage, Scene, SceneRequest, TestProtocol};
 
     use super::*;
     use crate::loaders::testing::{assert_same_rays, load, request};
