@@ -4,6 +4,7 @@ use std::ops::{RangeBounds, RangeInclusive};
 use std::path::Path;
 
 use infonerf_scene::SceneError;
+use regex::bytes::{Captures, Regex};
 use serde_json::Value;
 
 use super::read_file;
@@ -121,33 +122,14 @@ impl<'a> Node<'a> {
 
 /// Leaves out comments, `//` to the end of the line and `/* … */`, and replaces numbers that are not finite by null.
 fn strict(bytes: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut rest = bytes;
-    while let Some(&first) = rest.first() {
-        let until = |mark: &[u8]| rest.windows(mark.len()).position(|part| part == mark);
-        let word = [&b"-Infinity"[..], b"Infinity", b"NaN"].into_iter().find(|word| rest.starts_with(word));
-        let (length, text) = if first == b'"' {
-            let mut escaped = false;
-            let ends = |byte: &u8| {
-                let ends = *byte == b'"' && !escaped;
-                escaped = *byte == b'\\' && !escaped;
-                ends
-            };
-            let length = rest[1..].iter().position(ends).map_or(rest.len(), |end| end + 2);
-            (length, &rest[..length])
-        } else if rest.starts_with(b"//") {
-            (until(b"\n").unwrap_or(rest.len()), &b""[..])
-        } else if rest.starts_with(b"/*") {
-            (until(b"*/").map_or(rest.len(), |end| end + 2), &b""[..])
-        } else if let Some(word) = word {
-            (word.len(), &b"null"[..])
-        } else {
-            (1, &rest[..1])
-        };
-        out.extend(text);
-        rest = &rest[length..];
-    }
-    out
+    // Strings are matched too, so that nothing within them is taken for a comment.
+    let parts = Regex::new(r#"(?s-u)"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/|-?Infinity|NaN"#);
+    let replaced = |part: &Captures<'_>| match part[0][0] {
+        b'"' => part[0].to_vec(),
+        b'/' => Vec::new(),
+        _ => b"null".to_vec(),
+    };
+    parts.map_or_else(|_| bytes.to_vec(), |parts| parts.replace_all(bytes, replaced).into_owned())
 }
 
 /// Describes a value in a few words.
