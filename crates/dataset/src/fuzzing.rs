@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::capture::{capture_space, frusta_bounds};
 use crate::colmap::{self, read::Values};
-use crate::files::{json, npy, npz};
+use crate::files::{json, npy};
 use crate::loaders::transforms::transforms as read_transforms;
 use crate::loaders::{dtu, llff, zju};
 
@@ -99,7 +99,7 @@ fn colmap(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
 }
 
 fn cameras_npz(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
-    let matrices = npz::decode(path, bytes, dtu::EXPECTED, |_| true).ok()?;
+    let matrices = npy::decode_archive(path, bytes, dtu::EXPECTED, |_| true).ok()?;
     let cameras: Vec<Camera> = (0..3).map_while(|i| dtu::camera(path, &matrices, i, (8, 6)).ok()).collect();
     (!cameras.is_empty()).then_some(cameras)
 }

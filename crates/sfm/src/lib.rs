@@ -18,7 +18,6 @@ mod refine;
 mod sift;
 #[cfg(test)]
 mod testing;
-mod triangulate;
 mod two_view;
 
 pub use bundle::Point;

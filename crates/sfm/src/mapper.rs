@@ -3,11 +3,10 @@
 use glam::{DVec2, DVec3};
 
 use crate::bundle::{Adjustment, Bundle, Point, PosePrior, Prior};
-use crate::camera::{Pose, SimpleRadial};
+use crate::camera::{Pose, SimpleRadial, angle, triangulate};
 use crate::matching::Track;
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
-use crate::triangulate::{angle, triangulate};
 
 /// Points that a photograph must see to be placed.
 pub(crate) const MIN_POINTS: usize = 15;

@@ -6,12 +6,11 @@ use glam::{DQuat, DVec2};
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
-use crate::camera::{Pose, SimpleRadial};
+use crate::camera::{Pose, SimpleRadial, triangulate};
 use crate::mapper::Mapper;
 use crate::matching::{matches_of_pairs, tracks};
 use crate::reconstruction::{FEATURES, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
-use crate::triangulate::triangulate;
 use crate::two_view::{relative, verified};
 use infonerf_scene::image::GreyImage;
 

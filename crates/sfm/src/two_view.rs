@@ -6,13 +6,12 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
-use crate::camera::{Pose, SimpleRadial};
+use crate::camera::{Pose, SimpleRadial, angle, triangulate};
 use crate::essential::{five_point, poses, sampson};
 use crate::matching::{FEWEST, Matches, matches_of_pairs};
 use crate::ransac::Ransac;
 use crate::reconstruction::TOLERANCE;
 use crate::sift::{Features, features};
-use crate::triangulate::{angle, triangulate};
 
 const SAMPLES: usize = 2000;
 /// Samples of four matches for a homography, at most.

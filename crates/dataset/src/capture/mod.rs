@@ -10,14 +10,12 @@ mod assemble;
 mod compare;
 mod extent;
 mod mask;
-mod outliers;
 mod sizes;
 
 pub(crate) use assemble::{assemble, count_pixels, scene_name};
 pub(crate) use compare::{camera_pose, compare, ray};
-pub(crate) use extent::{capture_space, frusta_bounds, grid};
+pub(crate) use extent::{capture_space, frusta_bounds, grid, listed};
 pub(crate) use mask::{is_mask_name, read_mask};
-pub(crate) use outliers::listed;
 
 use std::path::Path;
 
@@ -123,13 +121,13 @@ impl<'a> Found<'a> {
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;
         if let StatedExtent::Estimated(estimate) = &mut self.extent {
-            let left_out = outliers::leave_out(&mut self.train, &mut self.test);
+            let left_out = extent::leave_out(&mut self.train, &mut self.test);
             if let Some(warning) = left_out {
                 self.warnings.push(warning);
                 self.train = numbered(self.train);
                 self.test = numbered(self.test);
             }
-            if let Some(middle) = outliers::distant_middle(&self.train) {
+            if let Some(middle) = extent::distant_middle(&self.train) {
                 take_off(middle, &mut self.train, &mut self.test, estimate);
                 origin = middle;
                 self.warnings.push(format!(

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::make;
 use crate::capture::camera_pose;
+use crate::files::npy;
 use crate::files::pickle::{self, dict, list, object, write_numbers, write_text};
-use crate::files::{npy, npz};
 
 /// Background of photographs of a scene that has nothing behind it.
 const WHITE: [f32; 3] = [1.0; 3];
@@ -108,11 +108,11 @@ pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
     }
     let (centre, radius) = sphere(&seen);
     let scale = DMat4::from_translation(centre) * DMat4::from_scale(DVec3::splat(radius));
-    npz::write(&dir.join("cameras_sphere.npz"), &matrices(photographs.iter().map(|p| &p.camera), scale))
+    npy::write_archive(&dir.join("cameras_sphere.npz"), &matrices(photographs.iter().map(|p| &p.camera), scale))
 }
 
 /// Returns `world_mat_<i>` and `scale_mat_<i>` of cameras that look at what `scale` takes the unit sphere to.
-pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMat4) -> Vec<npz::NamedArray> {
+pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMat4) -> Vec<npy::NamedArray> {
     let of = |(i, camera): (usize, &Camera)| {
         let matrices = [("world", projection(camera)), ("scale", scale)];
         matrices.map(|(kind, m)| (format!("{kind}_mat_{i}"), vec![4, 4], m.transpose().to_cols_array().to_vec()))

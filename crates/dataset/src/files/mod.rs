@@ -2,7 +2,6 @@
 
 pub(crate) mod json;
 pub(crate) mod npy;
-pub(crate) mod npz;
 pub(crate) mod pickle;
 
 use std::fs;

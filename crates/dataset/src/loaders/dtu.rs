@@ -10,8 +10,8 @@ use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneReque
 use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
-use crate::files::npy::Array;
-use crate::files::{json, npz};
+use crate::files::json;
+use crate::files::npy::{self, Array};
 use crate::frame::{Frame, MaskRole};
 
 /// The files that mark this format.
@@ -47,7 +47,7 @@ pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
 pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
-    let matrices = npz::read(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
+    let matrices = npy::read_archive(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
     let images = list_images(&dir.join("image"))?;
     let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
     let Some(first) = images.first() else {
@@ -186,7 +186,7 @@ mod tests {
 
     use super::super::testing::*;
     use crate::export::matrices;
-    use crate::files::npz::{self, NamedArray};
+    use crate::files::npy::{self, NamedArray};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.
@@ -217,7 +217,7 @@ mod tests {
     fn folder(dir: &Path, n: usize, masks: bool) -> Vec<Camera> {
         let cameras = cameras(n);
         fs::create_dir_all(dir.join("image")).unwrap();
-        npz::write(&dir.join("cameras_sphere.npz"), &arrays(&cameras)).unwrap();
+        npy::write_archive(&dir.join("cameras_sphere.npz"), &arrays(&cameras)).unwrap();
         for (i, camera) in cameras.iter().enumerate() {
             write_view(&dir.join(format!("image/{i:06}.png")), camera);
             if masks {
@@ -293,7 +293,7 @@ mod tests {
             let cameras = folder(guard.path(), 3, false);
             let mut arrays = arrays(&cameras);
             change(&mut arrays);
-            npz::write(&guard.path().join("cameras_sphere.npz"), &arrays).unwrap();
+            npy::write_archive(&guard.path().join("cameras_sphere.npz"), &arrays).unwrap();
             message(guard.path(), &request())
         };
         assert!(
