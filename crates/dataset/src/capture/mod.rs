@@ -407,12 +407,7 @@ mod tests {
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
         assert_warns(&scene, 0, "images/p03 and images/p11 show one photograph, with two cameras");
         assert_warns(&scene, 1, "images/p08 is a copy of images/p10, which is trained on: it is not tested");
-    }
-
-    #[test]
-    fn views_are_chosen_by_the_names_of_their_images() {
-        let guard = tempfile::tempdir().unwrap();
-        photographs(guard.path(), &cameras(10));
+        // Views are chosen by the names of their images, too.
         let named = |names: &str| SceneRequest { train: names.parse().unwrap(), ..request() };
         let scene = load(guard.path(), &named("p06,images/p02,p05.png")).unwrap();
         let names: Vec<_> = scene.train.iter().map(|view| view.file.as_str()).collect();

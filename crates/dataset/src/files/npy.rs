@@ -217,7 +217,7 @@ mod tests {
         let read = read_archive(&path, "arrays", |name| name == "a").unwrap();
         assert_eq!(read.len(), 1);
         assert_eq!((&read["a"].shape[..], &read["a"].values[..]), (&[2, 2][..], &[1.0, 2.0, 3.0, 4.0][..]));
-        let whole = std::fs::read(&path).unwrap();
+        let whole = fs::read(&path).unwrap();
         for keep in [0, 30, whole.len() / 2] {
             let text = decode_archive(&path, &whole[..keep], "arrays", |_| true).err().unwrap().to_string();
             assert!(text.contains("a.npz: expected arrays"), "{text}");
