@@ -18,7 +18,6 @@ pub(crate) struct Frame {
     pub mask: Option<(PathBuf, MaskRole)>,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
-    /// Focal lengths and principal point, as the file gives them.
     pub intrinsics: Intrinsics,
     pub lens: Lens,
     /// Indices of the capture's points that a reconstruction saw in the image.
@@ -39,7 +38,6 @@ pub(crate) enum MaskRole {
 }
 
 impl Frame {
-    /// Makes the frame of an image whose camera is known.
     pub fn new(name: &str, image: PathBuf, camera: &Camera) -> Self {
         Self {
             id: 0,
@@ -79,7 +77,6 @@ impl Frame {
         self.camera(width, height)
     }
 
-    /// Returns the image size that the poses file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
         match self.intrinsics {
             Intrinsics::Pixels { size, .. } => size,
@@ -98,7 +95,6 @@ pub(crate) enum Intrinsics {
 }
 
 impl Intrinsics {
-    /// Converts a camera's intrinsics.
     pub fn of(camera: &Camera) -> Self {
         Self::Pixels {
             focal: [camera.fx, camera.fy],

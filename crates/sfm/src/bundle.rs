@@ -41,7 +41,6 @@ pub(crate) struct PosePrior {
     pub(crate) shift_deviation: f64,
 }
 
-/// Lens, poses and points that are adjusted together.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
     pub(crate) lens: SimpleRadial,
@@ -209,7 +208,6 @@ impl Bundle {
 }
 
 impl Prior {
-    /// Returns the prior of a lens that is not adjusted.
     pub(crate) fn fixed(lens: &SimpleRadial) -> Self {
         Self { focal: lens.focal, focal_deviation: 0.0, k1_deviation: 0.0 }
     }

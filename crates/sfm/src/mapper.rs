@@ -21,7 +21,6 @@ const TRIED: usize = 30;
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
 const FOR_LENS: usize = 3;
 
-/// Poses and points found so far.
 #[derive(Clone)]
 pub(crate) struct Mapper<'a> {
     tracks: &'a [Track],
@@ -187,7 +186,6 @@ impl<'a> Mapper<'a> {
         false
     }
 
-    /// Returns the pose of a photograph that sees points of the world at pixels.
     fn pose(&self, seen: &[(DVec2, DVec3)]) -> Result<Pose, String> {
         if seen.len() < MIN_POINTS {
             return Err(format!("{} matches with placed photographs, {MIN_POINTS} needed", seen.len()));

@@ -13,7 +13,6 @@ const RATIO: f32 = 0.8;
 /// Rows of similarities that are held at once.
 const BLOCK: usize = 512;
 
-/// Matches between the features of photographs `a` and `b`.
 pub(crate) struct Matches {
     pub(crate) a: usize,
     pub(crate) b: usize,

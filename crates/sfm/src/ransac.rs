@@ -7,7 +7,6 @@ use rand_chacha::ChaCha8Rng;
 /// The chance with which one sample without an outlier is drawn.
 const CONFIDENCE: f64 = 0.9999;
 
-/// How a model is looked for.
 pub(crate) struct Ransac {
     pub(crate) sample: usize,
     /// Squared errors below this are inliers.

@@ -284,7 +284,6 @@ fn blurred(image: &GreyImage, sigma: f32) -> GreyImage {
     GreyImage { width, height, values }
 }
 
-/// Keeps every second pixel of every second row.
 fn halved(image: &GreyImage) -> GreyImage {
     let (width, height) = (image.width / 2, image.height / 2);
     let values = (0..width * height).map(|i| image.at(2 * (i % width), 2 * (i / width))).collect();
@@ -303,7 +302,6 @@ fn doubled(image: &GreyImage) -> GreyImage {
     GreyImage { width, height, values: (0..width * height).map(value).collect() }
 }
 
-/// Subtracts `other` from `image`.
 fn difference(image: &GreyImage, other: &GreyImage) -> GreyImage {
     let values = image.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
     GreyImage { values, ..*image }

@@ -65,7 +65,6 @@ pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
     search(scene, settings, occurring)
 }
 
-/// Searches once among planes within `disparities`.
 fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) -> Vec<DepthMap> {
     let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
     let cameras: Vec<Camera> = scene

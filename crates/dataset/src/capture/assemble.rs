@@ -152,7 +152,6 @@ fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
     Err(SceneError::malformed(&frame.image, expected, format!("it has {}×{}", found.0, found.1)))
 }
 
-/// Returns how many pixels loading the chosen views gives.
 pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     let Capture { found, .. } = found.understood()?;
     let chosen = choose(&found, request)?;

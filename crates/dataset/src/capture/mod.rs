@@ -33,16 +33,13 @@ const SAME_PROPORTIONS: f64 = 0.01;
 
 /// Contents of a scene's folder as its loader read them, with no image decoded.
 pub(crate) struct Found<'a> {
-    /// The scene's folder, for its name.
     pub dir: &'a Path,
     pub format: Format,
-    /// Every training frame.
     pub train: Vec<Frame>,
     pub test: Vec<Frame>,
     /// Ids of the test frames that are the format's own test split; `None` if all are.
     pub split: Option<Vec<usize>>,
     pub selections: Named,
-    /// Published sets of test frames.
     pub protocols: Named,
     pub extent: StatedExtent,
     /// Colour that mattes are composited on, if the format defines it.
@@ -60,23 +57,17 @@ pub(crate) enum StatedExtent {
     Estimated(Estimate),
 }
 
-/// Statements of a capture about where its content is.
 #[derive(Default)]
 pub(crate) struct Estimate {
     pub points: Vec<DVec3>,
-    /// Near and far.
     pub range: Option<(f32, f32)>,
-    /// The box.
     pub bounds: Option<Aabb>,
     /// Whether images show one object on transparent ground.
     pub transparent: bool,
 }
 
-/// A capture whose frames and space are ready to be loaded.
 pub(crate) struct Capture<'a> {
-    /// The frames, turned and moved.
     pub found: Found<'a>,
-    /// Extent of the content.
     pub space: Space,
     /// World coordinates of the scene's origin in the capture's files.
     pub origin: DVec3,

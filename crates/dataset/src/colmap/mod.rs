@@ -98,7 +98,6 @@ impl Reconstruction {
     }
 }
 
-/// Applies `read` to the values of a file in `place`.
 fn read_values<T>(place: &Path, name: &str, read: fn(Values<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
     let is_binary = place.join("cameras.bin").is_file();
     let path = place.join(name).with_extension(if is_binary { "bin" } else { "txt" });

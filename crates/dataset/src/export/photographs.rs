@@ -26,7 +26,6 @@ const DISTORTION: [f64; 5] = [-0.1, 0.05, 1e-3, -2e-3, 0.01];
 /// Millimetres per scene unit: translations are in millimetres, a scene unit is a metre.
 const MILLIMETRES: f64 = 1000.0;
 
-/// Image and depth that a camera records of a scene.
 struct ExportedView {
     camera: Camera,
     image: Image,

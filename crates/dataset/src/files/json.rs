@@ -37,7 +37,6 @@ pub(crate) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
-    /// Makes the node of the outermost `value` of a file.
     pub fn root(file: &'a Path, value: &'a Value) -> Self {
         Self { file, field: String::new(), value }
     }
@@ -65,7 +64,6 @@ impl<'a> Node<'a> {
         self.find(key).map(read).transpose()
     }
 
-    /// Returns the elements of an array.
     pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
         let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
         let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
@@ -77,35 +75,29 @@ impl<'a> Node<'a> {
         self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
     }
 
-    /// Returns a finite number.
     pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
         self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
     }
 
-    /// Returns a number in `range`.
     pub fn within(&self, range: impl RangeBounds<f64>, expected: &str) -> Result<f64, SceneError> {
         let number = self.number(expected)?;
         if range.contains(&number) { Ok(number) } else { Err(self.error(expected)) }
     }
 
-    /// Returns an array of `N` finite numbers.
     pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
         let numbers = self.items(expected)?.iter().map(|item| item.number(expected)).collect::<Result<Vec<_>, _>>()?;
         let count = numbers.len();
         numbers.try_into().map_err(|_| self.fault(expected, format!("{count} values")))
     }
 
-    /// Returns `true` or `false`.
     pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
         self.value.as_bool().ok_or_else(|| self.error(expected))
     }
 
-    /// Returns a string that is not empty.
     pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
         self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
     }
 
-    /// Returns an error that this value is not what was expected.
     pub fn error(&self, expected: impl Into<String>) -> SceneError {
         self.fault(expected, short(self.value))
     }
@@ -132,7 +124,6 @@ fn strict(bytes: &[u8]) -> Vec<u8> {
     parts.map_or_else(|_| bytes.to_vec(), |parts| parts.replace_all(bytes, replaced).into_owned())
 }
 
-/// Describes a value in a few words.
 fn short(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("an array of {}", items.len()),

@@ -24,7 +24,6 @@ pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u
     fs::read(path).map_err(|e| SceneError::io(path, e))
 }
 
-/// Returns the last part of a path as text.
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -25,7 +25,6 @@ pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
 
-/// Decodes the bytes of the file at `path`.
 pub(crate) fn decode(path: &Path, bytes: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let (header, data) = split(bytes).ok_or_else(|| fault(&"no whole header of NumPy's"))?;
@@ -92,7 +91,6 @@ pub(crate) fn read_depth(path: &Path, (width, height): (u32, u32)) -> Result<Vec
     }
 }
 
-/// Writes an array in C's order.
 pub(crate) fn write<T: Copy + Into<f64>>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
     fs::write(path, encode(shape, values)).map_err(|e| SceneError::io(path, e))
 }
@@ -120,7 +118,6 @@ pub(crate) fn read_archive(
     decode_archive(path, &read_file(path, expected, MAX_ARCHIVE)?, expected, wanted)
 }
 
-/// Reads the arrays of an archive in memory; errors name `path`.
 pub(crate) fn decode_archive(
     path: &Path,
     bytes: &[u8],

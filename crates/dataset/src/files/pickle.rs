@@ -15,7 +15,6 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Value, serde_pickle::Error> {
     }
 }
 
-/// Returns the entry `key` of a dictionary.
 pub(crate) fn get<'a>(value: &'a Value, key: &str) -> Option<&'a Value> {
     let Value::Dict(entries) = value else { return None };
     let as_bytes = || entries.get(&HashableValue::Bytes(key.into()));
@@ -88,7 +87,6 @@ pub(crate) fn text(value: &Value) -> Option<&str> {
     }
 }
 
-/// Pickles a string.
 pub(crate) fn write_text(value: &str) -> Vec<u8> {
     let mut out = vec![b'X'];
     out.extend((value.len() as u32).to_le_bytes());
@@ -100,7 +98,6 @@ pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
     [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
 }
 
-/// Returns a dictionary of pickled values.
 pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [write_text(k), v.clone()].concat()).collect();
     [b"}(".to_vec(), entries, b"u".to_vec()].concat()

@@ -82,7 +82,6 @@ pub(crate) struct PoseRow {
     far: f64,
 }
 
-/// Interprets the array in the file at `path`.
 pub(crate) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<PoseRow>, SceneError> {
     if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
         return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));

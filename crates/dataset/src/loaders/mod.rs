@@ -18,7 +18,6 @@ use infonerf_scene::{Format, SceneError, SceneRequest};
 use crate::capture::Found;
 use crate::photographs::unposed;
 
-/// Reader of a folder in one format.
 type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>;
 
 /// The known formats, in the order in which they are looked for: the file that marks a folder, and the folder's reader.
@@ -31,7 +30,6 @@ const FORMATS: [(Format, &str, Reader); 6] = [
     (Format::Colmap, colmap::MARKER, colmap::read),
 ];
 
-/// Whether the folder `dir` has the file of a format.
 fn has_marker(dir: &Path, format: Format, marker: &str) -> bool {
     match format {
         Format::Dtu => dtu::cameras_file(dir).is_some(),
@@ -40,7 +38,6 @@ fn has_marker(dir: &Path, format: Format, marker: &str) -> bool {
     }
 }
 
-/// Whether the folder `dir` is in a known format.
 pub(crate) fn is_scene(dir: &Path) -> bool {
     FORMATS.iter().any(|(format, marker, _)| has_marker(dir, *format, marker))
 }

@@ -22,7 +22,6 @@ const NGP_SCALE: f64 = 0.33;
 pub(crate) struct Transforms {
     /// Frames with a pose, in the file's order.
     pub frames: Vec<Frame>,
-    /// Names of the frames without a pose.
     pub lost: Vec<String>,
     pub warnings: Vec<String>,
     /// Optional fields `near` and `far`, scene units.
@@ -43,7 +42,6 @@ pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
     transforms(path, &json::read(path)?)
 }
 
-/// Interprets the parsed file at `path`.
 pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, SceneError> {
     let root = Node::root(path, value);
     let expected = "a list of at least one frame";

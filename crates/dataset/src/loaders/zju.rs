@@ -174,7 +174,6 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     Ok(Aabb { min: bounds.min - MARGIN, max: bounds.max + MARGIN })
 }
 
-/// The contents of `annots.npy` for one frame.
 pub(crate) struct Annotations {
     /// Cameras; their image size is not part of the file.
     pub cameras: Vec<Camera>,
@@ -182,7 +181,6 @@ pub(crate) struct Annotations {
     pub frames: usize,
 }
 
-/// Reads the bytes of the file at `path`.
 pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
     let root = pickled(path, bytes, EXPECTED)?;
     let field = |name: &str, expected: &str, found: &str| SceneError::field(path, name, expected, found);
@@ -213,7 +211,6 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     Ok(Annotations { cameras, images, frames: ims.len() })
 }
 
-/// Returns the object in a `.npy` file of objects.
 fn pickled(path: &Path, bytes: &[u8], expected: &str) -> Result<Value, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     match npy::split(bytes) {
