@@ -167,20 +167,3 @@ fn score(angle: f32) -> f32 {
     let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
     (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_range_of_disparities_passes_over_stray_matches() {
-        let mut disparity = vec![f32::NAN; 600];
-        (0..400).for_each(|i| disparity[i] = 1.0 + i as f32 / 400.0);
-        disparity[399] = 100.0;
-        let map = DepthMap { width: 600, height: 1, step: vec![0.1; 600], disparity };
-        let found = disparities(std::slice::from_ref(&map)).unwrap();
-        assert!((0.8..0.82).contains(&found.least) && (2.45..2.51).contains(&found.greatest), "{found:?}");
-        let nothing = DepthMap { disparity: vec![f32::NAN; 600], ..map };
-        assert_eq!(disparities(&[nothing]), None);
-    }
-}
