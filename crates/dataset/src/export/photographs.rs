@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_procedural as procedural;
-use infonerf_scene::{Aabb, Body, Camera, Image, Lens, SceneError};
+use infonerf_scene::{Aabb, Body, Camera, Image, Lens, Ray, SceneError};
 use rayon::prelude::*;
 
 use super::make;
@@ -31,6 +31,14 @@ struct ExportedView {
     image: Image,
     /// Depth as in [`procedural::Rendering`].
     depth: Vec<f32>,
+}
+
+impl ExportedView {
+    /// Returns the ray through the centre of a pixel.
+    fn ray(&self, pixel: usize) -> Ray {
+        let width = self.camera.width as usize;
+        self.camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
+    }
 }
 
 fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
@@ -82,13 +90,9 @@ fn row(photograph: &ExportedView, extent: (f32, f32)) -> [f64; 17] {
 
 /// Returns the least and the greatest depth along the camera's axis.
 fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
-    let width = photograph.camera.width as usize;
-    let depth = |(i, &distance): (usize, &f32)| {
-        let ray = photograph.camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-        distance * ray.cosine
-    };
-    let depths = photograph.depth.iter().enumerate().filter(|(_, d)| d.is_finite()).map(depth);
-    depths.fold(None, |range, d| Some(range.map_or((d, d), |(near, far): (f32, f32)| (near.min(d), far.max(d)))))
+    let depths = photograph.depth.iter().enumerate().filter(|(_, distance)| distance.is_finite());
+    let depths = depths.map(|(i, distance)| distance * photograph.ray(i).cosine);
+    depths.map(|depth| (depth, depth)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 /// Writes `image/<NNNNNN>.png`, `mask/<NNN>.png` and `cameras_sphere.npz`: `world_mat_<i>` is `K [R | t]`, and
@@ -128,10 +132,8 @@ fn projection(camera: &Camera) -> DMat4 {
 
 /// Returns the surface points that the subject's pixels show.
 fn subject_points(photograph: &ExportedView, mask: &[bool]) -> Vec<Vec3> {
-    let width = photograph.camera.width as usize;
     let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
-    let ray = |i: usize| photograph.camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-    subject.map(|i| ray(i).at(photograph.depth[i])).collect()
+    subject.map(|i| photograph.ray(i).at(photograph.depth[i])).collect()
 }
 
 /// Returns a sphere around the centre of the points' bounding box that contains all `points`, with a margin of a

@@ -203,11 +203,7 @@ mod tests {
             ("/frames/1/file_path", None, "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!(3)), "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!("")), "`frames[1].file_path`"),
-            (
-                place,
-                Some(json!([[1, 0, 0, 0]])),
-                "rigid camera-to-world matrix (rotation and translation), found 1 rows",
-            ),
+            (place, Some(json!([[1, 0, 0, 0]])), "matrix (rotation and translation), found 1 rows"),
             ("/frames/1/transform_matrix/2/3", None, "`frames[1].transform_matrix[2]`"),
             ("/frames/1/transform_matrix/2/3", Some(json!("x")), "`frames[1].transform_matrix[2][3]`"),
             (place, Some(identity(0.0)), "found a singular matrix"),

@@ -296,9 +296,7 @@ mod tests {
             npy::write_archive(&guard.path().join("cameras_sphere.npz"), &arrays).unwrap();
             message(guard.path(), &request())
         };
-        assert!(
-            bad(&|a| drop(a.remove(2))).contains("field `world_mat_1`: expected a finite 4×4 matrix, found nothing")
-        );
+        assert!(bad(&|a| drop(a.remove(2))).contains("`world_mat_1`: expected a finite 4×4 matrix, found nothing"));
         assert!(bad(&|a| a[2].2[5] = f64::NAN).contains("not finite"));
         assert!(bad(&|a| a[2].2[..12].fill(0.0)).contains("a last row of zeros"));
         assert!(bad(&|a| a[2].1 = vec![16]).contains("shape [16]"));
