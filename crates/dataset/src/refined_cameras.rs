@@ -114,14 +114,8 @@ mod tests {
     }
 
     fn scene(source: &SceneSource, train: ViewSelection, size: u32) -> Scene {
-        let request = SceneRequest {
-            train,
-            test: TestProtocol::First(1),
-            image_size: Some(size),
-            background: [1.0; 3],
-            ..Default::default()
-        };
-        load(source, &request).unwrap()
+        let test = TestProtocol::First(1);
+        load(source, &SceneRequest { train, test, image_size: Some(size), ..Default::default() }).unwrap()
     }
 
     /// Refinement uses the lens: with a distortion that the images do not have, they give worse cameras.

@@ -33,12 +33,8 @@ const CHECKED_SIZE: u32 = 512;
 /// # Errors
 /// As [`crate::load`].
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
-    let request = SceneRequest {
-        train: ViewSelection::All,
-        test: TestProtocol::All,
-        image_size: Some(CHECKED_SIZE),
-        ..SceneRequest::default()
-    };
+    let (train, test) = (ViewSelection::All, TestProtocol::All);
+    let request = SceneRequest { train, test, image_size: Some(CHECKED_SIZE), ..SceneRequest::default() };
     let doubts = compare(&loaders::read(dir, &request)?.understood()?)?;
     let scene = assemble(loaders::read(dir, &request)?, &request)?;
     let mut warnings = check(&scene);
@@ -79,11 +75,8 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
 fn off_the_box(scene: &Scene) -> Option<String> {
     let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(centre) > FAR_OFF * diagonal;
-    faulty(
-        scene,
-        is_far,
-        &format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)"),
-    )
+    let what = format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
+    faulty(scene, is_far, &what)
 }
 
 fn blind(scene: &Scene) -> Option<String> {
@@ -128,12 +121,11 @@ fn baseline(scene: &Scene) -> Option<String> {
         others.map(|(_, d)| angle(directions[i], *d)).fold(f64::INFINITY, f64::min).to_degrees()
     };
     let lonely = (0..directions.len()).filter(|&i| nearest(i) > LONELY_DEG).count();
-    (lonely > 0).then(|| {
-        let total = directions.len();
-        format!(
-            "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
-        )
-    })
+    let total = directions.len();
+    let text = format!(
+        "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
+    );
+    (lonely > 0).then_some(text)
 }
 
 fn images(scene: &Scene) -> Vec<String> {
@@ -148,11 +140,8 @@ fn images(scene: &Scene) -> Vec<String> {
         if spread < BLANK {
             found.push(format!("{} shows nothing: all its pixels are alike", view.name));
         } else if detail < BLURRED * median {
-            found.push(format!(
-                "{} is blurred: it has {:.0} % of the others' detail",
-                view.name,
-                100.0 * detail / median
-            ));
+            let share = 100.0 * detail / median;
+            found.push(format!("{} is blurred: it has {share:.0} % of the others' detail", view.name));
         }
         if let Some(mask) = &view.mask {
             let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len().max(1) as f32;
@@ -224,12 +213,8 @@ mod tests {
     use infonerf_scene::{Aabb, Range, SceneRequest, TestProtocol, ViewSelection};
 
     fn scene() -> Scene {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 5 },
-            test: TestProtocol::First(1),
-            image_size: Some(24),
-            ..Default::default()
-        };
+        let (train, test) = (ViewSelection::Seed { seed: 0, count: 5 }, TestProtocol::First(1));
+        let request = SceneRequest { train, test, image_size: Some(24), ..Default::default() };
         load(&SceneSource::Procedural("knot".into()), &request).unwrap()
     }
 
