@@ -75,11 +75,9 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
             by.rotation_deg, by.translation_percent
         ));
         if before > ABSURD {
-            scene.warnings.push(
-                "the given cameras were far from what the photographs share: `infonerf scene check` looks for another \
-                 convention of the poses"
-                    .into(),
-            );
+            let far = "the given cameras were far from what the photographs share: `infonerf scene check` looks for \
+                       another convention of the poses";
+            scene.warnings.push(far.into());
         }
     }
     scene.unrefined_cameras = Some(given);

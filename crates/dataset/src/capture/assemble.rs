@@ -56,11 +56,9 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         && (selection == ViewSelection::All || is_capture && !is_explicit)
         && !there.is_empty()
     {
+        let (count, total, path) = (all.len() - there.len(), all.len(), lost.image.display());
         warnings.push(format!(
-            "{} of {} training images are not there, such as {}: views are chosen among the others",
-            all.len() - there.len(),
-            all.len(),
-            lost.image.display()
+            "{count} of {total} training images are not there, such as {path}: views are chosen among the others"
         ));
         train = select(&selection, &there, &found.selections)?;
     }
@@ -76,11 +74,8 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
             && lost.len() < test.len()
             && (request.test == TestProtocol::All || is_capture && !matches!(request.test, TestProtocol::Ids(_)))
         {
-            let (count, path) = (lost.len(), first.image.display());
-            warnings.push(format!(
-                "{count} of {} test images are not there, such as {path}: they are not tested",
-                test.len()
-            ));
+            let (count, total, path) = (lost.len(), test.len(), first.image.display());
+            warnings.push(format!("{count} of {total} test images are not there, such as {path}: they are not tested"));
             test.retain(is_there);
         }
         test

@@ -63,11 +63,8 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         Some((share, name)) if share >= CONVINCING => format!("{name} they would explain {}", percent(share)),
         _ => "are they of these photographs, and in this order?".to_owned(),
     };
-    doubts.push(format!(
-        "the cameras explain {} of {count} matches between {} photographs: {advice}",
-        percent(given),
-        chosen.len()
-    ));
+    let (given, images) = (percent(given), chosen.len());
+    doubts.push(format!("the cameras explain {given} of {count} matches between {images} photographs: {advice}"));
     Ok(doubts)
 }
 
@@ -109,11 +106,9 @@ fn implausible(frames: &[&Frame], chosen: &[usize], cameras: &[Camera]) -> Vec<S
     let mut doubts = Vec::new();
     let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
     if let Some(i) = cameras.iter().position(|c| c.lens.is_perspective() && !FOCAL_LENGTHS.contains(&over_longer(c))) {
-        let found = over_longer(&cameras[i]);
-        doubts.push(format!(
-            "the focal length of {} is {found:.2} image widths: is it in pixels, and for images of this size?",
-            name(i)
-        ));
+        let (name, found) = (name(i), over_longer(&cameras[i]));
+        let doubt = "image widths: is it in pixels, and for images of this size?";
+        doubts.push(format!("the focal length of {name} is {found:.2} {doubt}"));
     }
     let inside = |c: &Camera| (0.0..=f64::from(c.width)).contains(&c.cx) && (0.0..=f64::from(c.height)).contains(&c.cy);
     if let Some(i) = cameras.iter().position(|c| !inside(c)) {

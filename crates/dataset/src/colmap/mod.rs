@@ -154,12 +154,8 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
 
 /// Returns the pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
 pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
-    DMat4::from_cols(
-        axes.x_axis.extend(0.0),
-        (-axes.y_axis).extend(0.0),
-        (-axes.z_axis).extend(0.0),
-        position.extend(1.0),
-    )
+    let [x, y, z] = [axes.x_axis, -axes.y_axis, -axes.z_axis].map(|axis| axis.extend(0.0));
+    DMat4::from_cols(x, y, z, position.extend(1.0))
 }
 
 /// Returns COLMAP's world-to-camera quaternion (w, x, y, z) and translation: the inverse of [`pose`].

@@ -48,10 +48,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         let expected = format!("{} images, one for each pose", rows.len());
         return Err(SceneError::malformed(folder, expected, reason));
     }
-    let (width, height) = match images.first() {
-        Some(first) => stored_dimensions(first)?,
-        None => (1, 1),
-    };
+    let (width, height) = images.first().map_or(Ok((1, 1)), |first| stored_dimensions(first))?;
     let (poses, range) = placed(&path, &rows)?;
     let frame = |((row, pose), image): ((&PoseRow, DMat4), &PathBuf)| {
         let [rows, columns, focal] = row.size;

@@ -130,10 +130,8 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
         ref found => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
     };
     let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
-    let axes = match rotation.try_normalize() {
-        Some(axis) => DMat3::from_axis_angle(axis, rotation.length()),
-        None => DMat3::IDENTITY,
-    };
+    let about = |axis| DMat3::from_axis_angle(axis, rotation.length());
+    let axes = rotation.try_normalize().map_or(DMat3::IDENTITY, about);
     Ok(Body { vertices, axes: axes.as_mat3(), origin })
 }
 

@@ -59,11 +59,8 @@ pub(super) fn pose(
     if paths.len() - lost.len() < MIN_PLACED {
         return Err(fault(lost.swap_remove(0)));
     }
-    let mut all = Reconstruction {
-        cameras: BTreeMap::new(),
-        images: Vec::new(),
-        points: (1u64..).zip(found.points.iter().map(|point| point.position)).collect(),
-    };
+    let points = (1u64..).zip(found.points.iter().map(|point| point.position)).collect();
+    let mut all = Reconstruction { cameras: BTreeMap::new(), images: Vec::new(), points };
     for (i, pose) in found.poses.iter().enumerate() {
         let Ok(pose) = pose else { continue };
         let photograph = &photographs[i];
