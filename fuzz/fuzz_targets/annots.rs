@@ -1,5 +1,5 @@
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    infonerf_dataset::fuzzing::annots(bytes);
+    infonerf_dataset::fuzzing::run("annots", bytes);
 });

@@ -1,5 +1,5 @@
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    infonerf_dataset::fuzzing::poses_bounds(bytes);
+    infonerf_dataset::fuzzing::run("poses_bounds", bytes);
 });

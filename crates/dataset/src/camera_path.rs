@@ -1,12 +1,12 @@
 //! Camera path files.
 
-use std::ops::RangeInclusive;
+use std::ops::{Bound, RangeInclusive};
 use std::path::Path;
 
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
-use crate::files::json::{JsonFile, Node};
-use crate::loaders::read_flat_pose;
+use crate::files::json::{self, Node};
+use crate::loaders::read_pose;
 
 /// Maximum number of keyframes or frames of a path.
 const MAX_FRAMES: usize = 10_000;
@@ -36,7 +36,7 @@ impl CameraPath {
     /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
     ///   keyframe if `is_cycle` is true.
     ///
-    /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
+    /// An entry has `camera_to_world`, a 4×4 matrix, row by row, in the scene's own coordinates with OpenGL's axes, and
     /// may have `fov`, vertical and in degrees, which then all must have. Next to the list there may be `fps` (20),
     /// `render_width` and `render_height`. Other fields are ignored.
     ///
@@ -44,7 +44,7 @@ impl CameraPath {
     /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
     /// cameras are not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::of(&JsonFile::read(path)?.root())
+        Self::of(&Node::root(path, &json::read(path)?))
     }
 
     /// Returns `n` frames along the path.
@@ -74,47 +74,29 @@ impl CameraPath {
             let without = if keyframes[i].fov_y.is_some() { 0 } else { i };
             items[without].get("fov", "a field of view, as other cameras of the path have one")?;
         }
-        let fps = number_of(root, "fps", "0.001 to 1000 frames per second", 1e-3..=1e3)?.unwrap_or(DEFAULT_FPS);
-        let seconds = number_of(root, "seconds", "0.001 to 10000 seconds", 1e-3..=1e4)?.unwrap_or(DEFAULT_SECONDS);
+        let number = |key: &str, range: RangeInclusive<f64>, expected: &str| {
+            root.optional(key, |node| node.within(range, expected))
+        };
+        let fps = number("fps", 1e-3..=1e3, "0.001 to 1000 frames per second")?.unwrap_or(DEFAULT_FPS);
+        let seconds = number("seconds", 1e-3..=1e4, "0.001 to 10000 seconds")?.unwrap_or(DEFAULT_SECONDS);
         let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MAX_FRAMES) };
-        let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", 1.0..=8192.0);
+        let side = |key| number(key, 1.0..=8192.0, "a side of 1 to 8192 pixels");
         let size = side("render_width")?.zip(side("render_height")?);
         let size = size.map(|(width, height)| (width as u32, height as u32));
-        let closed = match root.find("is_cycle") {
-            Some(node) if !complete => node.flag("true or false")?,
-            _ => false,
-        };
+        let is_cycle = root.optional("is_cycle", |node| node.flag("true or false"))?;
+        let closed = !complete && is_cycle.unwrap_or(false);
         Ok(Self { keyframes, closed, fps, frames, size })
     }
 }
 
 fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
-    let pose = read_flat_pose(&node.get("camera_to_world", "a camera's pose")?)?;
+    let field = "camera_to_world";
+    let given = read_pose(node, field)?;
+    let pose = given.ok_or_else(|| node.fault(format!("a camera's pose in `{field}`"), "nothing"))?.0;
     let expected = "a vertical field of view between 0 and 180 degrees";
-    let fov = node.find("fov").map(|node| (node.number(expected), node));
-    let fov_y = match fov {
-        Some((fov, node)) => {
-            let fov = fov?;
-            if fov <= 0.0 || fov >= 180.0 {
-                return Err(node.error(expected));
-            }
-            Some(fov.to_radians())
-        }
-        None => None,
-    };
-    Ok(Keyframe { pose, fov_y })
-}
-
-/// Returns the number in an optional field.
-fn number_of(
-    root: &Node<'_>,
-    key: &str,
-    expected: &str,
-    range: RangeInclusive<f64>,
-) -> Result<Option<f64>, SceneError> {
-    let Some(node) = root.find(key) else { return Ok(None) };
-    let value = node.number(expected)?;
-    if range.contains(&value) { Ok(Some(value)) } else { Err(node.error(expected)) }
+    let range = (Bound::Excluded(0.0), Bound::Excluded(180.0));
+    let fov = node.optional("fov", |node| node.within(range, expected))?;
+    Ok(Keyframe { pose, fov_y: fov.map(f64::to_radians) })
 }
 
 #[cfg(test)]
@@ -175,8 +157,8 @@ mod tests {
             ("/camera_path", json!([]), "`camera_path`: expected a list of 1 to 10000 cameras"),
             ("/camera_path", Value::Null, "`keyframes`: expected a list of 1 to 10000 cameras (or in `camera_path`)"),
             ("/camera_path", json!(3), "`camera_path`: expected a list"),
-            ("/camera_path/1", json!({}), "`camera_path[1].camera_to_world`"),
-            ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected 16 numbers"),
+            ("/camera_path/1", json!({}), "`camera_path[1]`: expected a camera's pose in `camera_to_world`"),
+            ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected a 4×4 rigid"),
             ("/camera_path/1/camera_to_world/0", json!(5), "expected a 4×4 rigid camera-to-world matrix"),
             ("/camera_path/1/fov", json!(180), "`camera_path[1].fov`: expected a vertical field of view"),
             ("/camera_path/1/fov", Value::Null, "`camera_path[1].fov`: expected a field of view, as other"),

@@ -6,35 +6,24 @@ use glam::DMat4;
 use infonerf_scene::image::{dimensions, is_image_name};
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
-const SAME_PIXELS: f64 = 0.1;
-/// Fields of view that differ by at most this, in radians, belong to the same camera.
-const SAME_ANGLE: f64 = 1e-4;
-
 /// Frame: an image that can be loaded, with its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// Id of the view, by which selections name it.
     pub id: usize,
     /// Path within the scene without extension.
     pub name: String,
-    /// Image file.
     pub image: PathBuf,
     /// Exact distances along the pixel rays, `[height, width]` in an `.npy` file.
     pub depth: Option<PathBuf>,
-    /// Mask image, and its purpose.
     pub mask: Option<(PathBuf, MaskRole)>,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
-    /// Focal lengths and principal point, as the file gives them.
     pub intrinsics: Intrinsics,
-    /// Lens distortion.
     pub lens: Lens,
     /// Indices of the capture's points that a reconstruction saw in the image.
     pub points: Vec<usize>,
 }
 
-/// Purpose of a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MaskRole {
     /// Masked metrics use only the pixels that are not black.
@@ -49,7 +38,6 @@ pub(crate) enum MaskRole {
 }
 
 impl Frame {
-    /// Makes the frame of an image whose camera is known.
     pub fn new(name: &str, image: PathBuf, camera: &Camera) -> Self {
         Self {
             id: 0,
@@ -67,23 +55,33 @@ impl Frame {
     /// Returns the camera for an image of `width × height` pixels. Intrinsics for another size are scaled.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let stated = self.stated_size().unwrap_or((width, height));
-        self.intrinsics.camera(stated, self.pose).with_lens(self.lens).resized(width, height)
+        let camera = match self.intrinsics {
+            Intrinsics::Fov(angle) => Camera::from_fov(stated.0, stated.1, angle, self.pose),
+            Intrinsics::Pixels { focal, centre, .. } => {
+                let centre = centre.unwrap_or([stated.0, stated.1].map(|side| f64::from(side) / 2.0));
+                Camera::pinhole(stated, focal, centre, self.pose)
+            }
+        };
+        camera.with_lens(self.lens).resized(width, height)
     }
 
-    /// Returns the camera for an image of the stated size, or of one that the intrinsics suggest.
+    /// Returns the camera for an image of the stated size, or else of twice the principal point, or of the focal lengths.
     pub fn nominal_camera(&self) -> Camera {
-        let (width, height) = self.intrinsics.nominal_size();
+        let side = |side: f64| side.round().clamp(1.0, 1e6) as u32;
+        let (width, height) = match self.intrinsics {
+            Intrinsics::Pixels { size: Some(size), .. } => size,
+            Intrinsics::Pixels { centre: Some([x, y]), .. } => (side(2.0 * x), side(2.0 * y)),
+            Intrinsics::Pixels { focal: [x, y], .. } => (side(x), side(y)),
+            Intrinsics::Fov(_) => (1, 1),
+        };
         self.camera(width, height)
     }
 
-    /// Whether the image's alpha channel is in a mask of its own.
-    pub fn is_matted(&self) -> bool {
-        matches!(self.mask, Some((_, MaskRole::Matte)))
-    }
-
-    /// Returns the image size that the poses file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
-        self.intrinsics.stated_size()
+        match self.intrinsics {
+            Intrinsics::Pixels { size, .. } => size,
+            Intrinsics::Fov(_) => None,
+        }
     }
 }
 
@@ -97,62 +95,11 @@ pub(crate) enum Intrinsics {
 }
 
 impl Intrinsics {
-    /// Converts a camera's intrinsics.
     pub fn of(camera: &Camera) -> Self {
         Self::Pixels {
             focal: [camera.fx, camera.fy],
             centre: Some([camera.cx, camera.cy]),
             size: Some((camera.width, camera.height)),
-        }
-    }
-
-    /// Returns the camera without distortion for an image of the given size.
-    pub fn camera(&self, (width, height): (u32, u32), pose: DMat4) -> Camera {
-        match *self {
-            Self::Fov(angle) => Camera::from_fov(width, height, angle, pose),
-            Self::Pixels { focal, centre, .. } => {
-                let centre = centre.unwrap_or([f64::from(width) / 2.0, f64::from(height) / 2.0]);
-                Camera::pinhole((width, height), focal, centre, pose)
-            }
-        }
-    }
-
-    /// Whether both belong to the same camera, up to rounding in files and in the decomposition of projections.
-    pub fn is_like(&self, other: &Self) -> bool {
-        let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance;
-        let near_pixels = |a: [f64; 2], b: [f64; 2]| (0..2).all(|axis| near(a[axis], b[axis], SAME_PIXELS));
-        match (*self, *other) {
-            (Self::Fov(a), Self::Fov(b)) => near(a, b, SAME_ANGLE),
-            (
-                Self::Pixels { focal, centre, size },
-                Self::Pixels { focal: other_focal, centre: other_centre, size: other_size },
-            ) => {
-                let centres = match (centre, other_centre) {
-                    (Some(a), Some(b)) => near_pixels(a, b),
-                    (a, b) => a == b,
-                };
-                near_pixels(focal, other_focal) && centres && size == other_size
-            }
-            _ => false,
-        }
-    }
-
-    /// Returns the image size that the file states.
-    pub fn stated_size(&self) -> Option<(u32, u32)> {
-        match self {
-            Self::Pixels { size, .. } => *size,
-            Self::Fov(_) => None,
-        }
-    }
-
-    /// Returns the stated size, or twice the principal point, or a square of one pixel.
-    pub fn nominal_size(&self) -> (u32, u32) {
-        let doubled = |c: f64| (2.0 * c).round().clamp(1.0, 1e6) as u32;
-        match *self {
-            Self::Pixels { size: Some(size), .. } => size,
-            Self::Pixels { centre: Some([x, y]), .. } => (doubled(x), doubled(y)),
-            Self::Pixels { focal: [x, y], .. } => (doubled(0.5 * x), doubled(0.5 * y)),
-            Self::Fov(_) => (1, 1),
         }
     }
 }
@@ -177,7 +124,6 @@ pub(crate) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
     (if there.is_empty() { missing } else { there }, warning)
 }
 
-/// Numbers the frames by their places in the list.
 pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
 }
@@ -187,24 +133,4 @@ pub(crate) fn without_extension(relative: &str) -> String {
     let path = Path::new(relative);
     let bare = if is_image_name(path) { path.with_extension("") } else { path.to_owned() };
     bare.to_string_lossy().into_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rounding_makes_no_other_camera() {
-        let pixels = |fx: f64, cx: Option<f64>| Intrinsics::Pixels {
-            focal: [fx, fx],
-            centre: cx.map(|cx| [cx, 300.0]),
-            size: Some((800, 600)),
-        };
-        let camera = pixels(1446.134, Some(411.6));
-        assert!(camera.is_like(&pixels(1446.136, Some(411.65))));
-        assert!(!camera.is_like(&pixels(1447.0, Some(411.6))) && !camera.is_like(&pixels(1446.134, Some(412.6))));
-        assert!(!camera.is_like(&pixels(1446.134, None)) && pixels(1.0, None).is_like(&pixels(1.0, None)));
-        assert!(Intrinsics::Fov(0.6911112).is_like(&Intrinsics::Fov(0.6911113)));
-        assert!(!Intrinsics::Fov(0.69).is_like(&Intrinsics::Fov(0.70)) && !Intrinsics::Fov(0.69).is_like(&camera));
-    }
 }

@@ -2,7 +2,7 @@
 //!
 //! A [`SceneSource`] (a folder, or the name of a built-in scene) and a [`SceneRequest`](infonerf_scene::SceneRequest)
 //! (which views, at which size, on which background) give a [`Scene`](infonerf_scene::Scene) through [`load`]. [`info`]
-//! and [`check()`] look at a folder before training, [`export()`] writes built-in scenes in the same formats, and
+//! and [`check_folder`] look at a folder before training, [`export()`] writes built-in scenes in the same formats, and
 //! [`from_images`] finds the poses of photographs.
 //!
 //! ```
@@ -32,7 +32,7 @@ mod source;
 
 pub use camera_path::CameraPath;
 pub use export::{export, transforms};
-pub use info::{Concern, Info, Warning, check, check_folder, info, info_page, outline};
+pub use info::{Info, check_folder, info, info_page, outline};
 pub use photographs::{PoseSearch, from_images};
 pub use refined_cameras::with_refined_cameras;
 pub use source::{SceneSource, count_pixels, load};

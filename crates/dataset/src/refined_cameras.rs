@@ -3,7 +3,7 @@
 use glam::DVec2;
 use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, PoseError, Scene, View};
-use infonerf_sfm::{Pose, Posed, SfmSettings, Uncertainty, refine};
+use infonerf_sfm::{Pose, Posed, Uncertainty, refine};
 
 use crate::capture::{camera_pose, ray};
 use crate::colmap::opengl;
@@ -44,7 +44,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
         Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
     });
     let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());
-    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty, &SfmSettings::default());
+    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty);
     let [before, after] = found.errors;
     let shared = format!("{} points that the photographs share are off by a median of", found.points.len());
     if found.poses.iter().all(Result::is_err) {
@@ -75,11 +75,9 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
             by.rotation_deg, by.translation_percent
         ));
         if before > ABSURD {
-            scene.warnings.push(
-                "the given cameras were far from what the photographs share: `infonerf scene check` looks for another \
-                 convention of the poses"
-                    .into(),
-            );
+            let far = "the given cameras were far from what the photographs share: `infonerf scene check` looks for \
+                       another convention of the poses";
+            scene.warnings.push(far.into());
         }
     }
     scene.unrefined_cameras = Some(given);
@@ -105,7 +103,7 @@ mod tests {
     use infonerf_scene::{Lens, SceneRequest, TestProtocol, ViewSelection};
 
     use super::*;
-    use crate::loaders::testing::shared_data;
+    use crate::loaders::testing::{assert_warns, shared_data};
     use crate::{SceneSource, load};
 
     fn error(scene: &Scene) -> PoseError {
@@ -114,14 +112,8 @@ mod tests {
     }
 
     fn scene(source: &SceneSource, train: ViewSelection, size: u32) -> Scene {
-        let request = SceneRequest {
-            train,
-            test: TestProtocol::First(1),
-            image_size: Some(size),
-            background: [1.0; 3],
-            ..Default::default()
-        };
-        load(source, &request).unwrap()
+        let test = TestProtocol::First(1);
+        load(source, &SceneRequest { train, test, image_size: Some(size), ..Default::default() }).unwrap()
     }
 
     /// Refinement uses the lens: with a distortion that the images do not have, they give worse cameras.
@@ -135,11 +127,7 @@ mod tests {
         assert!(after.rotation_deg < 0.4 * before.rotation_deg, "{before:?} {after:?}");
         assert!(after.translation_percent < 0.4 * before.translation_percent, "{before:?} {after:?}");
         assert_eq!(refined.unrefined_cameras.as_ref(), Some(&scene.given_cameras()));
-        assert!(
-            refined.warnings.iter().any(|line| line.starts_with("training cameras were refined by ")),
-            "{:?}",
-            refined.warnings
-        );
+        assert_warns(&refined, exact.warnings.len(), "training cameras were refined by ");
         let kept = with_refined_cameras(exact.clone(), false);
         assert_eq!(kept.warnings.len(), exact.warnings.len() + 1);
         assert!(kept.train.iter().zip(&exact.train).all(|(kept, exact)| kept.camera == exact.camera));
@@ -157,11 +145,7 @@ mod tests {
         let refined = with_refined_cameras(scene.clone(), false);
         assert_eq!(refined.given_cameras(), scene.given_cameras());
         assert_eq!(error(&refined), error(&scene));
-        assert!(
-            refined.warnings.last().unwrap().ends_with("their photographs share too few points"),
-            "{:?}",
-            refined.warnings
-        );
+        assert_warns(&refined, refined.warnings.len() - 1, "their photographs share too few points");
     }
 
     /// Prints the table of errors in docs/cameras.md: of published captures, and of built-in scenes with views

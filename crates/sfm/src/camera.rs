@@ -1,6 +1,7 @@
-//! Poses and the lens.
+//! Poses and the lens, and points from the views that see them.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Pose of a camera, world to camera: `x ↦ rotation · x + translation`; the camera looks along +z, y is down.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,19 +60,53 @@ impl SimpleRadial {
     }
 }
 
+/// Returns the point closest to the rays along which the cameras see it, `(x, y, 1)` in their axes: the least squares
+/// of perpendicular distances over depths, by reweighting. `None` where the rays are parallel or it is behind a camera.
+pub(crate) fn triangulate(seen: &[(Pose, DVec2)]) -> Option<DVec3> {
+    let mut depths = vec![1.0; seen.len()];
+    let mut point = None;
+    for _ in 0..4 {
+        let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
+        for ((pose, p), depth) in seen.iter().zip(&depths) {
+            // Rows `x z' - x'` and `y z' - y'` of the camera's coordinates, over the depth: errors in the picture.
+            let rows = pose.rotation.transpose();
+            for (axis, offset, v) in [(rows.x_axis, pose.translation.x, p.x), (rows.y_axis, pose.translation.y, p.y)] {
+                let normal = (rows.z_axis * v - axis) / *depth;
+                let row = Vector3::new(normal.x, normal.y, normal.z);
+                a += row * row.transpose();
+                b += row * ((offset - pose.translation.z * v) / *depth);
+            }
+        }
+        let x = a.cholesky()?.solve(&b);
+        let found = DVec3::new(x.x, x.y, x.z);
+        for ((pose, _), depth) in seen.iter().zip(&mut depths) {
+            *depth = pose.transform(found).z;
+        }
+        if !found.is_finite() || depths.iter().any(|depth| *depth <= 0.0) {
+            return None;
+        }
+        point = Some(found);
+    }
+    point
+}
+
+/// Returns the largest angle between the rays from two of `centres` to `point`, in radians.
+pub(crate) fn angle(point: DVec3, centres: &[DVec3]) -> f64 {
+    let pairs = centres.iter().enumerate().flat_map(|(i, a)| centres[..i].iter().map(move |b| (a, b)));
+    pairs.map(|(a, b)| (*a - point).angle_between(*b - point)).fold(0.0, f64::max)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn unproject_is_the_inverse_of_project() {
-        for k1 in [-0.15, 0.0, 0.2] {
-            let lens = SimpleRadial { focal: 700.0, k1, centre: DVec2::new(500.0, 300.0) };
-            for pixel in [DVec2::ZERO, DVec2::new(999.0, 10.0), lens.centre] {
-                let again = lens.project(lens.unproject(pixel).extend(1.0) * 3.0).unwrap();
-                assert!(again.distance(pixel) < 1e-6, "{k1}: {again} {pixel}");
-            }
-            assert_eq!(lens.project(-DVec3::Z), None);
-        }
+    fn no_point_behind_a_camera_or_of_parallel_rays() {
+        let beside = Pose { translation: DVec3::X, ..Pose::IDENTITY };
+        let seen = |x: f64| triangulate(&[(Pose::IDENTITY, DVec2::ZERO), (beside, DVec2::new(x, 0.0))]);
+        assert!(seen(0.2).unwrap().distance(DVec3::new(0.0, 0.0, 5.0)) < 1e-9);
+        assert_eq!((seen(-0.2), seen(0.0)), (None, None));
+        let right_angle = angle(DVec3::ZERO, &[DVec3::X, DVec3::Y, DVec3::X]);
+        assert!((right_angle - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
     }
 }

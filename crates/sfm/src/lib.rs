@@ -12,21 +12,16 @@ mod essential;
 mod mapper;
 mod matching;
 mod p3p;
-mod pairs;
-mod polynomial;
 mod ransac;
 mod reconstruction;
 mod refine;
-mod scale_space;
 mod sift;
 #[cfg(test)]
 mod testing;
-mod tracks;
-mod triangulate;
 mod two_view;
 
 pub use bundle::Point;
 pub use camera::{Pose, SimpleRadial};
-pub use pairs::{ImageMatches, explains, verified_matches};
-pub use reconstruction::{Photograph, SfmSettings, SparseModel, reconstruct};
+pub use reconstruction::{Photograph, SparseModel, reconstruct};
 pub use refine::{Posed, Refined, Uncertainty, refine};
+pub use two_view::{ImageMatches, explains, verified_matches};

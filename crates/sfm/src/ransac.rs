@@ -7,13 +7,10 @@ use rand_chacha::ChaCha8Rng;
 /// The chance with which one sample without an outlier is drawn.
 const CONFIDENCE: f64 = 0.9999;
 
-/// How a model is looked for.
 pub(crate) struct Ransac {
-    /// Data per sample.
     pub(crate) sample: usize,
     /// Squared errors below this are inliers.
     pub(crate) threshold: f64,
-    /// Samples, at most.
     pub(crate) most: usize,
     pub(crate) seed: u64,
 }
@@ -49,22 +46,5 @@ impl Ransac {
         let model = best?;
         let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).collect();
         Some((model, inliers))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_through_noise() {
-        let data: Vec<f64> =
-            (0..60).map(|i| if i % 3 == 0 { f64::from(i * i % 17) - 90.0 } else { 2.0 * f64::from(i) }).collect();
-        let line = |s: &[usize]| vec![(data[s[0]] - data[s[1]]) / (s[0] as f64 - s[1] as f64)];
-        let ransac = Ransac { sample: 2, threshold: 0.01, most: 500, seed: 1 };
-        let error = |m: &f64, i: usize| (m * i as f64 - data[i]).powi(2);
-        let (m, inliers) = ransac.run(60, line, error).unwrap();
-        assert!((m - 2.0).abs() < 1e-9 && inliers.len() == 40);
-        assert!(ransac.run(1, line, error).is_none());
     }
 }

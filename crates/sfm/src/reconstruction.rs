@@ -6,12 +6,14 @@ use rayon::prelude::*;
 use crate::bundle::{Point, Prior};
 use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
-use crate::matching::{FEWEST, Matches, matches_of_pairs};
+use crate::matching::{FEWEST, Matches, matches_of_pairs, tracks};
 use crate::sift::{Features, features};
-use crate::tracks::tracks;
 use crate::two_view::{TwoView, verified};
 use infonerf_scene::image::GreyImage;
 
+pub(crate) const FEATURES: usize = 6000;
+/// Greatest distance between the pixel at which a point is seen and its projection, over the longer side of a photograph.
+pub(crate) const TOLERANCE: f64 = 2.5e-3;
 /// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
 /// Uncertainty of a guessed focal length, and of one from EXIF: deviation of its logarithm.
@@ -41,24 +43,6 @@ pub struct Photograph {
     pub focal: Option<f64>,
 }
 
-/// Settings of the search for cameras and points.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SfmSettings {
-    /// Features per photograph, at most.
-    pub features: usize,
-    /// Greatest distance between the pixel at which a point is seen and its projection, over the longer side of a
-    /// photograph.
-    pub tolerance: f64,
-    /// Seed of the random samples of RANSAC.
-    pub seed: u64,
-}
-
-impl Default for SfmSettings {
-    fn default() -> Self {
-        Self { features: 6000, tolerance: 2.5e-3, seed: 0 }
-    }
-}
-
 /// Cameras and points, in a world of arbitrary place and scale. Pixels are those of a canvas of the greatest width and height
 /// of all photographs, in whose middle each is.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,14 +64,13 @@ pub struct SparseModel {
 pub fn reconstruct(
     photographs: &[Photograph],
     focal: Option<f64>,
-    settings: &SfmSettings,
     mut progress: impl FnMut(&str),
 ) -> Result<SparseModel, String> {
     let count = photographs.len();
     let size_of = |p: &Photograph| DVec2::new(p.image.width as f64, p.image.height as f64);
     let size = photographs.iter().map(size_of).fold(DVec2::ONE, DVec2::max);
     let found = |p: &Photograph| {
-        let mut found = features(&p.image, settings.features);
+        let mut found = features(&p.image, FEATURES);
         found.pixels.iter_mut().for_each(|pixel| *pixel += 0.5 * (size - size_of(p)));
         found
     };
@@ -110,14 +93,12 @@ pub fn reconstruct(
     for guess in guesses {
         let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
         let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
-        let found = map(&features, &matched, (lens, prior), settings.tolerance * longer, settings.seed);
-        let found = match found {
-            Mapped::Model(found) => found,
-            Mapped::Flat => {
-                flat = true;
+        let found = match map(&features, &matched, (lens, prior), TOLERANCE * longer) {
+            Ok(found) => found,
+            Err(is_flat) => {
+                flat |= is_flat;
                 continue;
             }
-            Mapped::Nothing => continue,
         };
         let (placed, points) = (found.poses.iter().flatten().count(), found.points.len());
         let (from, to, k1) = (guess, found.lens.focal / longer, found.lens.k1);
@@ -157,22 +138,21 @@ fn plausibility(focal: f64) -> f64 {
     1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
 }
 
-/// Result of mapping with one guess of the lens.
-enum Mapped {
-    Model(SparseModel),
-    /// One homography explains the matches of each pair.
-    Flat,
-    /// No pair can start a reconstruction.
-    Nothing,
-}
-
 /// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.
-fn map(features: &[Features], matched: &[Matches], lens: (SimpleRadial, Prior), tolerance: f64, seed: u64) -> Mapped {
+///
+/// # Errors
+/// No pair can start a reconstruction; the error is whether one homography explains the matches of each pair.
+fn map(
+    features: &[Features],
+    matched: &[Matches],
+    lens: (SimpleRadial, Prior),
+    tolerance: f64,
+) -> Result<SparseModel, bool> {
     let (agreed, views): (Vec<Matches>, Vec<TwoView>) =
-        verified(features, matched, &lens.0, tolerance, seed).into_iter().unzip();
+        verified(features, matched, &lens.0, tolerance).into_iter().unzip();
     let tracks = tracks(features, &agreed);
     if !views.is_empty() && views.iter().all(|view| view.flat >= FLAT) {
-        return Mapped::Flat;
+        return Err(true);
     }
     let worth = |view: &TwoView| {
         let angles = view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
@@ -181,27 +161,13 @@ fn map(features: &[Features], matched: &[Matches], lens: (SimpleRadial, Prior), 
     let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();
     pairs.sort_by(|a, b| worth(b.1).total_cmp(&worth(a.1)));
     let start = |(matches, view): &(&Matches, &TwoView)| {
-        let start = (matches.a, matches.b, view.pose);
-        let mapper = Mapper::new(&tracks, features.len(), lens, tolerance, start, seed).run();
+        let mut poses = vec![Err(String::new()); features.len()];
+        (poses[matches.a], poses[matches.b]) = (Ok(Pose::IDENTITY), Ok(view.pose));
+        let mapper = Mapper::new(&tracks, poses, lens, tolerance, None).run();
         let points = mapper.points();
         ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)
     };
     let starts: Vec<_> = pairs.par_iter().take(STARTS).map(start).collect();
     let best = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
-    best.map_or(Mapped::Nothing, |(_, mapper, points)| {
-        Mapped::Model(SparseModel { lens: mapper.lens, poses: mapper.poses, points })
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn usual_focal_lengths_are_likelier() {
-        let found = [0.85, 0.5, 1.4, 0.2, 5.0].map(plausibility);
-        assert_eq!(found[0], 1.0);
-        assert!((found[1] - found[2]).abs() < 0.1 && found[1] < 0.6 && found[3] < 0.2 && found[4] < 0.3, "{found:?}");
-        assert!(found.iter().all(|value| *value > 0.0));
-    }
+    best.map(|(_, mapper, points)| SparseModel { lens: mapper.lens, poses: mapper.poses, points }).ok_or(false)
 }

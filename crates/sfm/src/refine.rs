@@ -6,14 +6,12 @@ use glam::{DQuat, DVec2};
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
-use crate::camera::{Pose, SimpleRadial};
+use crate::camera::{Pose, SimpleRadial, triangulate};
 use crate::mapper::Mapper;
-use crate::matching::matches_of_pairs;
-use crate::reconstruction::SfmSettings;
+use crate::matching::{matches_of_pairs, tracks};
+use crate::reconstruction::{FEATURES, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
-use crate::tracks::tracks;
-use crate::triangulate::triangulate;
-use crate::two_view::verified;
+use crate::two_view::{relative, verified};
 use infonerf_scene::image::GreyImage;
 
 /// Points may always fall this many pixels from where they are seen.
@@ -48,9 +46,7 @@ impl Uncertainty {
     /// Whether two cameras that are thought to be at `given` may be at the relative pose `found`, whose translation is known up
     /// to its length: within [`MAX_DEVIATIONS`] in rotation, and in the direction of the translation.
     fn allows(&self, found: &Pose, given: [Pose; 2]) -> bool {
-        let [first, second] = given;
-        let rotation = second.rotation * first.rotation.transpose();
-        let translation = second.translation - rotation * first.translation;
+        let Pose { rotation, translation } = relative([&given[0], &given[1]]);
         let turned = DQuat::from_mat3(&found.rotation).angle_between(DQuat::from_mat3(&rotation));
         let [turn, shift] = [self.turn, self.shift].map(|of_one| SQRT_2 * of_one);
         turned <= MAX_DEVIATIONS * turn
@@ -74,13 +70,12 @@ pub struct Refined {
 
 /// Adjusts `photographs` and the points that they share together, beginning at the given poses and drawn to them by their
 /// `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
-pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, settings: &SfmSettings) -> Refined {
-    let features: Vec<Features> =
-        photographs.par_iter().map(|photograph| seen(photograph, focal, settings.features)).collect();
+pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty) -> Refined {
+    let features: Vec<Features> = photographs.par_iter().map(|photograph| seen(photograph, focal)).collect();
     let longer = photographs.iter().map(|p| p.image.width.max(p.image.height)).max().unwrap_or(0);
-    let tolerance = (settings.tolerance * longer as f64).max(MIN_TOLERANCE);
+    let tolerance = (TOLERANCE * longer as f64).max(MIN_TOLERANCE);
     let lens = SimpleRadial { focal, k1: 0.0, centre: DVec2::ZERO };
-    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance, settings.seed)
+    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance)
         .into_iter()
         .filter(|(matches, found)| uncertainty.allows(&found.pose, [matches.a, matches.b].map(|i| photographs[i].pose)))
         .map(|(matches, _)| matches)
@@ -93,7 +88,7 @@ pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, s
         shift_deviation: uncertainty.shift,
     };
     let given: Vec<Result<Pose, String>> = expected.poses.iter().copied().map(Ok).collect();
-    let found = Mapper::at(&tracks, (lens, prior), tolerance, expected, settings.seed).refine();
+    let found = Mapper::new(&tracks, given.clone(), (lens, prior), tolerance, Some(expected)).refine();
     let points = found.points();
     let errors = [(lens, &given), (found.lens, &found.poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
     Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }
@@ -116,8 +111,8 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
 }
 
 /// Finds the features of a photograph, as a lens of that focal length without distortion sees them.
-fn seen(photograph: &Posed<'_>, focal: f64, most: usize) -> Features {
-    let found = features(&photograph.image, most);
+fn seen(photograph: &Posed<'_>, focal: f64) -> Features {
+    let found = features(&photograph.image, FEATURES);
     let mut seen = Features::default();
     for (pixel, descriptor) in found.pixels.iter().zip(found.descriptors.chunks_exact(LENGTH)) {
         if let Some(p) = (photograph.unproject)(*pixel) {

@@ -6,13 +6,10 @@ use glam::DVec2;
 use infonerf_scene::image::GreyImage;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::scale_space::{blurred, difference, doubled, halved};
-
 /// Values per descriptor: 4 × 4 cells of 8 orientations.
 pub(crate) const LENGTH: usize = CELLS * CELLS * BINS;
 const CELLS: usize = 4;
 const BINS: usize = 8;
-/// Scales per octave.
 const SCALES: usize = 3;
 /// Blur of the first image of each octave, in its pixels.
 const SIGMA: f32 = 1.6;
@@ -33,7 +30,6 @@ const PEAK: f32 = 0.8;
 /// Photographs of at most this longest side are doubled first.
 const DOUBLED: usize = 1024;
 
-/// The features of one photograph.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Features {
     /// Positions in pixels; the centre of the first pixel is (0.5, 0.5).
@@ -259,6 +255,60 @@ fn descriptor(image: &GreyImage, at: &Extremum, angle: f32) -> [f32; LENGTH] {
     histogram.iter_mut().for_each(|v| *v = v.min(0.2 * length));
     let sum = histogram.iter().sum::<f32>().max(f32::MIN_POSITIVE);
     histogram.map(|v| (v / sum).sqrt())
+}
+
+/// Convolves `image` with a Gaussian of `sigma` pixels; the border is repeated.
+fn blurred(image: &GreyImage, sigma: f32) -> GreyImage {
+    let radius = (4.0 * sigma).ceil() as usize;
+    let kernel: Vec<f32> =
+        (0..=2 * radius).map(|i| (-0.5 * ((i as f32 - radius as f32) / sigma).powi(2)).exp()).collect();
+    let sum: f32 = kernel.iter().sum();
+    let (width, height) = (image.width, image.height);
+    let mut across = vec![0.0; width * height];
+    let mut padded = vec![0.0; width + 2 * radius];
+    for (row, out) in image.values.chunks_exact(width).zip(across.chunks_exact_mut(width)) {
+        padded[..radius].fill(row[0]);
+        padded[radius..radius + width].copy_from_slice(row);
+        padded[radius + width..].fill(row[width - 1]);
+        for (i, k) in kernel.iter().enumerate() {
+            add_scaled(out, &padded[i..i + width], k / sum);
+        }
+    }
+    let mut values = vec![0.0; width * height];
+    for (y, out) in values.chunks_exact_mut(width).enumerate() {
+        for (i, k) in kernel.iter().enumerate() {
+            let from = (y + i).saturating_sub(radius).min(height - 1) * width;
+            add_scaled(out, &across[from..from + width], k / sum);
+        }
+    }
+    GreyImage { width, height, values }
+}
+
+fn halved(image: &GreyImage) -> GreyImage {
+    let (width, height) = (image.width / 2, image.height / 2);
+    let values = (0..width * height).map(|i| image.at(2 * (i % width), 2 * (i / width))).collect();
+    GreyImage { width, height, values }
+}
+
+/// Doubles the size: pixel `2 x` of the result is pixel `x`, those between are means.
+fn doubled(image: &GreyImage) -> GreyImage {
+    let (width, height) = (2 * image.width, 2 * image.height);
+    let value = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let (right, below) = (x.div_ceil(2).min(image.width - 1), y.div_ceil(2).min(image.height - 1));
+        let (x, y) = (x / 2, y / 2);
+        0.25 * (image.at(x, y) + image.at(right, y) + image.at(x, below) + image.at(right, below))
+    };
+    GreyImage { width, height, values: (0..width * height).map(value).collect() }
+}
+
+fn difference(image: &GreyImage, other: &GreyImage) -> GreyImage {
+    let values = image.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
+    GreyImage { values, ..*image }
+}
+
+fn add_scaled(out: &mut [f32], values: &[f32], factor: f32) {
+    out.iter_mut().zip(values).for_each(|(o, v)| *o += factor * v);
 }
 
 #[cfg(test)]

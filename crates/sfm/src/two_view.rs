@@ -1,23 +1,22 @@
-//! The relative pose of two photographs from their matches.
+//! Relative poses of two photographs, and matches that agree with them.
 
 use glam::{DMat3, DVec2, DVec3};
+use infonerf_scene::image::GreyImage;
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
-use crate::camera::{Pose, SimpleRadial};
+use crate::camera::{Pose, SimpleRadial, angle, triangulate};
 use crate::essential::{five_point, poses, sampson};
-use crate::matching::{FEWEST, Matches};
+use crate::matching::{FEWEST, Matches, matches_of_pairs};
 use crate::ransac::Ransac;
-use crate::sift::Features;
-use crate::triangulate::{angle, triangulate};
+use crate::reconstruction::TOLERANCE;
+use crate::sift::{Features, features};
 
-/// Samples of five matches, at most.
 const SAMPLES: usize = 2000;
 /// Samples of four matches for a homography, at most.
 const HOMOGRAPHIES: usize = 300;
 
-/// Two photographs whose matches agree on a relative pose.
 #[derive(Clone, Debug)]
 pub(crate) struct TwoView {
     /// Pose of the second camera; the first is at the origin, the distance between them 1.
@@ -37,12 +36,11 @@ pub(crate) fn verified(
     matched: &[Matches],
     lens: &SimpleRadial,
     tolerance: f64,
-    seed: u64,
 ) -> Vec<(Matches, TwoView)> {
     let verified = |&Matches { a, b, ref pairs }: &Matches| {
         let pixels: Vec<(DVec2, DVec2)> =
             pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
-        let view = two_view(&pixels, lens, tolerance, seed ^ ((a as u64) << 32 | b as u64))?;
+        let view = two_view(&pixels, lens, tolerance, (a as u64) << 32 | b as u64)?;
         let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
         (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
     };
@@ -59,7 +57,16 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
     let (essential, inliers) = ransac.run(rays.len(), solve, |e, i| sampson(e, rays[i]))?;
     let in_front = |pose: &Pose| inliers.iter().filter(|&&i| point(pose, rays[i]).is_some()).count();
     let pose = poses(&essential).into_iter().max_by_key(in_front)?;
-    let pose = refined(pose, matches, &rays, &inliers, lens, tolerance);
+    let points = inliers.iter().filter_map(|&i| {
+        let seen = vec![(0, matches[i].0), (1, matches[i].1)];
+        Some(Point { position: point(&pose, rays[i])?, seen })
+    });
+    let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
+    let (prior, scale) = (Prior::fixed(lens), 0.5 * tolerance);
+    bundle.adjust(&Adjustment { prior, poses: None, points: true, scale, steps: 10 });
+    let adjusted = relative([&bundle.poses[0], &bundle.poses[1]]);
+    let translation = adjusted.translation.try_normalize().unwrap_or(pose.translation);
+    let pose = Pose { translation, ..adjusted };
     let essential = cross(pose.translation) * pose.rotation;
     let centres = [DVec3::ZERO, pose.centre()];
     let agreeing = |i: usize| {
@@ -110,36 +117,59 @@ fn point(pose: &Pose, (a, b): (DVec2, DVec2)) -> Option<DVec3> {
     triangulate(&[(Pose::IDENTITY, a), (*pose, b)])
 }
 
-/// Returns the pose after bundle adjustment of the two views, at distance 1.
-fn refined(
-    pose: Pose,
-    matches: &[(DVec2, DVec2)],
-    rays: &[(DVec2, DVec2)],
-    inliers: &[usize],
-    lens: &SimpleRadial,
-    tolerance: f64,
-) -> Pose {
-    let points = inliers.iter().filter_map(|&i| {
-        let seen = vec![(0, matches[i].0), (1, matches[i].1)];
-        Some(Point { position: point(&pose, rays[i])?, seen })
-    });
-    let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
-    bundle.adjust(&Adjustment {
-        prior: Prior::fixed(lens),
-        poses: None,
-        points: true,
-        scale: 0.5 * tolerance,
-        steps: 10,
-    });
-    let [first, second] = [bundle.poses[0], bundle.poses[1]];
-    let rotation = second.rotation * first.rotation.transpose();
-    let translation = second.translation - rotation * first.translation;
-    Pose { rotation, translation: translation.try_normalize().unwrap_or(pose.translation) }
+/// Returns the pose of the second camera in the axes of the first.
+pub(crate) fn relative([a, b]: [&Pose; 2]) -> Pose {
+    let rotation = b.rotation * a.rotation.transpose();
+    Pose { rotation, translation: b.translation - rotation * a.translation }
 }
 
 /// Returns the matrix of `x ↦ v × x`.
 pub(crate) fn cross(v: DVec3) -> DMat3 {
     DMat3::from_cols(v.cross(DVec3::X), v.cross(DVec3::Y), v.cross(DVec3::Z))
+}
+
+/// Focal lengths over the longer side with which matches are verified if the given ones do not suffice.
+const FOCAL_LENGTHS: [f64; 3] = [0.7, 1.1, 1.8];
+/// Pairs of images are compared if this share of their matches agrees on a relative pose.
+const AGREEING: f64 = 0.5;
+
+/// Pixels of two images that show the same points.
+#[derive(Clone, Debug)]
+pub struct ImageMatches {
+    /// Index of the first image.
+    pub a: usize,
+    /// Index of the second image.
+    pub b: usize,
+    /// Positions in the first and the second image.
+    pub pixels: Vec<(DVec2, DVec2)>,
+}
+
+/// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
+/// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have; an image has at most
+/// `most` features.
+pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
+    let found: Vec<Features> = images.par_iter().map(|image| features(image, most)).collect();
+    let verify = |Matches { a, b, pairs }: &Matches| {
+        let (width, height) = (images[*a].width as f64, images[*a].height as f64);
+        let longer = width.max(height);
+        let pixels: Vec<_> = pairs.iter().map(|(i, j)| (found[*a].pixels[*i], found[*b].pixels[*j])).collect();
+        let inliers = |focal: f64| {
+            let lens = SimpleRadial { focal, k1: 0.0, centre: 0.5 * DVec2::new(width, height) };
+            two_view(&pixels, &lens, TOLERANCE * longer, 0).map_or(Vec::new(), |view| view.inliers)
+        };
+        let guesses = FOCAL_LENGTHS.map(|times| times * longer);
+        let best = [focal[*a]].into_iter().chain(guesses).map(inliers).max_by_key(Vec::len)?;
+        let agree = best.len() as f64 >= AGREEING * pixels.len() as f64;
+        agree.then(|| ImageMatches { a: *a, b: *b, pixels: best.iter().map(|&i| pixels[i]).collect() })
+    };
+    matches_of_pairs(&found).par_iter().filter_map(verify).collect()
+}
+
+/// Whether two cameras see one point in front of them along `rays`, `(x, y, 1)` in their axes, up to `tolerance` (Sampson's
+/// distance in the plane at depth 1).
+pub fn explains(poses: [&Pose; 2], rays: (DVec2, DVec2), tolerance: f64) -> bool {
+    let pose = relative(poses);
+    sampson(&(cross(pose.translation) * pose.rotation), rays) < tolerance.powi(2) && point(&pose, rays).is_some()
 }
 
 #[cfg(test)]

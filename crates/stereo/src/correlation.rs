@@ -8,7 +8,6 @@ const NOISE: f32 = 1e-4;
 /// Sums over the windows of one image that others are compared with.
 pub(crate) struct Windows<'a> {
     image: &'a GreyImage,
-    /// Half the side.
     half: usize,
     /// Number of pixels of each window, mean and variance of the image there.
     statistics: Vec<(f32, f32, f32)>,

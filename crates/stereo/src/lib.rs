@@ -20,15 +20,14 @@
 //! # Ok::<(), infonerf_scene::SceneError>(())
 //! ```
 
-mod agreement;
 mod correlation;
 mod map;
-mod neighbours;
 mod semi_global;
 mod sweep;
 
+use glam::Vec3;
 use infonerf_scene::image::resized_mask;
-use infonerf_scene::{Camera, Ray, Scene, View};
+use infonerf_scene::{Camera, Layout, Ray, Scene, View};
 
 use crate::sweep::PlaneSweep;
 use infonerf_scene::image::GreyImage;
@@ -42,17 +41,11 @@ pub struct StereoSettings {
     pub size: u32,
     /// Views that each view is compared with, at most.
     pub neighbours: usize,
-    /// Candidate depths per ray, at most.
-    pub planes: usize,
-    /// Half the side of the windows that are compared, in pixels.
-    pub window: usize,
-    /// Greatest difference between two views' disparities of one point, in steps between planes.
-    pub tolerance: f32,
 }
 
 impl Default for StereoSettings {
     fn default() -> Self {
-        Self { size: 252, neighbours: 4, planes: 192, window: 3, tolerance: 1.5 }
+        Self { size: 252, neighbours: 4 }
     }
 }
 
@@ -72,7 +65,6 @@ pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
     search(scene, settings, occurring)
 }
 
-/// Searches once among planes within `disparities`.
 fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) -> Vec<DepthMap> {
     let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
     let cameras: Vec<Camera> = scene
@@ -81,20 +73,19 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         .zip(&images)
         .map(|(view, image)| view.camera.resized(image.width as u32, image.height as u32))
         .collect();
-    let neighbours: Vec<Vec<usize>> = (0..cameras.len())
-        .map(|view| neighbours::of(scene, &cameras, view, settings.neighbours, disparities))
-        .collect();
+    let neighbours: Vec<Vec<usize>> =
+        (0..cameras.len()).map(|view| neighbours_of(scene, &cameras, view, settings.neighbours, disparities)).collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
-        let sweep = PlaneSweep::new(scene, &cameras[view], &others, settings.planes, disparities);
-        let costs = sweep.costs(&images[view], &others, settings.window);
+        let sweep = PlaneSweep::new(scene, &cameras[view], &others, disparities);
+        let costs = sweep.costs(&images[view], &others);
         let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]));
         let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());
         invalid.for_each(|(disparity, _)| *disparity = f32::NAN);
         map
     };
     let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
-    agreement::agreed(&maps, &cameras, &neighbours, settings.tolerance)
+    map::agreed(&maps, &cameras, &neighbours)
 }
 
 /// Reduces a view to a grey image, NaN where a pixel is not valid: such pixels are matched neither in it nor in others.
@@ -108,7 +99,6 @@ fn valid_grey(view: &View, size: u32) -> GreyImage {
     image
 }
 
-/// A range of disparities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Disparities {
     least: f32,
@@ -139,19 +129,41 @@ fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     Some(Disparities { least: 0.8 * found[margin], greatest: 1.25 * found[found.len() - 1 - margin] })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// The angle between two lines of sight that shows depth best: less shows little, more shows different sides (MVSNet,
+/// Yao et al. 2018, Sec. 4.1).
+const BEST_ANGLE_DEG: f32 = 5.0;
+/// Largest angle at which windows look alike.
+const MAX_ANGLE_DEG: f32 = 45.0;
 
-    #[test]
-    fn the_range_of_disparities_passes_over_stray_matches() {
-        let mut disparity = vec![f32::NAN; 600];
-        (0..400).for_each(|i| disparity[i] = 1.0 + i as f32 / 400.0);
-        disparity[399] = 100.0;
-        let map = DepthMap { width: 600, height: 1, step: vec![0.1; 600], disparity };
-        let found = disparities(std::slice::from_ref(&map)).unwrap();
-        assert!((0.8..0.82).contains(&found.least) && (2.45..2.51).contains(&found.greatest), "{found:?}");
-        let nothing = DepthMap { disparity: vec![f32::NAN; 600], ..map };
-        assert_eq!(disparities(&[nothing]), None);
-    }
+/// Returns at most `count` cameras other than `view`, the best first.
+fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, within: Disparities) -> Vec<usize> {
+    let camera = &cameras[view];
+    let Some(point) = middle(scene, camera, within) else { return Vec::new() };
+    let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
+    let mut scored: Vec<(f32, usize)> = (0..cameras.len())
+        .filter(|&other| other != view && cameras[other].project(point).is_some())
+        .map(|other| (sight(camera).angle_between(sight(&cameras[other])).to_degrees(), other))
+        .filter(|(angle, _)| *angle <= MAX_ANGLE_DEG)
+        .map(|(angle, other)| (score(angle), other))
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(count);
+    scored.into_iter().map(|(_, other)| other).collect()
+}
+
+/// Returns the point that `camera` looks at: on its middle ray, as far away as the scene's centre if the cameras surround an
+/// object, else at the geometric mean of the disparities within range.
+fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
+    let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
+    let (far, near) = within.along(scene, &ray)?;
+    let distance = match scene.space.layout {
+        Layout::Object => scene.space.centre.distance(ray.origin).clamp(1.0 / near, 1.0 / far),
+        Layout::Forward | Layout::Inside => 1.0 / (near * far).sqrt(),
+    };
+    Some(ray.at(distance))
+}
+
+fn score(angle: f32) -> f32 {
+    let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
+    (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
 }

@@ -28,7 +28,6 @@ pub(crate) fn labels(costs: &[f32], planes: usize, guide: &GreyImage) -> Vec<f32
     total.chunks_exact(planes).map(refined_minimum).collect()
 }
 
-/// Gathers costs along one direction.
 fn gathered(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize, isize)) -> Vec<f32> {
     let (width, height) = (guide.width, guide.height);
     let mut total = vec![0.0; costs.len()];

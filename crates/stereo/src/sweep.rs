@@ -7,8 +7,11 @@ use crate::correlation::Windows;
 use crate::map::DepthMap;
 use infonerf_scene::image::GreyImage;
 
-/// Fewest planes that are tried.
+/// Candidate depths per ray.
 const MIN_PLANES: usize = 16;
+const MAX_PLANES: usize = 192;
+/// Half the side of the windows that are compared, in pixels.
+const HALF_WINDOW: usize = 3;
 
 /// Cost of a plane at which no other view can be compared.
 const UNSEEN_COST: f32 = 0.5;
@@ -24,13 +27,7 @@ pub(crate) struct PlaneSweep {
 }
 
 impl PlaneSweep {
-    pub(crate) fn new(
-        scene: &Scene,
-        camera: &Camera,
-        others: &[(&GreyImage, &Camera)],
-        most: usize,
-        within: Disparities,
-    ) -> Self {
+    pub(crate) fn new(scene: &Scene, camera: &Camera, others: &[(&GreyImage, &Camera)], within: Disparities) -> Self {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let ends = |i: usize| {
             let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
@@ -38,17 +35,16 @@ impl PlaneSweep {
             Some((ray, far, near))
         };
         let ends: Vec<_> = (0..width * height).map(ends).collect();
-        // As many planes as a point moves pixels in another view, by how far the first of the most steps takes it there: the
+        // As many planes as a point moves pixels in another view, by how far the first of most steps takes it there: the
         // nearest points may lie outside of that view, or behind it.
-        let most = most.max(MIN_PLANES);
         let moves = |&(ray, far, near): &(Ray, f32, f32), other: &Camera| {
-            let step = (near - far) / (most - 1) as f32;
+            let step = (near - far) / (MAX_PLANES - 1) as f32;
             let [a, b] = [far, far + step].map(|disparity| other.project(ray.at(1.0 / disparity)));
             a.zip(b).map_or(0.0, |(a, b)| a.distance(b))
         };
         let some = ends.iter().step_by((width * height / 64).max(1)).flatten();
         let longest = some.flat_map(|ends| others.iter().map(move |(_, other)| moves(ends, other))).fold(0.0, f32::max);
-        let planes = (longest.min(1.0) * most as f32).ceil().max(MIN_PLANES as f32) as usize;
+        let planes = (longest.min(1.0) * MAX_PLANES as f32).ceil().max(MIN_PLANES as f32) as usize;
         let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
         Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
     }
@@ -59,8 +55,8 @@ impl PlaneSweep {
 
     /// Returns the cost of each plane at each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
     /// views, since others may not see the surface.
-    pub(crate) fn costs(&self, picture: &GreyImage, others: &[(&GreyImage, &Camera)], half: usize) -> Vec<f32> {
-        let windows = Windows::new(picture, half);
+    pub(crate) fn costs(&self, picture: &GreyImage, others: &[(&GreyImage, &Camera)]) -> Vec<f32> {
+        let windows = Windows::new(picture, HALF_WINDOW);
         let projections: Vec<PointProjection> = others.iter().map(|(_, camera)| PointProjection::new(camera)).collect();
         let of_plane = |plane: usize| {
             let correlation = |(projection, (image, _)): (&PointProjection<'_>, &(&GreyImage, &Camera))| {

@@ -4,9 +4,9 @@ use infonerf_procedural::load;
 use infonerf_scene::{Range, Scene, SceneRequest, ViewSelection};
 use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 
-fn room(train: ViewSelection) -> Scene {
-    let request = SceneRequest { train, image_size: Some(128), ..SceneRequest::default() };
-    load("room", &request).unwrap()
+fn room() -> Scene {
+    let train = ViewSelection::Named("regnerf-3".into());
+    load("room", &SceneRequest { train, image_size: Some(128), ..SceneRequest::default() }).unwrap()
 }
 
 /// How far the map's disparities are from the exact ones, in steps between planes, sorted.
@@ -20,7 +20,7 @@ fn errors(scene: &Scene, view: usize, map: &DepthMap) -> Vec<f32> {
 
 #[test]
 fn matched_pixels_are_where_they_are() {
-    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    let scene = room();
     for (view, map) in depth_maps(&scene, &StereoSettings::default()).iter().enumerate() {
         let errors = errors(&scene, view, map);
         let share = |part: f32| errors[(part * errors.len() as f32) as usize];
@@ -33,7 +33,7 @@ fn matched_pixels_are_where_they_are() {
 /// Captures often come without near and far, and what is assumed for them is wide.
 #[test]
 fn near_and_far_may_be_far_off() {
-    let mut scene = room(ViewSelection::Named("regnerf-3".into()));
+    let mut scene = room();
     let narrow = depth_maps(&scene, &StereoSettings::default());
     scene.space.range = Range::Distance { near: scene.space.near / 20.0, far: 10.0 * scene.space.far };
     for (view, map) in depth_maps(&scene, &StereoSettings::default()).iter().enumerate() {
@@ -47,7 +47,7 @@ fn near_and_far_may_be_far_off() {
 /// A map of a smaller image answers for positions in the larger one.
 #[test]
 fn maps_are_asked_in_pixels_of_the_view() {
-    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    let scene = room();
     let map = &depth_maps(&scene, &StereoSettings { size: 64, ..StereoSettings::default() })[0];
     assert_eq!(map.width.max(map.height), 64);
     let camera = &scene.train[0].camera;
@@ -59,7 +59,7 @@ fn maps_are_asked_in_pixels_of_the_view() {
 /// The lower half of each image is noise that a mask leaves out.
 #[test]
 fn pixels_that_are_not_valid_are_not_matched() {
-    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    let scene = room();
     let mut masked = scene.clone();
     for view in &mut masked.train {
         let half = view.image.rgb.len() / 2;
@@ -84,6 +84,7 @@ fn pixels_that_are_not_valid_are_not_matched() {
 
 #[test]
 fn a_view_without_another_has_no_depth() {
-    let scene = room(ViewSelection::Ids(vec![0]));
+    let mut scene = room();
+    scene.train.truncate(1);
     assert_eq!(depth_maps(&scene, &StereoSettings::default())[0].matched(), 0);
 }

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
 use super::{Capture, Found, StatedExtent, same_proportions};
-use crate::files::depth::read_depth;
+use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
 /// Most bytes that the chosen images may take in memory together: 3.75 GiB.
@@ -56,11 +56,9 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         && (selection == ViewSelection::All || is_capture && !is_explicit)
         && !there.is_empty()
     {
+        let (count, total, path) = (all.len() - there.len(), all.len(), lost.image.display());
         warnings.push(format!(
-            "{} of {} training images are not there, such as {}: views are chosen among the others",
-            all.len() - there.len(),
-            all.len(),
-            lost.image.display()
+            "{count} of {total} training images are not there, such as {path}: views are chosen among the others"
         ));
         train = select(&selection, &there, &found.selections)?;
     }
@@ -76,11 +74,8 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
             && lost.len() < test.len()
             && (request.test == TestProtocol::All || is_capture && !matches!(request.test, TestProtocol::Ids(_)))
         {
-            let (count, path) = (lost.len(), first.image.display());
-            warnings.push(format!(
-                "{count} of {} test images are not there, such as {path}: they are not tested",
-                test.len()
-            ));
+            let (count, total, path) = (lost.len(), test.len(), first.image.display());
+            warnings.push(format!("{count} of {total} test images are not there, such as {path}: they are not tested"));
             test.retain(is_there);
         }
         test
@@ -89,14 +84,11 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         let expected = "at least one view that is not trained on (or `training`, to look at those that are)";
         return Err(SceneError::request("test", expected, "none"));
     }
-    let Some(first) = train.first() else {
-        return Err(SceneError::request("train", "at least one view", "none"));
-    };
-    let alpha = has_alpha(&first.image)?;
+    let none = || SceneError::request("train", "at least one view", "none");
+    let alpha = has_alpha(&train.first().ok_or_else(none)?.image)?;
     let frames: Vec<&Frame> = train.iter().chain(&test).copied().collect();
     let cameras: Vec<_> = frames.par_iter().map(|frame| stored_camera(frame)).collect();
     let cameras = cameras.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let none = || SceneError::request("train", "at least one view", "none");
     let scale = ImageScale::new(&cameras, request.image_size).ok_or_else(none)?;
     Ok(Chosen { alpha, train, test, cameras, scale, warnings })
 }
@@ -137,9 +129,6 @@ fn pick<'f>(frames: &[&'f Frame], positions: &[usize]) -> Vec<&'f Frame> {
 
 /// Returns the camera for the image as it is in its file: scaled from the size that it is stated for, or cut by what the
 /// image lacks of that if it is hardly anything.
-///
-/// # Errors
-/// The image cannot be read, or has not the proportions that its camera is for.
 fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
     let found = dimensions(&frame.image)?;
     let Some(stated) = frame.stated_size() else { return Ok(frame.camera(found.0, found.1)) };
@@ -158,7 +147,6 @@ fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
     Err(SceneError::malformed(&frame.image, expected, format!("it has {}×{}", found.0, found.1)))
 }
 
-/// Returns how many pixels loading the chosen views gives.
 pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     let Capture { found, .. } = found.understood()?;
     let chosen = choose(&found, request)?;
@@ -176,13 +164,12 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let background = found.background.unwrap_or(request.background);
     let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks };
     let (train_cameras, test_cameras) = cameras.split_at(train.len());
-    let (views, has_border) = reader.views(&train, train_cameras)?;
+    let (train_views, has_border) = reader.views(&train, train_cameras)?;
     let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
     warnings.extend(of_many_sizes(&cameras, &scale));
-    warnings.extend(check_valid(&train, &views, &mut test)?);
-    let train_views = views;
+    warnings.extend(check_valid(&train, &train_views, &mut test)?);
     if request.test != TestProtocol::Training {
         warnings.extend(leave_out_copies(&train_views, &mut test));
     }
@@ -243,7 +230,6 @@ fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
     Some(format!("the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"))
 }
 
-/// Warns of images of several sizes.
 fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
     let mut counts: Vec<((u32, u32), usize)> = Vec::new();
     for camera in cameras {
@@ -271,23 +257,18 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
         let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
         view.image.rgb.iter().step_by(step).flatten().map(|value| value.to_bits()).collect::<Vec<u32>>()
     };
-    let is_blank = |view: &View| view.image.rgb.iter().all(|pixel| *pixel == view.image.rgb[0]);
+    let is_copy = |view: &View, other: &View| {
+        other.image == view.image && view.image.rgb.iter().any(|pixel| *pixel != view.image.rgb[0])
+    };
     let mut known: HashMap<Vec<u32>, &View> = HashMap::new();
     let mut warnings = Vec::new();
     for view in train {
-        match known.insert(fingerprint(view), view) {
-            Some(other) if other.image == view.image && !is_blank(view) => {
-                warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
-            }
-            _ => {}
+        if let Some(other) = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other)) {
+            warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
         }
     }
-    let original = |view: &View| {
-        known
-            .get(&fingerprint(view))
-            .filter(|other| other.image == view.image && !is_blank(view))
-            .map(|other| &other.name)
-    };
+    let original =
+        |view: &View| known.get(&fingerprint(view)).filter(|other| is_copy(view, other)).map(|other| &other.name);
     if test.iter().all(|view| original(view).is_some()) {
         warnings
             .push("all test views are copies of training views: they show nothing of how new views will look".into());
@@ -314,7 +295,6 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
     Ok(())
 }
 
-/// Reader of the images of a scene.
 struct Reader<'a> {
     dir: &'a Path,
     scale: &'a ImageScale,
@@ -342,7 +322,7 @@ impl Reader<'_> {
     fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, bool), SceneError> {
         let (native, size, canvas) = ((stored.width, stored.height), self.scale.size(stored), self.scale.canvas);
         let depth = match &frame.depth {
-            Some(path) if canvas == native => Some(read_depth(path, native.0, native.1)?),
+            Some(path) if canvas == native => Some(read_depth(path, native)?),
             _ => None,
         };
         let mut rgba = read_rgba(&frame.image)?;

@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use infonerf_scene::image::{GreyImage, read_rgba, resized_dimensions};
 use infonerf_scene::{Camera, SceneError};
-use infonerf_sfm::{ImageMatches, Pose, SfmSettings, explains, verified_matches};
+use infonerf_sfm::{ImageMatches, Pose, explains, verified_matches};
 use rayon::prelude::*;
 
 use super::Capture;
@@ -29,9 +29,6 @@ const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 
 /// Compares the cameras of a capture with its photographs: implausible intrinsics, and matches between photographs that
 /// the poses do not explain, with the convention that explains more of them. Returns a line for each doubt.
-///
-/// # Errors
-/// An image cannot be read.
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());
@@ -42,8 +39,7 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let (images, cameras): (Vec<GreyImage>, Vec<Camera>) = read?.into_iter().unzip();
     let mut doubts = implausible(&frames, &chosen, &cameras);
     let focal: Vec<f64> = cameras.iter().map(|camera| (camera.fx * camera.fy).sqrt()).collect();
-    let settings = SfmSettings { features: FEATURES, ..SfmSettings::default() };
-    let matches = verified_matches(&images, &focal, &settings);
+    let matches = verified_matches(&images, &focal, FEATURES);
     let count: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
     if count < MIN_MATCHES {
         return Ok(doubts);
@@ -67,11 +63,8 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         Some((share, name)) if share >= CONVINCING => format!("{name} they would explain {}", percent(share)),
         _ => "are they of these photographs, and in this order?".to_owned(),
     };
-    doubts.push(format!(
-        "the cameras explain {} of {count} matches between {} photographs: {advice}",
-        percent(given),
-        chosen.len()
-    ));
+    let (given, images) = (percent(given), chosen.len());
+    doubts.push(format!("the cameras explain {given} of {count} matches between {images} photographs: {advice}"));
     Ok(doubts)
 }
 
@@ -113,11 +106,9 @@ fn implausible(frames: &[&Frame], chosen: &[usize], cameras: &[Camera]) -> Vec<S
     let mut doubts = Vec::new();
     let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
     if let Some(i) = cameras.iter().position(|c| c.lens.is_perspective() && !FOCAL_LENGTHS.contains(&over_longer(c))) {
-        let found = over_longer(&cameras[i]);
-        doubts.push(format!(
-            "the focal length of {} is {found:.2} image widths: is it in pixels, and for images of this size?",
-            name(i)
-        ));
+        let (name, found) = (name(i), over_longer(&cameras[i]));
+        let doubt = "image widths: is it in pixels, and for images of this size?";
+        doubts.push(format!("the focal length of {name} is {found:.2} {doubt}"));
     }
     let inside = |c: &Camera| (0.0..=f64::from(c.width)).contains(&c.cx) && (0.0..=f64::from(c.height)).contains(&c.cy);
     if let Some(i) = cameras.iter().position(|c| !inside(c)) {

@@ -1,8 +1,11 @@
-//! The space of a capture (near, far, box, layout), estimated from its cameras and points.
+//! The space of a capture (near, far, box, layout), estimated from its cameras and points; cameras far from all others, and
+//! worlds far from their origin.
 
-use glam::Vec3;
-use infonerf_scene::poses::{ViewRegion, up_direction};
+use glam::{DVec3, Vec3};
+use infonerf_scene::poses::ViewRegion;
 use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
+
+use crate::frame::Frame;
 
 /// Rows and columns of rays that stand for an image.
 const GRID: usize = 5;
@@ -60,26 +63,12 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
         }
         _ => (focus, reach),
     };
-    let up = up_direction(cameras).as_vec3();
-    Space {
-        range: Range::Distance { near, far },
-        near,
-        far,
-        bounds,
-        bounded: false,
-        layout,
-        up,
-        centre,
-        radius,
-        points,
-        body: None,
-    }
+    Space { bounded: false, layout, centre, radius, points, ..Space::known(cameras, (near, far), bounds) }
 }
 
 /// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.
 fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
-    let mut sorted: Vec<f32> = distances.collect();
-    sorted.sort_by(f32::total_cmp);
+    let sorted = sorted(distances);
     sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
 }
 
@@ -89,9 +78,7 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
     if layout != Layout::Object || points.len() < MIN_POINTS {
         return layout;
     }
-    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(focus)).collect();
-    distances.sort_by(f32::total_cmp);
-    if quantile(&distances, 0.5) > reach { Layout::Inside } else { layout }
+    if quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5) > reach { Layout::Inside } else { layout }
 }
 
 /// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
@@ -114,7 +101,7 @@ fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
 /// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
 fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
     distances.retain(|d| d.is_finite() && *d > 0.0);
-    distances.sort_by(f32::total_cmp);
+    let mut distances = sorted(distances.into_iter());
     let limit = BEYOND * quantile(&distances, 0.5);
     distances.retain(|d| *d <= limit);
     (distances.len() >= MIN_POINTS).then_some(distances)
@@ -126,18 +113,21 @@ fn point_box(points: &[Vec3], middle: Vec3) -> Option<Aabb> {
     if points.len() < MIN_POINTS {
         return None;
     }
-    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(middle)).collect();
-    distances.sort_by(f32::total_cmp);
-    let limit = OUTSIDE * quantile(&distances, 0.5);
+    let limit = OUTSIDE * quantile(&sorted(points.iter().map(|p| p.distance(middle))), 0.5);
     let points: Vec<Vec3> = points.iter().copied().filter(|p| p.distance(middle) <= limit).collect();
     let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {
-        let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
-        values.sort_by(f32::total_cmp);
+        let values = sorted(points.iter().map(|p| p[axis]));
         (min[axis], max[axis]) = (quantile(&values, 0.01), quantile(&values, 0.99));
     }
     let margin = 0.1 * (max - min).max(Vec3::splat(1e-3));
     Some(Aabb { min: min - margin, max: max + margin })
+}
+
+fn sorted(values: impl Iterator<Item = f32>) -> Vec<f32> {
+    let mut sorted: Vec<f32> = values.collect();
+    sorted.sort_by(f32::total_cmp);
+    sorted
 }
 
 /// Returns the value below which a share `q` of the ascending `sorted` lies, or 0 if they are empty.
@@ -199,10 +189,78 @@ pub(super) fn object_space(cameras: &[Camera]) -> Space {
     Space::known(cameras, (near, farthest + corner), Aabb::cube(centre, half))
 }
 
+/// A camera is an outlier if it is farther from the median position than this many times the 75 % quantile of distances.
+const FAR_OUT: f64 = 6.0;
+/// Fewer cameras than this do not show which of them are outliers.
+const MIN_CAMERAS: usize = 6;
+/// Maximum share of cameras that are left out: more are a part of the capture.
+const MAX_SHARE: f64 = 0.1;
+/// A world is moved to its cameras if they are farther from its origin than this many times their spread, at which `f32`
+/// resolves 10⁻⁵ of the spread.
+const DISTANT: f64 = 100.0;
+/// Distance from the origin beyond which a world is moved whose cameras all stand in one place.
+const DISTANT_PLACE: f64 = 1e4;
+/// Names that a warning lists.
+const MAX_LISTED: usize = 5;
+
+/// Returns the median position of the cameras, and the 75 % quantile of their distances from it.
+fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
+    let median = |mut values: Vec<f64>, share: f64| {
+        values.sort_by(f64::total_cmp);
+        values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
+    };
+    let middle =
+        DVec3::from_array([0, 1, 2].map(|axis| median(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));
+    (middle, median(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
+}
+
+/// Lists names, [`MAX_LISTED`] at most.
+pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names
+        .take(MAX_LISTED + 1)
+        .enumerate()
+        .map(|(i, name)| if i < MAX_LISTED { name } else { "…" })
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+fn place(frame: &Frame) -> DVec3 {
+    frame.pose.w_axis.truncate()
+}
+
+/// Leaves out the frames whose camera is far from all training cameras, and returns a warning that names them.
+pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option<String> {
+    if train.len() < MIN_CAMERAS {
+        return None;
+    }
+    let (middle, spread) = middle_and_spread(train);
+    let times = |frame: &Frame| place(frame).distance(middle) / spread;
+    let is_far = |frame: &Frame| spread > 0.0 && times(frame) > FAR_OUT;
+    let far: Vec<&Frame> = train.iter().chain(test.iter()).filter(|frame| is_far(frame)).collect();
+    let first = far.iter().map(|frame| times(frame)).fold(0.0, f64::max);
+    if far.is_empty() || far.len() as f64 > (MAX_SHARE * (train.len() + test.len()) as f64).max(1.0) {
+        return None;
+    }
+    let (count, all) = (far.len(), train.len() + test.len());
+    let names = listed(far.iter().map(|frame| frame.name.as_str()));
+    let warning = format!(
+        "{count} of {all} cameras are up to {first:.0} times farther out than the others and left out: {names}"
+    );
+    train.retain(|frame| !is_far(frame));
+    test.retain(|frame| !is_far(frame));
+    Some(warning)
+}
+
+/// Returns the middle of the training cameras if the world's origin is so far away that `f32` would lose detail.
+pub(super) fn distant_middle(train: &[Frame]) -> Option<DVec3> {
+    let (middle, spread) = middle_and_spread(train);
+    let limit = if spread > 0.0 { DISTANT * spread } else { DISTANT_PLACE };
+    (middle.length() > limit).then_some(middle)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use infonerf_scene::look_along;
 
     #[test]
@@ -248,22 +306,5 @@ mod tests {
                 assert!((2.0..2.7).contains(&space.near) && (2.8..5.0).contains(&space.far), "{space:?}");
             }
         }
-    }
-
-    #[test]
-    fn points_give_the_box_of_an_object() {
-        let cameras = infonerf_procedural::train_cameras(20);
-        let mut points: Vec<Vec3> = (0..1000)
-            .map(|i| {
-                let a = i as f32;
-                Vec3::new((a * 0.37).sin(), (a * 0.91).cos(), 0.5 * (a * 0.53).sin())
-            })
-            .collect();
-        points.push(Vec3::splat(500.0));
-        let space = capture_space(&cameras, points, Vec::new());
-        assert_eq!(space.layout, Layout::Object);
-        assert!((space.bounds.max.x - 1.2).abs() < 0.05 && (space.bounds.max.z - 0.6).abs() < 0.05, "{space:?}");
-        assert!(space.near > 1.5 && space.far < 7.0);
-        assert!(space.centre.length() < 1e-3 && (space.radius - 4.03).abs() < 0.01);
     }
 }

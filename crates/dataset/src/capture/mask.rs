@@ -11,7 +11,6 @@ use crate::frame::{Frame, MaskRole};
 /// Prefix of instant-ngp's mask of an image, in the same folder; its white pixels are left out.
 const DYNAMIC: &str = "dynamic_mask_";
 
-/// Whether a file next to images is a mask by its name.
 pub(crate) fn is_mask_name(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DYNAMIC.as_bytes()))
 }
@@ -101,9 +100,6 @@ pub(super) fn lens_mask(camera: &Camera) -> Option<Vec<bool>> {
 }
 
 /// Leaves the views without a valid pixel out of `test`, and warns of pixels and views that are left out.
-///
-/// # Errors
-/// A training view, whose frames are `frames`, has no valid pixel, or no test view is left.
 pub(super) fn check_valid(frames: &[&Frame], train: &[View], test: &mut Vec<View>) -> Result<Vec<String>, SceneError> {
     let is_blank = |view: &View| view.valid.as_ref().is_some_and(|valid| !valid.contains(&true));
     if let Some((frame, _)) = frames.iter().zip(train).find(|(_, view)| is_blank(view)) {

@@ -10,12 +10,11 @@ mod assemble;
 mod compare;
 mod extent;
 mod mask;
-mod outliers;
 mod sizes;
 
 pub(crate) use assemble::{assemble, count_pixels, scene_name};
 pub(crate) use compare::{camera_pose, compare, ray};
-pub(crate) use extent::{capture_space, frusta_bounds, grid};
+pub(crate) use extent::{capture_space, frusta_bounds, grid, listed};
 pub(crate) use mask::{is_mask_name, read_mask};
 
 use std::path::Path;
@@ -34,25 +33,17 @@ const SAME_PROPORTIONS: f64 = 0.01;
 
 /// Contents of a scene's folder as its loader read them, with no image decoded.
 pub(crate) struct Found<'a> {
-    /// The scene's folder, for its name.
     pub dir: &'a Path,
-    /// Format of the folder.
     pub format: Format,
-    /// Every training frame.
     pub train: Vec<Frame>,
-    /// Every test frame.
     pub test: Vec<Frame>,
     /// Ids of the test frames that are the format's own test split; `None` if all are.
     pub split: Option<Vec<usize>>,
-    /// Published selections of training frames.
     pub selections: Named,
-    /// Published sets of test frames.
     pub protocols: Named,
-    /// Extent of the content.
     pub extent: StatedExtent,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
-    /// Warnings for the user, a line each.
     pub warnings: Vec<String>,
 }
 
@@ -66,24 +57,17 @@ pub(crate) enum StatedExtent {
     Estimated(Estimate),
 }
 
-/// Statements of a capture about where its content is.
 #[derive(Default)]
 pub(crate) struct Estimate {
-    /// Surface points.
     pub points: Vec<DVec3>,
-    /// Near and far.
     pub range: Option<(f32, f32)>,
-    /// The box.
     pub bounds: Option<Aabb>,
     /// Whether images show one object on transparent ground.
     pub transparent: bool,
 }
 
-/// A capture whose frames and space are ready to be loaded.
 pub(crate) struct Capture<'a> {
-    /// The frames, turned and moved.
     pub found: Found<'a>,
-    /// Extent of the content.
     pub space: Space,
     /// World coordinates of the scene's origin in the capture's files.
     pub origin: DVec3,
@@ -123,21 +107,18 @@ impl<'a> Found<'a> {
     }
 
     /// Prepares the frames and derives the space.
-    ///
-    /// # Errors
-    /// An image file that gives the size of cameras cannot be read, or the cameras' rays do not end at finite points.
     pub fn understood(mut self) -> Result<Capture<'a>, SceneError> {
         self.turn();
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;
         if let StatedExtent::Estimated(estimate) = &mut self.extent {
-            let left_out = outliers::leave_out(&mut self.train, &mut self.test);
+            let left_out = extent::leave_out(&mut self.train, &mut self.test);
             if let Some(warning) = left_out {
                 self.warnings.push(warning);
                 self.train = numbered(self.train);
                 self.test = numbered(self.test);
             }
-            if let Some(middle) = outliers::distant_middle(&self.train) {
+            if let Some(middle) = extent::distant_middle(&self.train) {
                 take_off(middle, &mut self.train, &mut self.test, estimate);
                 origin = middle;
                 self.warnings.push(format!(
@@ -252,15 +233,14 @@ mod tests {
     use infonerf_scene::{Layout, Scene, ViewSelection};
 
     use super::*;
-    use crate::colmap::testing::write_text;
-    use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction};
+    use crate::colmap::ColmapCamera;
+    use crate::colmap::testing::{reconstruction, write_text};
     use crate::loaders::testing::*;
 
     fn cameras(count: usize) -> Vec<Camera> {
         infonerf_procedural::train_cameras(16)[..count].to_vec()
     }
 
-    /// Returns photographs of `cameras`, loaded.
     fn loaded(cameras: &[Camera]) -> Scene {
         let guard = tempfile::tempdir().unwrap();
         photographs(guard.path(), cameras);
@@ -337,11 +317,7 @@ mod tests {
         let lying = Camera::pinhole((16, 12), [22.0; 2], [8.0, 6.0], DMat4::IDENTITY);
         let all: Vec<Camera> = (0..10).map(|i| if i % 3 == 0 { &upright } else { &lying }.with_pose(pose(i))).collect();
         let scene = loaded(&all);
-        assert!(
-            scene.warnings[0].starts_with("images of several sizes (6 of 16×12, 4 of 12×16)"),
-            "{:?}",
-            scene.warnings
-        );
+        assert_warns(&scene, 0, "images of several sizes (6 of 16×12, 4 of 12×16)");
         for view in scene.train.iter().chain(&scene.test) {
             let index: usize = view.name[8..].parse().unwrap();
             let own = &all[index];
@@ -375,31 +351,32 @@ mod tests {
         assert!(view.valid.as_ref().is_some_and(|valid| !valid[9900] && valid[0]));
     }
 
-    /// JPEGs of a camera that was held upright, stored lying on their side.
-    fn sideways(dir: &Path, cameras: &[Camera]) {
-        photographs(dir, cameras);
-        for i in 0..cameras.len() {
-            let (from, to) = (dir.join(format!("images/p{i:02}.png")), dir.join(format!("images/p{i:02}.jpg")));
-            image::open(&from).unwrap().rotate270().save(&to).unwrap();
-            fs::remove_file(from).unwrap();
-            set_orientation(&to, 6);
-        }
-    }
-
     #[test]
     fn images_and_cameras_are_turned_as_exif_states() {
         let lens = Camera::pinhole((16, 24), [30.0; 2], [7.0, 13.0], DMat4::IDENTITY);
         let all: Vec<Camera> = cameras(9).iter().map(|camera| lens.with_pose(camera.to_world)).collect();
         let upright = loaded(&all);
         let guard = tempfile::tempdir().unwrap();
-        sideways(guard.path(), &all);
+        photographs(guard.path(), &all);
+        // JPEGs of a camera that was held upright, stored lying on their side.
+        for i in 0..all.len() {
+            let from = guard.path().join(format!("images/p{i:02}.png"));
+            let to = from.with_extension("jpg");
+            image::open(&from).unwrap().rotate270().save(&to).unwrap();
+            fs::remove_file(from).unwrap();
+            set_orientation(&to, 6);
+        }
         // A tool that turned the images before it found the poses.
         let shown = load(guard.path(), &request()).unwrap();
         assert!(shown.warnings[0].starts_with("EXIF data turn 9 images"), "{:?}", shown.warnings);
         // COLMAP, which saw the pixels as they are stored.
         let stored: Vec<Camera> = all.iter().map(|camera| camera.turned(3)).collect();
         fs::remove_file(guard.path().join("transforms.json")).unwrap();
-        write_model(guard.path(), &stored);
+        let lens = &stored[0];
+        let parameters = vec![lens.fx, lens.fy, lens.cx, lens.cy];
+        let camera = ColmapCamera::new(guard.path(), "camera", 1, (lens.width, lens.height), parameters).unwrap();
+        let all = reconstruction(camera, &stored, |i| format!("p{i:02}.jpg"));
+        write_text(&guard.path().join("sparse/0"), &all);
         let turned = load(guard.path(), &request()).unwrap();
         assert!(turned.warnings[0].ends_with("their cameras are turned with them"), "{:?}", turned.warnings);
         for ((a, b), exact) in shown.train.iter().zip(&turned.train).zip(&upright.train) {
@@ -411,23 +388,6 @@ mod tests {
         }
     }
 
-    /// A reconstruction of COLMAP without points, of `images/p00.jpg` and so on.
-    fn write_model(dir: &Path, cameras: &[Camera]) {
-        let first = &cameras[0];
-        let parameters = vec![first.fx, first.fy, first.cx, first.cy];
-        let camera = ColmapCamera::new(dir, "camera", 1, (first.width, first.height), parameters).unwrap();
-        let image = |(i, camera): (usize, &Camera)| ColmapImage {
-            id: i as u32 + 1,
-            name: format!("p{i:02}.jpg"),
-            camera: 1,
-            pose: camera.to_world,
-            observations: Vec::new(),
-        };
-        let images = cameras.iter().enumerate().map(image).collect();
-        let all = Reconstruction { cameras: [(1, camera)].into(), images, points: [].into() };
-        write_text(&dir.join("sparse/0"), &all);
-    }
-
     #[test]
     fn copies_of_training_photographs_are_not_tested() {
         let guard = tempfile::tempdir().unwrap();
@@ -436,17 +396,9 @@ mod tests {
         photographs(guard.path(), &all);
         let scene = load(guard.path(), &request()).unwrap();
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
-        let copies = "images/p03 and images/p11 show one photograph, with two cameras";
-        assert_eq!(
-            scene.warnings,
-            [copies, "images/p08 is a copy of images/p10, which is trained on: it is not tested"]
-        );
-    }
-
-    #[test]
-    fn views_are_chosen_by_the_names_of_their_images() {
-        let guard = tempfile::tempdir().unwrap();
-        photographs(guard.path(), &cameras(10));
+        assert_warns(&scene, 0, "images/p03 and images/p11 show one photograph, with two cameras");
+        assert_warns(&scene, 1, "images/p08 is a copy of images/p10, which is trained on: it is not tested");
+        // Views are chosen by the names of their images, too.
         let named = |names: &str| SceneRequest { train: names.parse().unwrap(), ..request() };
         let scene = load(guard.path(), &named("p06,images/p02,p05.png")).unwrap();
         let names: Vec<_> = scene.train.iter().map(|view| view.file.as_str()).collect();
@@ -466,8 +418,12 @@ mod tests {
         assert_eq!(scene.train.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 1, 2, 3, 5]);
         assert_eq!(scene.test.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 2]);
         assert!(scene.warnings[0].contains("r_4.png") && scene.warnings[1].contains("r_1.png"), "{:?}", scene.warnings);
-        let asked = SceneRequest { train: ViewSelection::Ids(vec![4]), ..request() };
-        assert!(message(&dir, &asked).contains("r_4.png: not found"));
+        let asked = |id: usize| SceneRequest { train: ViewSelection::Ids(vec![id]), ..request() };
+        assert!(message(&dir, &asked(4)).contains("r_4.png: not found"));
+        // Images that are not chosen need not be there.
+        fs::remove_file(dir.join("train/r_0.png")).unwrap();
+        let scene = load(&dir, &asked(2)).unwrap();
+        assert_eq!((scene.train[0].id, scene.all_train_cameras.len()), (2, 6));
     }
 
     #[test]

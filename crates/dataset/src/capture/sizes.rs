@@ -13,7 +13,6 @@ pub(super) struct ImageScale {
     base: Camera,
     /// Factor from the sides of that image to those at which it is loaded.
     factor: f64,
-    /// Size of all views.
     pub canvas: (u32, u32),
 }
 

@@ -5,20 +5,38 @@ use std::path::Path;
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// COLMAP's camera models by id: name and number of parameters, which is 0 for models that are not supported.
-pub const MODELS: [(&str, usize); 11] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 0),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 0),
+/// COLMAP's camera models by id: name and parameters, which models that are not supported lack.
+pub(super) const MODELS: [(&str, &[&str]); 11] = [
+    ("SIMPLE_PINHOLE", &["fx", "cx", "cy"]),
+    ("PINHOLE", &["fx", "fy", "cx", "cy"]),
+    ("SIMPLE_RADIAL", &["fx", "cx", "cy", "k1"]),
+    ("RADIAL", &["fx", "cx", "cy", "k1", "k2"]),
+    ("OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]),
+    ("OPENCV_FISHEYE", &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"]),
+    ("FULL_OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]),
+    ("FOV", &[]),
+    ("SIMPLE_RADIAL_FISHEYE", &["fx", "cx", "cy", "k1"]),
+    ("RADIAL_FISHEYE", &["fx", "cx", "cy", "k1", "k2"]),
+    ("THIN_PRISM_FISHEYE", &[]),
 ];
+
+/// Returns the lens of a model with coefficients by name; `None` if the model is unknown.
+///
+/// Except as FULL_OPENCV, and with k₅ or k₆, the lens is OpenCV's polynomial one.
+pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
+    let k = ["k1", "k2", "k3", "k4", "k5", "k6"].map(&value);
+    let p = ["p1", "p2"].map(value);
+    let low = [k[0], k[1], k[2], k[3]];
+    match model {
+        "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" => Some(Lens::fisheye(low)),
+        "FULL_OPENCV" => Some(Lens::rational(k, p)),
+        "PERSPECTIVE" | "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
+            let is_polynomial = [k[4], k[5]] == [0.0; 2];
+            Some(if is_polynomial { Lens::radial_tangential(low, p) } else { Lens::rational(k, p) })
+        }
+        _ => None,
+    }
+}
 
 /// Longest image side, in pixels.
 const MAX_SIDE: u32 = 1 << 20;
@@ -26,7 +44,7 @@ const MAX_SIDE: u32 = 1 << 20;
 /// A camera of a reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
-    /// The model's index in [`MODELS`].
+    /// COLMAP's number of the model.
     pub model: usize,
     /// Image width in pixels.
     pub width: u32,
@@ -48,11 +66,13 @@ impl ColmapCamera {
         parameters: Vec<f64>,
     ) -> Result<Self, SceneError> {
         let fault = |expected: &str, found: String| SceneError::field(path, place, expected, found);
-        let (fx, fy, cx, cy, rest) = match (model, parameters.as_slice()) {
-            (0 | 2 | 3 | 8 | 9, &[f, cx, cy, ref rest @ ..]) => (f, f, cx, cy, rest),
-            (1 | 4 | 5 | 6, &[fx, fy, cx, cy, ref rest @ ..]) => (fx, fy, cx, cy, rest),
-            _ => return Err(fault(&known(), format!("number {model}"))),
+        let (name, names) = MODELS.get(model).copied().unwrap_or_default();
+        let value = |key: &str| names.iter().zip(&parameters).find(|(name, _)| **name == key).map(|(_, value)| *value);
+        let lens = lens(name, |key| value(key).unwrap_or(0.0));
+        let (Some(lens), Some(fx), Some(cx), Some(cy)) = (lens, value("fx"), value("cx"), value("cy")) else {
+            return Err(fault(&known(), format!("number {model}")));
         };
+        let fy = value("fy").unwrap_or(fx);
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
             return Err(fault("an image side from 1 to 1048576 pixels", format!("{width}×{height}")));
         }
@@ -62,14 +82,6 @@ impl ColmapCamera {
         if !parameters.iter().all(|p| p.abs() <= 1e9) {
             return Err(fault("finite parameters of a lens", format!("{parameters:?}")));
         }
-        let k = |i: usize| rest.get(i).copied().unwrap_or(0.0);
-        let lens = match model {
-            0 | 1 => Lens::PERSPECTIVE,
-            2 | 3 => Lens::radial_tangential([k(0), k(1), 0.0, 0.0], [0.0; 2]),
-            4 => Lens::radial_tangential([k(0), k(1), 0.0, 0.0], [k(2), k(3)]),
-            6 => Lens::rational([k(0), k(1), k(4), k(5), k(6), k(7)], [k(2), k(3)]),
-            _ => Lens::fisheye([k(0), k(1), k(2), k(3)]),
-        };
         Ok(Self { model, width, height, parameters, pinhole: ([fx, fy], [cx, cy]), lens })
     }
 
@@ -80,8 +92,7 @@ impl ColmapCamera {
     }
 }
 
-/// Describes the known models.
 pub(super) fn known() -> String {
-    let names: Vec<_> = MODELS.iter().filter(|m| m.1 > 0).map(|m| m.0).collect();
+    let names: Vec<_> = MODELS.iter().filter(|m| !m.1.is_empty()).map(|m| m.0).collect();
     format!("a known lens model ({})", names.join(", "))
 }

@@ -4,11 +4,12 @@ use std::fs;
 use std::path::Path;
 
 use infonerf_procedural as procedural;
-use infonerf_scene::{Aabb, Body, Camera, SceneError};
+use infonerf_scene::{Body, Camera, SceneError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::files::depth::write_depth;
+use super::make;
+use crate::files::npy;
 
 /// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
 /// images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it hits nothing).
@@ -17,42 +18,34 @@ use crate::files::depth::write_depth;
 /// gives the views of the procedural scene bit for bit.
 pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let (train, test) = procedural::cameras(name, size)?;
-    let extent = procedural::extent(name)?;
+    let (near, far, bounds) = procedural::extent(name)?;
     if let Some(body) = procedural::body(name)? {
         write_vertices(&dir.join("vertices.ply"), &body)?;
     }
-    write_split(name, dir, "train", &train, extent, false)?;
-    write_split(name, dir, "test", &test, extent, true)
-}
-
-/// Writes the images of a split and its `transforms_<split>.json`; `extent` is near, far and the box.
-fn write_split(
-    name: &str,
-    dir: &Path,
-    split: &str,
-    cameras: &[Camera],
-    (near, far, bounds): (f32, f32, Aabb),
-    with_depth: bool,
-) -> Result<(), SceneError> {
-    let folder = dir.join(split);
-    fs::create_dir_all(&folder).map_err(|e| SceneError::io(&folder, e))?;
-    let results: Vec<_> = cameras
-        .par_iter()
-        .enumerate()
-        .map(|(id, camera)| write_view(name, &folder, split, id, camera, with_depth))
-        .collect();
-    let frames = results.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let transforms = json!({
-        "camera_angle_x": procedural::field_of_view(name),
-        "near": near,
-        "far": far,
-        "aabb": [bounds.min.to_array(), bounds.max.to_array()],
-        "frames": frames,
-    });
-    // The poses come last: a folder that has them is complete.
-    let path = dir.join(format!("transforms_{split}.json"));
-    let text = format!("{transforms:#}\n");
-    fs::write(&path, text).map_err(|e| SceneError::io(&path, e))
+    for (split, cameras) in [("train", train), ("test", test)] {
+        make(&dir.join(split))?;
+        let view = |(id, camera): (usize, &Camera)| -> Result<Value, SceneError> {
+            let view = procedural::render(name, camera)?;
+            view.rgba.write_png(&dir.join(format!("{split}/r_{id}.png")))?;
+            let rows = camera.to_world.transpose().to_cols_array_2d();
+            let mut frame = json!({"file_path": format!("./{split}/r_{id}"), "transform_matrix": rows});
+            if split == "test" {
+                let path = format!("./{split}/r_{id}_depth.npy");
+                npy::write(&dir.join(&path), &[u64::from(camera.height), u64::from(camera.width)], &view.depth)?;
+                frame["ray_depth_file_path"] = json!(path);
+            }
+            Ok(frame)
+        };
+        let results: Vec<_> = cameras.par_iter().enumerate().map(view).collect();
+        let frames = results.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let fov = procedural::field_of_view(name);
+        let bounds = [bounds.min.to_array(), bounds.max.to_array()];
+        let transforms = json!({"camera_angle_x": fov, "near": near, "far": far, "aabb": bounds, "frames": frames});
+        // The poses come last: a folder that has them is complete.
+        let path = dir.join(format!("transforms_{split}.json"));
+        fs::write(&path, format!("{transforms:#}\n")).map_err(|e| SceneError::io(&path, e))?;
+    }
+    Ok(())
 }
 
 /// Writes the vertices of a body as PLY, in text that reads back bit for bit.
@@ -61,25 +54,4 @@ fn write_vertices(path: &Path, body: &Body) -> Result<(), SceneError> {
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n{properties}end_header\n", body.vertices.len());
     text.extend(body.vertices.iter().map(|v| format!("{} {} {}\n", v.x, v.y, v.z)));
     fs::write(path, text).map_err(|e| SceneError::io(path, e))
-}
-
-/// Writes one image, and its depth if wanted, and returns its entry of `frames`.
-fn write_view(
-    name: &str,
-    folder: &Path,
-    split: &str,
-    id: usize,
-    camera: &Camera,
-    with_depth: bool,
-) -> Result<Value, SceneError> {
-    let view = procedural::render(name, camera)?;
-    view.rgba.write_png(&folder.join(format!("r_{id}.png")))?;
-    let rows = camera.to_world.transpose().to_cols_array_2d();
-    let mut frame = json!({"file_path": format!("./{split}/r_{id}"), "transform_matrix": rows});
-    if with_depth {
-        let path = folder.join(format!("r_{id}_depth.npy"));
-        write_depth(&path, camera.width, camera.height, &view.depth)?;
-        frame["ray_depth_file_path"] = json!(format!("./{split}/r_{id}_depth.npy"));
-    }
-    Ok(frame)
 }

@@ -1,32 +1,22 @@
 //! Writing procedural scenes as folders, in the formats of the data sets that few-view methods are measured on.
 
 mod blender;
-mod dtu;
-mod llff;
-pub(crate) mod pickle;
+mod photographs;
 mod transforms;
-mod zju;
 
 pub use transforms::transforms;
 
 #[cfg(test)]
-pub(crate) use dtu::projection;
-#[cfg(test)]
-pub(crate) use zju::{annotations, lens};
+pub(crate) use photographs::{annotations, lens, matrices};
 
 use std::fs;
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use rayon::prelude::*;
-
 use infonerf_procedural as procedural;
-use infonerf_scene::{Camera, Format, Image, SceneError};
+use infonerf_scene::{Format, SceneError};
 
 /// The file that marks a folder as written here. It holds the format's name.
 const MARK: &str = ".infonerf-export";
-/// Background of photographs of a scene that has nothing behind it.
-const WHITE: [f32; 3] = [1.0; 3];
 
 /// Writes the procedural scene `name` into the folder `dir`, with images of `size`² pixels:
 ///
@@ -53,9 +43,9 @@ pub fn export(name: &str, size: u32, format: Format, dir: &Path) -> Result<(), S
     }
     let write = match format {
         Format::Blender => blender::write,
-        Format::Llff => llff::write,
-        Format::Dtu => dtu::write,
-        Format::Zju => zju::write,
+        Format::Llff => photographs::write_llff,
+        Format::Dtu => photographs::write_dtu,
+        Format::Zju => photographs::write_zju,
         _ => return Err(SceneError::request("format", "Blender, LLFF, DTU or ZJU-MoCap", format)),
     };
     claim(dir, format)?;
@@ -79,62 +69,22 @@ fn make(folder: &Path) -> Result<(), SceneError> {
     fs::create_dir_all(folder).map_err(|e| SceneError::io(folder, e))
 }
 
-/// Image and depth that a camera records of a scene.
-struct ExportedView {
-    camera: Camera,
-    image: Image,
-    /// Depth as in [`procedural::Rendering`].
-    depth: Vec<f32>,
-}
-
-/// Returns photographs of the scene `name`.
-fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
-    let photograph = |camera: Camera| {
-        let procedural::Rendering { rgba, depth } = procedural::render(name, &camera)?;
-        Ok(ExportedView { camera, image: rgba.to_f32().composite(WHITE), depth })
-    };
-    cameras.into_par_iter().map(photograph).collect()
-}
-
-/// Writes the subject's mask in a photograph, white on black.
-fn write_mask(path: &Path, photograph: &ExportedView, mask: &[bool]) -> Result<(), SceneError> {
-    let rgb = mask.iter().map(|&subject| if subject { [1.0; 3] } else { [0.0; 3] }).collect();
-    Image { rgb, ..photograph.image.clone() }.write_png(path)
-}
-
-/// Returns a camera in OpenCV's terms (x right, y down, z forward): the rotation from world to camera and the optical
-/// centre.
-fn opencv(camera: &Camera) -> (DMat3, DVec3) {
-    let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-    (flip * camera.rotation().transpose(), camera.position_f64())
-}
-
-/// Returns `K`, for pixels whose centres are whole numbers.
-fn intrinsics(camera: &Camera) -> DMat3 {
-    let centre = DVec3::new(camera.cx - 0.5, camera.cy - 0.5, 1.0);
-    DMat3::from_cols(DVec3::X * camera.fx, DVec3::Y * camera.fy, centre)
-}
-
 #[cfg(test)]
 mod tests {
+    use infonerf_scene::{Camera, Layout, RgbaImage, Scene, SceneRequest, TestProtocol};
+
     use super::*;
-    use crate::{SceneSource, load};
-    use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+    use crate::loaders::testing::{assert_same_rays, load, request};
+    use crate::{SceneSource, load as load_from};
 
     #[test]
     fn an_exported_scene_loads_back_to_the_same_pixels() {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path().join("orrery");
         export("orrery", 24, Format::Blender, &dir).unwrap();
-        let request = SceneRequest {
-            train: ViewSelection::All,
-            test: TestProtocol::All,
-            image_size: Some(24),
-            background: [0.1, 0.7, 1.0],
-            ..Default::default()
-        };
-        let loaded = load(&SceneSource::Folder { path: dir }, &request).unwrap();
-        let direct = load(&SceneSource::Procedural("orrery".into()), &request).unwrap();
+        let request = SceneRequest { image_size: Some(24), background: [0.1, 0.7, 1.0], ..request() };
+        let loaded = load(&dir, &request).unwrap();
+        let direct = load_from(&SceneSource::Procedural("orrery".into()), &request).unwrap();
         for (a, b) in loaded.test.iter().zip(&direct.test) {
             assert_eq!(a, b);
         }
@@ -144,13 +94,10 @@ mod tests {
         assert_eq!(loaded.all_train_cameras, direct.all_train_cameras);
         assert_eq!((loaded.space.near, loaded.space.far), (direct.space.near, direct.space.far));
         assert_eq!((loaded.space.bounds, loaded.name), (direct.space.bounds, direct.name));
-    }
-
-    #[test]
-    fn a_body_goes_along() {
-        let guard = tempfile::tempdir().unwrap();
-        export("figure", 8, Format::Blender, guard.path()).unwrap();
-        let text = fs::read_to_string(guard.path().join("vertices.ply")).unwrap();
+        // A body goes along.
+        let dir = guard.path().join("figure");
+        export("figure", 8, Format::Blender, &dir).unwrap();
+        let text = fs::read_to_string(dir.join("vertices.ply")).unwrap();
         let lines = text.lines().skip_while(|line| *line != "end_header").skip(1);
         let numbers: Vec<f32> = lines.flat_map(|line| line.split(' ').map(|x| x.parse().unwrap())).collect();
         let body = procedural::body("figure").unwrap().unwrap();
@@ -158,32 +105,93 @@ mod tests {
         assert!(text.contains(&format!("element vertex {}\n", body.vertices.len())));
     }
 
-    #[test]
-    fn bad_requests_are_refused() {
+    /// Returns the scene that an export gives with published views, and the cameras that it was taken with.
+    fn read_back(name: &str, format: Format, train: &str) -> (Scene, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();
-        let error = export("tree", 8, Format::Blender, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("`tree`") && error.contains("castle, crane, knot, orrery"));
-        assert!(export("knot", 0, Format::Blender, guard.path()).is_err());
-        let file = guard.path().join("file");
-        fs::write(&file, "").unwrap();
-        let error = export("knot", 8, Format::Blender, &file.join("below")).unwrap_err().to_string();
-        assert!(error.contains("below"), "{error}");
+        export(name, 16, format, guard.path()).unwrap();
+        let chosen = SceneRequest { train: train.parse().unwrap(), test: TestProtocol::Split, ..request() };
+        let scene = load(guard.path(), &chosen).unwrap();
+        let count = if format == Format::Dtu { 49 } else { 40 };
+        (scene, procedural::photographs(name, 16, count))
     }
 
     #[test]
-    fn a_folder_of_somebody_elses_is_left_alone() {
+    fn a_table_reads_back() {
+        let (scene, cameras) = read_back("table", Format::Dtu, "regnerf-3");
+        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [25, 22, 28]);
+        assert_eq!((scene.format, scene.test.len(), scene.warnings.len()), (Format::Dtu, 25, 0));
+        let place = |camera: &Camera| camera.position();
+        for view in scene.train.iter().chain(&scene.test) {
+            let camera = &cameras[view.id];
+            let mask = view.mask.as_deref().unwrap();
+            assert_eq!(mask, procedural::object_mask("table", camera).unwrap());
+            // What the masks show lies in the unit sphere.
+            let shown = procedural::render("table", camera).unwrap();
+            let scale = place(camera).distance(place(&cameras[0]))
+                / place(&view.camera).distance(place(&scene.all_train_cameras[0]));
+            for (i, mask) in mask.iter().enumerate() {
+                let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
+                let (a, b) = (view.camera.ray(x, y), camera.ray(x, y));
+                assert!((a.direction - b.direction).length() < 1e-5);
+                assert!(!mask || view.id == 0 || a.at(shown.depth[i] / scale).length() < 1.0 + 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_room_reads_back() {
+        let (scene, cameras) = read_back("room", Format::Llff, "regnerf-3");
+        assert_eq!((scene.format, scene.space.layout), (Format::Llff, Layout::Forward));
+        assert_eq!((scene.train.len(), scene.test.len()), (3, 5));
+        let names: Vec<_> = scene.train.iter().map(|view| view.name.as_str()).collect();
+        assert_eq!(names, ["images/image001", "images/image020", "images/image039"]);
+        let shown = procedural::render("room", &cameras[39]).unwrap().rgba.to_f32();
+        assert_eq!(*scene.train[2].image, RgbaImage { has_alpha: false, ..shown }.composite([0.0; 3]));
+        // Poses are moved and scaled by the loader: angles stay, distances keep their ratios.
+        let [a, b, c] = [0, 1, 2].map(|i| &scene.train[i].camera);
+        let [p, q, r] = [1, 20, 39].map(|i| &cameras[i]);
+        for (x, y) in [(0.0, 0.0), (12.0, 3.0)] {
+            let cosine = |a: &Camera, b: &Camera| a.ray(x, y).direction.dot(b.ray(y, x).direction);
+            assert!((cosine(a, b) - cosine(p, q)).abs() < 1e-5);
+        }
+        let apart = |a: &Camera, b: &Camera| a.position().distance(b.position());
+        let factor = apart(c, a) / apart(r, p);
+        assert!((apart(b, a) / apart(q, p) / factor - 1.0).abs() < 1e-4);
+        // Near and far are those of what is seen.
+        let (near, far) = (scene.space.near / 0.9 / factor, scene.space.far / factor);
+        assert!((0.4..3.0).contains(&near) && (3.0..9.0).contains(&far), "{near} {far}");
+    }
+
+    #[test]
+    fn a_person_reads_back() {
+        let (scene, _) = read_back("figure", Format::Zju, "infonerf-4");
+        assert_eq!((scene.format, scene.train.len(), scene.test.len()), (Format::Zju, 4, 19));
+        assert_eq!(scene.space.body, procedural::body("figure").unwrap());
+        let cameras = procedural::photographs("figure", 16, 23);
+        for view in scene.train.iter().chain(&scene.test) {
+            let camera = cameras[view.id].with_lens(lens());
+            assert_same_rays(&view.camera, &camera);
+            assert_eq!(view.mask.as_deref().unwrap(), procedural::object_mask("figure", &camera).unwrap());
+        }
+    }
+
+    #[test]
+    fn bad_requests_are_refused_and_other_files_left_alone() {
         let guard = tempfile::tempdir().unwrap();
-        let json = guard.path().join("transforms_train.json");
+        let (dir, json) = (guard.path(), guard.path().join("transforms_train.json"));
+        let fault = |name, size, format, dir: &Path| export(name, size, format, dir).unwrap_err().to_string();
+        let error = fault("tree", 8, Format::Blender, dir);
+        assert!(error.contains("`tree`") && error.contains("castle, crane, knot, orrery"));
+        assert!(fault("knot", 0, Format::Blender, dir).contains("image_size"));
         fs::write(&json, "{}").unwrap();
-        let error = export("knot", 8, Format::Blender, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("a new or empty folder"), "{error}");
+        assert!(fault("knot", 8, Format::Blender, &json.join("below")).contains("below"));
+        assert!(fault("knot", 8, Format::Blender, dir).contains("a new or empty folder"));
         assert_eq!(fs::read_to_string(&json).unwrap(), "{}");
         fs::remove_file(&json).unwrap();
         for _ in 0..2 {
-            export("knot", 8, Format::Blender, guard.path()).unwrap();
+            export("knot", 8, Format::Blender, dir).unwrap();
         }
-        let error = export("knot", 8, Format::Llff, guard.path()).unwrap_err().to_string();
-        assert!(error.contains("in LLFF's format"), "a folder in two formats: {error}");
-        assert!(export("knot", 8, Format::Colmap, guard.path()).unwrap_err().to_string().contains("LLFF, DTU"));
+        assert!(fault("knot", 8, Format::Llff, dir).contains("in LLFF's format"), "a folder in two formats");
+        assert!(fault("knot", 8, Format::Colmap, dir).contains("LLFF, DTU"));
     }
 }

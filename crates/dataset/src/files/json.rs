@@ -1,9 +1,10 @@
 //! JSON files in which every value knows its path, for error messages.
 
-use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::ops::{RangeBounds, RangeInclusive};
+use std::path::Path;
 
 use infonerf_scene::SceneError;
+use regex::bytes::{Captures, Regex};
 use serde_json::Value;
 
 use super::read_file;
@@ -14,35 +15,20 @@ const MAX_BYTES: u64 = 256 << 20;
 /// Plausible focal lengths and image sides, in pixels.
 pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
-/// A parsed JSON file.
-pub(crate) struct JsonFile {
-    path: PathBuf,
-    root: Value,
+/// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
+pub(crate) fn read(path: &Path) -> Result<Value, SceneError> {
+    parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
 }
 
-impl JsonFile {
-    /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
-    pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
-    }
-
-    /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
-    /// Python's `NaN` and `Infinity` become null.
-    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let root = serde_json::from_slice(bytes)
-            .or_else(|_| serde_json::from_slice(&strict(bytes)))
-            .map_err(|e| SceneError::malformed(path, "JSON", e))?;
-        Ok(Self { path: path.into(), root })
-    }
-
-    /// Returns the outermost value.
-    pub fn root(&self) -> Node<'_> {
-        Node { file: &self.path, field: String::new(), value: &self.root }
-    }
+/// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
+/// Python's `NaN` and `Infinity` become null.
+pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&strict(bytes)));
+    value.map_err(|e| SceneError::malformed(path, "JSON", e))
 }
 
-/// A value in a [`JsonFile`], with its path.
+/// A value in a JSON file, with its path.
 #[derive(Clone)]
 pub(crate) struct Node<'a> {
     file: &'a Path,
@@ -51,6 +37,10 @@ pub(crate) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
+    pub fn root(file: &'a Path, value: &'a Value) -> Self {
+        Self { file, field: String::new(), value }
+    }
+
     /// Returns the field `key` of an object, which must be there.
     pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
         match self.find(key) {
@@ -65,7 +55,15 @@ impl<'a> Node<'a> {
         Some(Node { file: self.file, field: self.join(key), value })
     }
 
-    /// Returns the elements of an array.
+    /// Reads the field `key`, if it is there and not null.
+    pub fn optional<T>(
+        &self,
+        key: &str,
+        read: impl FnOnce(Self) -> Result<T, SceneError>,
+    ) -> Result<Option<T>, SceneError> {
+        self.find(key).map(read).transpose()
+    }
+
     pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
         let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
         let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
@@ -77,46 +75,29 @@ impl<'a> Node<'a> {
         self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
     }
 
-    /// Returns a finite number.
     pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
         self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
     }
 
-    /// Returns a finite number greater than 0.
-    pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
-        self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
+    pub fn within(&self, range: impl RangeBounds<f64>, expected: &str) -> Result<f64, SceneError> {
+        let number = self.number(expected)?;
+        if range.contains(&number) { Ok(number) } else { Err(self.error(expected)) }
     }
 
-    /// Returns a focal length or image side in pixels, which rays can be computed with.
-    pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
-        let value = self.number(expected)?;
-        if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
-    }
-
-    /// Returns an array of `N` finite numbers.
     pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
-        let items = self.items(expected)?;
-        if items.len() != N {
-            return Err(self.fault(expected, format!("{} values", items.len())));
-        }
-        let mut numbers = [0.0; N];
-        for (number, item) in numbers.iter_mut().zip(&items) {
-            *number = item.number(expected)?;
-        }
-        Ok(numbers)
+        let numbers = self.items(expected)?.iter().map(|item| item.number(expected)).collect::<Result<Vec<_>, _>>()?;
+        let count = numbers.len();
+        numbers.try_into().map_err(|_| self.fault(expected, format!("{count} values")))
     }
 
-    /// Returns `true` or `false`.
     pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
         self.value.as_bool().ok_or_else(|| self.error(expected))
     }
 
-    /// Returns a string that is not empty.
     pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
         self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
     }
 
-    /// Returns an error that this value is not what was expected.
     pub fn error(&self, expected: impl Into<String>) -> SceneError {
         self.fault(expected, short(self.value))
     }
@@ -133,36 +114,16 @@ impl<'a> Node<'a> {
 
 /// Leaves out comments, `//` to the end of the line and `/* … */`, and replaces numbers that are not finite by null.
 fn strict(bytes: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut rest = bytes;
-    while let Some(&first) = rest.first() {
-        let until = |mark: &[u8]| rest.windows(mark.len()).position(|part| part == mark);
-        let word = [&b"-Infinity"[..], b"Infinity", b"NaN"].into_iter().find(|word| rest.starts_with(word));
-        let (length, text) = if first == b'"' {
-            let mut escaped = false;
-            let ends = |byte: &u8| {
-                let ends = *byte == b'"' && !escaped;
-                escaped = *byte == b'\\' && !escaped;
-                ends
-            };
-            let length = rest[1..].iter().position(ends).map_or(rest.len(), |end| end + 2);
-            (length, &rest[..length])
-        } else if rest.starts_with(b"//") {
-            (until(b"\n").unwrap_or(rest.len()), &b""[..])
-        } else if rest.starts_with(b"/*") {
-            (until(b"*/").map_or(rest.len(), |end| end + 2), &b""[..])
-        } else if let Some(word) = word {
-            (word.len(), &b"null"[..])
-        } else {
-            (1, &rest[..1])
-        };
-        out.extend(text);
-        rest = &rest[length..];
-    }
-    out
+    // Strings are matched too, so that nothing within them is taken for a comment.
+    let parts = Regex::new(r#"(?s-u)"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/|-?Infinity|NaN"#);
+    let replaced = |part: &Captures<'_>| match part[0][0] {
+        b'"' => part[0].to_vec(),
+        b'/' => Vec::new(),
+        _ => b"null".to_vec(),
+    };
+    parts.map_or_else(|_| bytes.to_vec(), |parts| parts.replace_all(bytes, replaced).into_owned())
 }
 
-/// Describes a value in a few words.
 fn short(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("an array of {}", items.len()),
@@ -179,26 +140,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_name_file_and_place() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.json");
-        fs::write(&path, r#"{"a": [{"b": "x"}]}"#).unwrap();
-        let file = JsonFile::read(&path).unwrap();
-        let items = file.root().get("a", "a list").unwrap().items("a list").unwrap();
-        let b = items[0].get("b", "a number").unwrap();
-        let text = b.number("a number").unwrap_err().to_string();
-        assert!(text.ends_with("a.json: field `a[0].b`: expected a number, found \"x\""), "{text}");
-        let text = items[0].get("c", "a flag").err().unwrap().to_string();
-        assert!(text.ends_with("field `a[0].c`: expected a flag, found nothing"), "{text}");
-    }
-
-    #[test]
     fn broken_json_says_where() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.json");
         for text in ["", "{", "{\"a\": \"b}", "{\"a\": 1e999}", "/* {}"] {
             fs::write(&path, text).unwrap();
-            let text = JsonFile::read(&path).err().unwrap().to_string();
+            let text = read(&path).err().unwrap().to_string();
             assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
         }
     }
@@ -207,11 +154,11 @@ mod tests {
     fn comments_are_skipped_and_numbers_that_are_not_finite_are_null() {
         let text = br#"{ // a rig's "poses"
             "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
-        let file = JsonFile::parse(Path::new("a.json"), text).unwrap();
-        let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
-        assert!(
-            a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none()
-        );
+        let marked = [b"\xef\xbb\xbf", &text[..]].concat();
+        let value = parse(Path::new("a.json"), &marked).unwrap();
+        let root = Node::root(Path::new("a.json"), &value);
+        let (a, c) = (root.get("a", "").unwrap(), root.get("c", "").unwrap());
+        assert!(a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && root.find("b").is_none());
         assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
     }
 
@@ -221,6 +168,6 @@ mod tests {
         let path = dir.path().join("a.json");
         // Sparse: takes no space on disk.
         fs::File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
-        assert!(matches!(JsonFile::read(&path), Err(SceneError::TooLarge { .. })));
+        assert!(matches!(read(&path), Err(SceneError::TooLarge { .. })));
     }
 }

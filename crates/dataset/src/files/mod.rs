@@ -1,9 +1,7 @@
 //! Files of numbers: JSON, NumPy's arrays and archives, pickles; with limits on what is read.
 
-pub(crate) mod depth;
 pub(crate) mod json;
 pub(crate) mod npy;
-pub(crate) mod npz;
 pub(crate) mod pickle;
 
 use std::fs;
@@ -24,4 +22,8 @@ pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u
         return Err(SceneError::TooLarge { path: path.into(), what: "the size of the file in bytes", size, limit });
     }
     fs::read(path).map_err(|e| SceneError::io(path, e))
+}
+
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

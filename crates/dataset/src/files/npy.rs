@@ -1,21 +1,18 @@
-//! Bounded reading of `.npy` arrays.
+//! NumPy's `.npy` files, a short header of text and then the values, and `.npz` archives of them.
 
-use std::fs;
-use std::io::{self, Cursor, Read};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Cursor, Read, Write};
 use std::path::Path;
 
 use infonerf_scene::SceneError;
-use npyz::{AutoSerialize, Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
 
 use super::read_file;
 
-/// The largest file that is read, in bytes.
+/// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
-
-/// The longest header that is read, in bytes: NumPy's takes 118 for an array of numbers.
-const MAX_HEADER: usize = 1024;
-/// Opening brackets in a header: an array of numbers has a dictionary and the tuple of its shape.
-const MAX_BRACKETS: usize = 4;
 
 /// A row-major array with its shape.
 pub(crate) struct Array<T> {
@@ -28,79 +25,144 @@ pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
 
-/// Decodes the bytes of the file at `path`.
-pub(crate) fn decode(path: &Path, mut file: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
-    let size = file.len() as u64;
+pub(crate) fn decode(path: &Path, bytes: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
-    let header = header(&mut file).map_err(|e| fault(&e))?;
-    let npy = NpyFile::new(header.chain(file)).map_err(|e| fault(&e))?;
-    let shape = npy.shape().to_vec();
-    // The header's shape may claim anything; the file's length bounds what is allocated.
-    let claimed = shape.iter().try_fold(1u64, |n, &side| n.checked_mul(side));
-    if claimed.is_none_or(|n| n > size / 4) {
+    let (header, data) = split(bytes).ok_or_else(|| fault(&"no whole header of NumPy's"))?;
+    let sides = entry(header, "shape").and_then(|rest| Some(rest.strip_prefix('(')?.split_once(')')?.0));
+    let sides = sides.map(|sides| sides.split(',').map(str::trim).filter(|side| !side.is_empty()).map(str::parse));
+    let shape: Option<Vec<u64>> = sides.and_then(|sides| sides.collect::<Result<_, _>>().ok());
+    let shape = shape.ok_or_else(|| fault(&"no shape"))?;
+    let mut values: Vec<f64> = match entry(header, "descr").and_then(|kind| kind.get(..5)) {
+        Some("'<f4'") => data.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes).into()).collect(),
+        Some("'<f8'") => data.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect(),
+        kind => return Err(fault(&format!("element type {}; <f4 or <f8 needed", kind.unwrap_or("unknown")))),
+    };
+    let count = shape.iter().try_fold(1u64, |count, side| count.checked_mul(*side));
+    if count.is_none_or(|count| count > values.len() as u64) {
         return Err(fault(&format!("shape {shape:?} is more than the file holds")));
     }
-    let columns_first = npy.order() != Order::C && shape.len() > 1;
-    if columns_first && shape.len() > 2 {
-        return Err(fault(&"a Fortran-ordered array; save it with order C"));
-    }
-    let wide = match npy.dtype() {
-        npyz::DType::Plain(t) if t.type_char() == TypeChar::Float && t.num_bytes() == Some(8) => true,
-        npyz::DType::Plain(t) if t.type_char() == TypeChar::Float && t.num_bytes() == Some(4) => false,
-        other => return Err(fault(&format!("element type {}; f4 or f8 needed", other.descr()))),
-    };
-    let values = if wide { collect::<f64>(npy) } else { collect::<f32>(npy) };
-    let mut values = values.map_err(|e| fault(&e))?;
-    if let (true, &[rows, columns]) = (columns_first, &shape[..]) {
+    values.truncate(count.unwrap_or(0) as usize);
+    if entry(header, "fortran_order").is_some_and(|order| order.starts_with("True")) && shape.len() > 1 {
+        let &[rows, columns] = &shape[..] else {
+            return Err(fault(&"a Fortran-ordered array; save it with order C"));
+        };
         let (rows, columns) = (rows as usize, columns as usize);
-        values = (0..rows * columns).filter_map(|i| values.get(i % columns * rows + i / columns).copied()).collect();
+        values = (0..rows * columns).map(|i| values[i % columns * rows + i / columns]).collect();
     }
     Ok(Array { shape, values })
 }
 
-/// Returns the header, if it is as short and simple as that of an array of numbers.
-///
-/// The parser's time is exponential in how deeply brackets nest, and it allocates whatever length the header claims: a
-/// file of 160 bytes could keep it busy for hours.
-pub(crate) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
+/// Returns the text of a file's header, and the bytes that follow it.
+pub(crate) fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     // Magic number and version, then the text's length: 2 bytes in version 1, 4 from version 2.
-    let mut header = vec![0; 8];
-    file.read_exact(&mut header)?;
-    let mut length = [0; 4];
-    let width = if header[6] == 1 { 2 } else { 4 };
-    file.read_exact(&mut length[..width])?;
-    header.extend(&length[..width]);
-    let length = u32::from_le_bytes(length) as usize;
-    if length > MAX_HEADER {
-        return Err(io::Error::other(format!("a header of {length} bytes, more than {MAX_HEADER}")));
+    let (version, rest) = bytes.strip_prefix(b"\x93NUMPY")?.split_at_checked(2)?;
+    let (length, rest) = rest.split_at_checked(if version[0] == 1 { 2 } else { 4 })?;
+    let length = length.iter().rev().fold(0usize, |length, byte| length << 8 | usize::from(*byte));
+    let (header, data) = rest.split_at_checked(length)?;
+    Some((std::str::from_utf8(header).ok()?, data))
+}
+
+/// Returns the text of a header from the value of `key` on.
+pub(crate) fn entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    Some(header.split_once(&format!("'{key}':"))?.1.trim_start())
+}
+
+/// Returns the bytes of a file whose data follow; `kind` is NumPy's code of their type.
+pub(crate) fn with_header(kind: &str, shape: &[u64], data: &[u8]) -> Vec<u8> {
+    let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
+    let text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}", sides.trim_end());
+    // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.
+    let width = (text.len() + 11).next_multiple_of(64) - 11;
+    let length = (width as u16 + 1).to_le_bytes();
+    [b"\x93NUMPY\x01\x00", &length[..], format!("{text:width$}\n").as_bytes(), data].concat()
+}
+
+/// Reads distances along the unit pixel rays, `[height, width]`; +∞ where a ray hits nothing.
+pub(crate) fn read_depth(path: &Path, (width, height): (u32, u32)) -> Result<Vec<f32>, SceneError> {
+    let expected = format!("f32 ray distances of shape [{height}, {width}]");
+    let array = read(path, &expected)?;
+    let bad = array.values.iter().find(|v| v.is_nan() || **v < 0.0);
+    if array.shape != [u64::from(height), u64::from(width)] {
+        return Err(SceneError::malformed(path, expected, format!("shape {:?}", array.shape)));
     }
-    let start = header.len();
-    header.resize(start + length, 0);
-    file.read_exact(&mut header[start..])?;
-    let brackets = header[start..].iter().filter(|byte| b"([{".contains(byte)).count();
-    if brackets > MAX_BRACKETS {
-        return Err(io::Error::other(format!("a header with {brackets} brackets, more than {MAX_BRACKETS}")));
+    match bad {
+        Some(bad) => Err(SceneError::malformed(path, expected, format!("the distance {bad}"))),
+        None => Ok(array.values.into_iter().map(|v| v as f32).collect()),
     }
-    Ok(Cursor::new(header))
 }
 
-fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> io::Result<Vec<f64>> {
-    let values = npy.data::<T>().map_err(io::Error::other)?;
-    values.map(|v| v.map(Into::into)).collect()
+pub(crate) fn write<T: Copy + Into<f64>>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
+    fs::write(path, encode(shape, values)).map_err(|e| SceneError::io(path, e))
 }
 
-/// Writes an array in C's order.
-pub(crate) fn write<T: AutoSerialize + Copy>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
-    encode(shape, values).and_then(|bytes| fs::write(path, bytes)).map_err(|e| SceneError::io(path, e))
+/// Returns the bytes of a file with an array of `f32` or `f64` in C's order.
+pub(crate) fn encode<T: Copy + Into<f64>>(shape: &[u64], values: &[T]) -> Vec<u8> {
+    let is_wide = size_of::<T>() == size_of::<f64>();
+    let mut data = Vec::new();
+    for value in values.iter().map(|value| (*value).into()) {
+        if is_wide { data.extend(f64::to_le_bytes(value)) } else { data.extend((value as f32).to_le_bytes()) }
+    }
+    with_header(if is_wide { "<f8" } else { "<f4" }, shape, &data)
 }
 
-/// Returns the bytes of a file with an array in C's order.
-pub(crate) fn encode<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd()?;
-    writer.extend(values.iter().copied())?;
-    writer.finish()?;
-    Ok(bytes)
+/// Largest archive that is read, in bytes, packed or unpacked.
+const MAX_ARCHIVE: u64 = 256 << 20;
+const MAX_ARRAYS: usize = 10_000;
+
+/// Reads the arrays of an archive whose name `wanted` accepts, by their names.
+pub(crate) fn read_archive(
+    path: &Path,
+    expected: &str,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+    decode_archive(path, &read_file(path, expected, MAX_ARCHIVE)?, expected, wanted)
+}
+
+pub(crate) fn decode_archive(
+    path: &Path,
+    bytes: &[u8],
+    expected: &str,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| fault(&e))?;
+    if archive.len() > MAX_ARRAYS {
+        return Err(fault(&format!("{} arrays, more than {MAX_ARRAYS}", archive.len())));
+    }
+    let mut arrays = BTreeMap::new();
+    let mut left = MAX_ARCHIVE;
+    for index in 0..archive.len() {
+        let mut file = archive.by_index(index).map_err(|e| fault(&e))?;
+        let file_name = file.name().map_err(|e| fault(&e))?.into_owned();
+        let name = file_name.strip_suffix(".npy").unwrap_or(&file_name).to_owned();
+        if !wanted(&name) {
+            continue;
+        }
+        // What the archive says of the size may be wrong: it is read up to what is left and a byte more.
+        let mut unpacked = Vec::new();
+        (&mut file).take(left + 1).read_to_end(&mut unpacked).map_err(|e| fault(&format!("{name}: {e}")))?;
+        let size = unpacked.len() as u64;
+        left = left.checked_sub(size).ok_or_else(|| fault(&format!("more than {MAX_ARCHIVE} bytes unpacked")))?;
+        let inner = path.join(format!("{name}.npy"));
+        arrays.insert(name, decode(&inner, &unpacked, expected)?);
+    }
+    Ok(arrays)
+}
+
+/// Name, shape and values, in C's order, of an array.
+pub(crate) type NamedArray = (String, Vec<u64>, Vec<f64>);
+
+/// Writes arrays of `f64` as `numpy.savez_compressed` does.
+pub(crate) fn write_archive(path: &Path, arrays: &[NamedArray]) -> Result<(), SceneError> {
+    let written = || -> io::Result<()> {
+        let mut archive = ZipWriter::new(File::create(path)?);
+        for (name, shape, values) in arrays {
+            archive.start_file(format!("{name}.npy"), SimpleFileOptions::default())?;
+            archive.write_all(&encode(shape, values))?;
+        }
+        archive.finish().map(drop).map_err(io::Error::from)
+    };
+    written().map_err(|e| SceneError::io(path, e))
 }
 
 #[cfg(test)]
@@ -136,14 +198,26 @@ mod tests {
             let text = read(&path, "numbers").err().unwrap().to_string();
             assert!(text.contains("a.npy: expected numbers"), "{keep}: {text}");
         }
-        // Nested so deeply that the parser would not come back.
-        let nested = whole[..10].iter().copied().chain([b'{'; 118]).collect::<Vec<u8>>();
-        fs::write(&path, nested).unwrap();
-        let text = read(&path, "numbers").err().unwrap().to_string();
-        assert!(text.contains("118 brackets"), "{text}");
-
+        let whole_numbers = String::from_utf8_lossy(&whole).replace("<f4", "<i4");
+        assert!(decode(&path, whole_numbers.as_bytes(), "numbers").is_err());
         let claim = String::from_utf8_lossy(&whole).replace("(2, 3", "(9, 9");
         fs::write(&path, claim.as_bytes()).unwrap();
         assert!(read(&path, "numbers").is_err());
+    }
+
+    #[test]
+    fn archives_round_trip() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.npz");
+        let arrays = vec![("a".to_owned(), vec![2, 2], vec![1.0, 2.0, 3.0, 4.0]), ("b".to_owned(), vec![1], vec![7.0])];
+        write_archive(&path, &arrays).unwrap();
+        let read = read_archive(&path, "arrays", |name| name == "a").unwrap();
+        assert_eq!(read.len(), 1);
+        assert_eq!((&read["a"].shape[..], &read["a"].values[..]), (&[2, 2][..], &[1.0, 2.0, 3.0, 4.0][..]));
+        let whole = fs::read(&path).unwrap();
+        for keep in [0, 30, whole.len() / 2] {
+            let text = decode_archive(&path, &whole[..keep], "arrays", |_| true).err().unwrap().to_string();
+            assert!(text.contains("a.npz: expected arrays"), "{text}");
+        }
     }
 }

@@ -1,13 +1,11 @@
 //! Checks of a scene before training, for implausible cameras, images and ranges.
 
-use std::fmt;
 use std::path::Path;
 
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
-use serde::Serialize;
 
-use crate::capture::{assemble, compare, grid};
+use crate::capture::{assemble, compare, grid, listed};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -26,82 +24,38 @@ const BLANK: f32 = 0.004;
 const SMALL_MASK: f32 = 0.005;
 /// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
-/// Names that a warning lists, at most.
-const MAX_LISTED: usize = 5;
 /// Longest side, in pixels, of the images in which [`check_folder`] looks for blur.
 const CHECKED_SIZE: u32 = 512;
-
-/// The topic of a warning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Concern {
-    /// Data: a warning of the loader.
-    Data,
-    /// Positions of the cameras, or their view of the box.
-    Cameras,
-    /// The up direction.
-    Up,
-    /// Baselines: angles between the training views.
-    Baseline,
-    /// Images that are blurred, blank or masked.
-    Images,
-    /// Near and far.
-    Range,
-}
-
-/// A warning.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Warning {
-    /// Topic of the warning.
-    pub concern: Concern,
-    /// One line.
-    pub text: String,
-}
-
-impl fmt::Display for Warning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
-    }
-}
 
 /// Loads the scene in the folder `dir` with all of its views, checks it, and compares its poses with its photographs.
 /// Returns the number of views and the warnings.
 ///
 /// # Errors
 /// As [`crate::load`].
-pub fn check_folder(dir: &Path) -> Result<(usize, Vec<Warning>), SceneError> {
-    let request = SceneRequest {
-        train: ViewSelection::All,
-        test: TestProtocol::All,
-        image_size: Some(CHECKED_SIZE),
-        ..SceneRequest::default()
-    };
+pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
+    let (train, test) = (ViewSelection::All, TestProtocol::All);
+    let request = SceneRequest { train, test, image_size: Some(CHECKED_SIZE), ..SceneRequest::default() };
     let doubts = compare(&loaders::read(dir, &request)?.understood()?)?;
     let scene = assemble(loaders::read(dir, &request)?, &request)?;
     let mut warnings = check(&scene);
-    warnings.extend(doubts.into_iter().map(|text| Warning { concern: Concern::Cameras, text }));
+    warnings.extend(doubts);
     Ok((scene.train.len() + scene.test.len(), warnings))
 }
 
 /// Returns the warnings about `scene` that should be looked at before training on it.
-pub fn check(scene: &Scene) -> Vec<Warning> {
-    let data = scene.warnings.iter().map(|text| (Concern::Data, text.clone()));
+fn check(scene: &Scene) -> Vec<String> {
     let cameras: Vec<&Camera> = if scene.all_train_cameras.is_empty() {
         scene.train.iter().map(|v| &v.camera).collect()
     } else {
         scene.all_train_cameras.iter().collect()
     };
-    data.chain(off_the_box(scene).map(|t| (Concern::Cameras, t)))
-        .chain(blind(scene).map(|t| (Concern::Cameras, t)))
-        .chain(tilted(scene, &cameras).map(|t| (Concern::Up, t)))
-        .chain(baseline(scene).map(|t| (Concern::Baseline, t)))
-        .chain(images(scene).into_iter().map(|t| (Concern::Images, t)))
-        .chain(beyond(scene, &cameras).map(|t| (Concern::Range, t)))
-        .map(|(concern, text)| Warning { concern, text })
-        .collect()
+    let mut warnings = scene.warnings.clone();
+    warnings.extend([off_the_box(scene), blind(scene), tilted(scene, &cameras), baseline(scene)].into_iter().flatten());
+    warnings.extend(images(scene));
+    warnings.extend(beyond(scene, &cameras));
+    warnings
 }
 
-/// Returns the cameras of all views, with their names.
 fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
     let chosen = || scene.train.iter().chain(&scene.test);
     let views = chosen().map(|view| (view.name.clone(), &view.camera));
@@ -114,21 +68,15 @@ fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
 fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
     let all = named_cameras(scene);
     let found: Vec<&str> = all.iter().filter(|(_, c)| is_faulty(c)).map(|(name, _)| name.as_str()).collect();
-    let mut names = found.iter().take(MAX_LISTED).copied().collect::<Vec<_>>().join(", ");
-    if found.len() > MAX_LISTED {
-        names += ", …";
-    }
+    let names = listed(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }
 
 fn off_the_box(scene: &Scene) -> Option<String> {
     let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(centre) > FAR_OFF * diagonal;
-    faulty(
-        scene,
-        is_far,
-        &format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)"),
-    )
+    let what = format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
+    faulty(scene, is_far, &what)
 }
 
 fn blind(scene: &Scene) -> Option<String> {
@@ -173,12 +121,11 @@ fn baseline(scene: &Scene) -> Option<String> {
         others.map(|(_, d)| angle(directions[i], *d)).fold(f64::INFINITY, f64::min).to_degrees()
     };
     let lonely = (0..directions.len()).filter(|&i| nearest(i) > LONELY_DEG).count();
-    (lonely > 0).then(|| {
-        let total = directions.len();
-        format!(
-            "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
-        )
-    })
+    let total = directions.len();
+    let text = format!(
+        "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
+    );
+    (lonely > 0).then_some(text)
 }
 
 fn images(scene: &Scene) -> Vec<String> {
@@ -193,11 +140,8 @@ fn images(scene: &Scene) -> Vec<String> {
         if spread < BLANK {
             found.push(format!("{} shows nothing: all its pixels are alike", view.name));
         } else if detail < BLURRED * median {
-            found.push(format!(
-                "{} is blurred: it has {:.0} % of the others' detail",
-                view.name,
-                100.0 * detail / median
-            ));
+            let share = 100.0 * detail / median;
+            found.push(format!("{} is blurred: it has {share:.0} % of the others' detail", view.name));
         }
         if let Some(mask) = &view.mask {
             let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len().max(1) as f32;
@@ -266,48 +210,47 @@ mod tests {
     use super::*;
     use crate::{SceneSource, load};
     use glam::Vec3;
-    use infonerf_scene::{Aabb, SceneRequest, TestProtocol, ViewSelection};
+    use infonerf_scene::{Aabb, Range, SceneRequest, TestProtocol, ViewSelection};
 
     fn scene() -> Scene {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 5 },
-            test: TestProtocol::First(1),
-            image_size: Some(24),
-            ..Default::default()
-        };
+        let (train, test) = (ViewSelection::Seed { seed: 0, count: 5 }, TestProtocol::First(1));
+        let request = SceneRequest { train, test, image_size: Some(24), ..Default::default() };
         load(&SceneSource::Procedural("knot".into()), &request).unwrap()
-    }
-
-    fn concerns(scene: &Scene) -> Vec<Concern> {
-        check(scene).into_iter().map(|w| w.concern).collect()
     }
 
     #[test]
     fn each_fault_is_found_and_a_sound_scene_has_none() {
         let sound = scene();
-        assert_eq!(check(&sound), []);
-
+        assert_eq!(check(&sound), [""; 0]);
+        /// A change of the scene, and a part of each warning that it leads to.
+        type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
+        let cases: [Case<'_>; 8] = [
+            (&|s| s.warnings.push("x".into()), &["x"]),
+            (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
+            (&|s| s.space.up = Vec3::X, &["the up direction"]),
+            (&|s| s.space.points = vec![Vec3::ZERO; 4], &[]),
+            (
+                &|s| {
+                    s.space.points = vec![Vec3::ZERO; 4];
+                    s.space.range = Range::Distance { near: 1.0, far: 2.0 };
+                },
+                &["lie outside near and far"],
+            ),
+            (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
+            (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
+            (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),
+        ];
         let changed = |change: &dyn Fn(&mut Scene)| {
             let mut scene = sound.clone();
             change(&mut scene);
-            concerns(&scene)
+            check(&scene)
         };
-        assert_eq!(changed(&|s| s.warnings.push("x".into())), [Concern::Data]);
-        assert!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::ZERO, 0.01)).contains(&Concern::Cameras));
-        assert_eq!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0)), [Concern::Cameras]);
-        assert_eq!(changed(&|s| s.space.up = Vec3::X), [Concern::Up]);
-        assert_eq!(changed(&|s| s.space.points = vec![Vec3::ZERO; 4]), []);
-        assert_eq!(
-            changed(&|s| (s.space.points, s.space.range) =
-                (vec![Vec3::ZERO; 4], infonerf_scene::Range::Distance { near: 1.0, far: 2.0 })),
-            [Concern::Range]
-        );
-        assert_eq!(changed(&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3]))), [Concern::Images]);
-        assert_eq!(changed(&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24))).len(), 1);
-        let alike = changed(&|s| {
-            let camera = s.train[0].camera.clone();
-            s.train.iter_mut().for_each(|v| v.camera = camera.clone());
-        });
-        assert_eq!(alike, [Concern::Baseline]);
+        for (change, expected) in cases {
+            let found = changed(change);
+            let each = found.iter().zip(expected).all(|(warning, part)| warning.contains(part));
+            assert!(found.len() == expected.len() && each, "{expected:?}: {found:?}");
+        }
+        let small = changed(&|s| s.space.bounds = Aabb::cube(Vec3::ZERO, 0.01));
+        assert!(small[0].contains("box diagonals away from the box"), "{small:?}");
     }
 }

@@ -3,7 +3,6 @@
 use infonerf_scene::{Camera, Scene};
 use serde_json::{Value, json};
 
-/// Most points on a page.
 const MAX_POINTS: usize = 8000;
 const PAGE: &str = include_str!("page.html");
 

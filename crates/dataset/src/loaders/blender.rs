@@ -55,8 +55,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut found = if tested.is_empty() {
         let (train, test): (Vec<Frame>, Vec<Frame>) = hold_out(train.frames, &request.test);
         if !test.is_empty() {
-            let name = test_name(&dir.join("transforms_test.json"));
-            warnings.push(format!("{name} has no views: every eighth training view is held out for test"));
+            let text = "transforms_test.json has no views: every eighth training view is held out for test";
+            warnings.push(text.into());
         }
         Found::new(dir, Format::Blender, numbered(train), numbered(test), extent)
     } else {
@@ -65,10 +65,6 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     found.warnings = warnings;
     found.selections = selections;
     Ok(found)
-}
-
-fn test_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Returns what is known of the space, and a warning if it has to be estimated.
@@ -107,7 +103,7 @@ fn is_published(frames: &[Frame], cameras: &[Camera], transparent: Option<bool>)
 mod tests {
     use super::super::testing::*;
     use glam::Vec3;
-    use infonerf_scene::{Backdrop, Format, Image, Layout, RgbaImage, SceneRequest, TestProtocol, ViewSelection};
+    use infonerf_scene::{Backdrop, Format, Layout, SceneRequest, TestProtocol};
     use serde_json::json;
     use std::fs;
     use std::path::PathBuf;
@@ -128,57 +124,20 @@ mod tests {
         assert_eq!((scene.space.near, scene.space.far), (2.0, 6.0));
         assert_eq!(scene.train[1].name, "train/r_1");
         assert_eq!(*scene.train[1].image, image(8, 1).to_f32().composite([1.0; 3]));
-        assert_eq!(
-            (scene.format, scene.backdrop, scene.space.layout),
-            (Format::Blender, Backdrop::Colour, Layout::Object)
-        );
+        let kind = (scene.format, scene.backdrop, scene.space.layout);
+        assert_eq!(kind, (Format::Blender, Backdrop::Colour, Layout::Object));
         assert!(scene.space.bounded && scene.warnings.is_empty(), "{:?}", scene.warnings);
         let camera = &scene.train[1].camera;
         assert_eq!(camera.to_world, infonerf_procedural::train_cameras(8)[1].to_world);
         assert!((camera.fx - 4.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-12);
         assert_eq!(scene.all_train_cameras[1], *camera);
         assert_eq!(scene.train[0].depth, None);
-    }
-
-    #[test]
-    fn reads_only_the_chosen_images() {
-        let (_guard, dir) = folder();
-        for gone in ["train/r_0.png", "train/r_1.png", "test/r_1.png"] {
-            fs::remove_file(dir.join(gone)).unwrap();
-        }
-        let chosen = SceneRequest { train: ViewSelection::Ids(vec![2]), test: TestProtocol::First(1), ..request() };
-        let scene = load(&dir, &chosen).unwrap();
-        assert_eq!(scene.train[0].id, 2);
-        assert_eq!(scene.all_train_cameras.len(), 3);
-    }
-
-    #[test]
-    fn resizes_with_a_box_filter() {
-        let (_guard, dir) = folder();
-        let scene = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
-        let full: RgbaImage = image(8, 0).to_f32();
-        let small: &Image = &scene.train[0].image;
-        assert_eq!((small.width, small.height), (4, 4));
-        let mut sum = 0.0;
-        for i in [0, 1, 8, 9] {
-            let [r, _, _, a] = full.pixels[i];
-            sum += r * a + 1.0 - a;
-        }
-        assert!((small.rgb[0][0] - sum / 4.0).abs() < 1e-6);
-        assert!((scene.train[0].camera.fx - 2.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-12);
-        assert_eq!(scene.train[0].camera.width, 4);
-    }
-
-    #[test]
-    fn extensions_and_dots_in_names() {
-        let (_guard, dir) = folder();
-        let json = dir.join("transforms_train.json");
-        edit(&json, "/frames/0/file_path", Some(json!("train/r_0.png")));
-        fs::rename(dir.join("train/r_1.png"), dir.join("train/r_0.5.png")).unwrap();
-        edit(&json, "/frames/1/file_path", Some(json!("./train/r_0.5")));
-        let scene = load(&dir, &request()).unwrap();
-        assert_eq!(scene.train[0].name, "train/r_0");
-        assert_eq!(scene.train[1].name, "train/r_0.5");
+        // The image is composited, then averaged; its camera goes with it.
+        let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
+        let full = image(8, 0).to_f32();
+        let sum: f32 = [0, 1, 8, 9].map(|i| full.pixels[i]).iter().map(|[r, _, _, a]| r * a + 1.0 - a).sum();
+        assert!((small.train[0].image.rgb[0][0] - sum / 4.0).abs() < 1e-6);
+        assert!((small.train[0].camera.fx - 2.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-12);
     }
 
     #[test]
@@ -202,12 +161,12 @@ mod tests {
     #[test]
     fn cameras_elsewhere_give_other_bounds_and_a_warning() {
         let (_guard, dir) = folder();
-        for split in ["train", "test"] {
-            let json = dir.join(format!("transforms_{split}.json"));
-            for i in 0..if split == "train" { 3 } else { 2 } {
+        for (split, count) in [("train", 3), ("test", 2)] {
+            for i in 0..count {
                 let mut pose = infonerf_procedural::train_cameras(8)[i].to_world;
-                pose.w_axis = (pose.w_axis.truncate() * 10.0 + glam::DVec3::new(100.0, 0.0, 0.0)).extend(1.0);
+                pose.w_axis = (pose.w_axis.truncate() * 10.0 + glam::DVec3::X * 100.0).extend(1.0);
                 let rows = json!(pose.transpose().to_cols_array_2d());
+                let json = dir.join(format!("transforms_{split}.json"));
                 edit(&json, &format!("/frames/{i}/transform_matrix"), Some(rows));
             }
         }
@@ -216,10 +175,6 @@ mod tests {
         assert!((scene.space.bounds.size() - Vec3::splat(30.4)).length() < 1.0, "{:?}", scene.space.bounds);
         assert!((8.0..20.0).contains(&scene.space.near) && (60.0..70.0).contains(&scene.space.far));
         assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("estimated from the cameras"));
-        let json = dir.join("transforms_train.json");
-        edit(&json, "/near", Some(json!(0.5)));
-        edit(&json, "/far", Some(json!(9)));
-        assert_eq!(load(&dir, &request()).unwrap().space.far, 9.0);
     }
 
     #[test]
@@ -231,15 +186,6 @@ mod tests {
         assert_eq!(ids, [26, 86, 2, 55]);
         let unknown = SceneRequest { train: "regnerf-3".parse().unwrap(), ..request() };
         assert!(message(guard.path(), &unknown).contains("one of infonerf-4, found `regnerf-3`"));
-    }
-
-    #[test]
-    fn a_byte_order_mark_is_no_fault() {
-        let (_guard, dir) = folder();
-        let json = dir.join("transforms_train.json");
-        let text = fs::read_to_string(&json).unwrap();
-        fs::write(&json, format!("\u{feff}{text}")).unwrap();
-        assert!(load(&dir, &request()).is_ok());
     }
 
     #[test]
@@ -257,11 +203,7 @@ mod tests {
             ("/frames/1/file_path", None, "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!(3)), "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!("")), "`frames[1].file_path`"),
-            (
-                place,
-                Some(json!([[1, 0, 0, 0]])),
-                "rigid camera-to-world matrix (rotation and translation), found 1 rows",
-            ),
+            (place, Some(json!([[1, 0, 0, 0]])), "matrix (rotation and translation), found 1 rows"),
             ("/frames/1/transform_matrix/2/3", None, "`frames[1].transform_matrix[2]`"),
             ("/frames/1/transform_matrix/2/3", Some(json!("x")), "`frames[1].transform_matrix[2][3]`"),
             (place, Some(identity(0.0)), "found a singular matrix"),
@@ -275,18 +217,6 @@ mod tests {
             let text = message(&dir, &request());
             assert!(text.contains("transforms_train.json: field") && text.contains(expected), "{text}");
         }
-    }
-
-    #[test]
-    fn faults_of_the_files() {
-        let (_guard, dir) = folder();
-        let whole = fs::read(dir.join("test/r_1.png")).unwrap();
-        fs::write(dir.join("test/r_1.png"), &whole[..whole.len() / 2]).unwrap();
-        assert!(message(&dir, &request()).contains("test/r_1.png: expected a complete"));
-
-        let (_guard, dir) = folder();
-        fs::write(dir.join("transforms_test.json"), "{\"frames\": [").unwrap();
-        assert!(message(&dir, &request()).contains("transforms_test.json: expected JSON"));
     }
 
     /// Without a test file, with an empty one, and with views that have no pose, every eighth view is held out.
@@ -304,6 +234,8 @@ mod tests {
             assert!(scene.warnings[0].contains("transforms_test.json has no views"), "{:?}", scene.warnings);
             let training = SceneRequest { test: TestProtocol::Training, ..request() };
             assert_eq!(load(&dir, &training).unwrap().train.len(), 3);
+            fs::write(dir.join("transforms_test.json"), "{\"frames\": [").unwrap();
+            assert!(message(&dir, &request()).contains("transforms_test.json: expected JSON"));
         }
     }
 
@@ -314,10 +246,8 @@ mod tests {
         edit(&json, "/frames/1/transform_matrix", Some(json!(null)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.train.len(), 2);
-        assert_eq!(
-            scene.warnings,
-            ["1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1"]
-        );
+        let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1";
+        assert_eq!(scene.warnings, [lost]);
         // Three rows, sixteen numbers, and a scaled rotation.
         let pose = pose(0);
         let rows: Vec<_> = pose.as_array().unwrap()[..3].to_vec();
@@ -335,18 +265,6 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_the_selection() {
-        let (_guard, dir) = folder();
-        let with = |train| SceneRequest { train, ..request() };
-        let ids = |ids: &[usize]| with(ViewSelection::Ids(ids.to_vec()));
-        assert!(message(&dir, &ids(&[0, 3])).contains("view ids from 0 to 2, found 3"));
-        assert!(message(&dir, &ids(&[0, 0])).contains("0 twice"));
-        assert!(message(&dir, &ids(&[])).contains("at least one view id"));
-        let seed = with(ViewSelection::Seed { seed: 0, count: 4 });
-        assert!(message(&dir, &seed).contains("from 1 to 3, found 4"));
-    }
-
-    #[test]
     fn depth_next_to_the_images() {
         let (_guard, dir) = folder();
         let json = dir.join("transforms_test.json");
@@ -354,43 +272,11 @@ mod tests {
         assert!(message(&dir, &request()).contains("d.npy: not found"));
         let mut depth = vec![f32::INFINITY; 64];
         depth[9] = 3.25;
-        crate::files::depth::write_depth(&dir.join("test/d.npy"), 8, 8, &depth).unwrap();
+        crate::files::npy::write(&dir.join("test/d.npy"), &[8, 8], &depth).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
         let small = SceneRequest { image_size: Some(4), ..request() };
         assert_eq!(load(&dir, &small).unwrap().test[0].depth, None);
-        crate::files::depth::write_depth(&dir.join("test/d.npy"), 4, 16, &depth).unwrap();
+        crate::files::npy::write(&dir.join("test/d.npy"), &[16, 4], &depth).unwrap();
         assert!(message(&dir, &request()).contains("shape [8, 8]: shape [16, 4]"));
-    }
-
-    #[test]
-    #[ignore = "needs …/shared/data"]
-    fn lego_of_the_synthetic_scenes() {
-        let dir = shared_data("nerf_synthetic/lego");
-        let chosen = SceneRequest { image_size: Some(100), ..SceneRequest::default() };
-        let scene = load(&dir, &chosen).unwrap();
-        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [26, 86, 2, 55]);
-        assert_eq!(scene.test.len(), 25);
-        assert_eq!(scene.test[1].name, "test/r_8");
-        assert_eq!(scene.all_train_cameras.len(), 100);
-        let view = &scene.train[0];
-        assert!((view.camera.position().length() - 4.0311).abs() < 1e-3);
-
-        let full = image::open(dir.join("train/r_26.png")).unwrap().into_rgba8();
-        let factor = full.width() / 100;
-        for (x, y) in [(50, 50), (37, 61), (3, 3), (70, 44)] {
-            let mut mean = [0.0f64; 3];
-            for dy in 0..factor {
-                for dx in 0..factor {
-                    let p = full.get_pixel(x * factor + dx, y * factor + dy).0.map(|v| f64::from(v) / 255.0);
-                    for c in 0..3 {
-                        mean[c] += (p[c] * p[3] + 1.0 - p[3]) / f64::from(factor * factor);
-                    }
-                }
-            }
-            let ours = view.image.get(x, y).unwrap();
-            for c in 0..3 {
-                assert!((f64::from(ours[c]) - mean[c]).abs() < 1e-5, "({x}, {y}) {ours:?} {mean:?}");
-            }
-        }
     }
 }

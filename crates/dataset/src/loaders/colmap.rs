@@ -9,6 +9,7 @@ use infonerf_scene::{Format, SceneError, SceneRequest};
 use super::llff::FOLDERS;
 use crate::capture::{Estimate, Found, is_mask_name};
 use crate::colmap::{Reconstruction, models};
+use crate::files::file_name;
 use crate::frame::Frame;
 
 /// Name of this format's file in messages.
@@ -78,8 +79,7 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
     let all: Vec<PathBuf> = list_images(folder).ok()?.into_iter().filter(|path| !is_mask_name(path)).collect();
     let lost: Vec<&PathBuf> = all.iter().filter(|path| !known.contains(path.as_path())).collect();
-    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (first, last) = (name(lost.first()?), name(lost.last()?));
+    let (first, last) = (file_name(lost.first()?), file_name(lost.last()?));
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
@@ -107,42 +107,27 @@ fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Resul
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
     use std::fs;
     use std::path::Path;
 
     use glam::{DVec2, DVec3};
 
     use super::super::testing::*;
-    use crate::colmap::testing::{write_binary, write_text};
-    use crate::colmap::{ColmapImage, Reconstruction};
-    use infonerf_scene::{Backdrop, Camera, Format, Layout, Lens, SceneRequest, TestProtocol};
+    use crate::colmap::testing::{reconstruction, write_binary, write_text};
+    use crate::colmap::{ColmapCamera, Reconstruction};
+    use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest};
 
     /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not
     /// there.
     fn folder(dir: &Path, text: bool) -> Vec<Camera> {
         let lens = [24.0, 25.0, 10.5, 8.0, 0.1, 0.02, 1e-3, -1e-3, 0.01, 0.05, 0.02, 0.0];
-        let guard = tempfile::tempdir().unwrap();
-        let line = lens.map(|v| v.to_string()).join(" ");
-        fs::write(guard.path().join("cameras.txt"), format!("4 FULL_OPENCV 20 16 {line}\n")).unwrap();
-        fs::write(guard.path().join("images.txt"), "1 1 0 0 0 0 0 0 4 x.png\n").unwrap();
-        fs::write(guard.path().join("points3D.txt"), "").unwrap();
-        let mut all = Reconstruction::read(guard.path()).unwrap();
-        let camera = |i: usize| all.cameras[&4].at(infonerf_procedural::train_cameras(8)[i].to_world);
-        let cameras: Vec<Camera> = (0..9).map(camera).collect();
-        let points: BTreeMap<u64, DVec3> = (0..200)
-            .map(|i| (i, DVec3::new((i as f64).sin(), (i as f64 * 1.7).sin(), (i as f64 * 0.6).cos())))
-            .collect();
-        all.images = (0..9)
-            .map(|i| ColmapImage {
-                id: i as u32,
-                name: format!("v/{i}.png"),
-                camera: 4,
-                pose: cameras[i].to_world,
-                observations: points.keys().map(|&p| (DVec2::ZERO, p)).collect(),
-            })
-            .collect();
-        all.points = points;
+        let camera = ColmapCamera::new(dir, "camera", 6, (20, 16), lens.to_vec()).unwrap();
+        let cameras: Vec<Camera> =
+            infonerf_procedural::train_cameras(8)[..9].iter().map(|from| camera.at(from.to_world)).collect();
+        let point = |i: u64| DVec3::new((i as f64).sin(), (i as f64 * 1.7).sin(), (i as f64 * 0.6).cos());
+        let mut all = reconstruction(camera, &cameras, |i| format!("v/{i}.png"));
+        all.points = (0..200).map(|i| (i, point(i))).collect();
+        all.images.iter_mut().for_each(|image| image.observations = (0..200).map(|p| (DVec2::ZERO, p)).collect());
         let place = dir.join("sparse/0");
         if text {
             write_text(&place, &all)
@@ -168,7 +153,7 @@ mod tests {
                 assert_same_view(view, camera);
             }
             assert_eq!(scene.warnings.len(), 1);
-            assert!(scene.warnings[0].contains("1 of 9 frames have no image"), "{:?}", scene.warnings);
+            assert_warns(&scene, 0, "1 of 9 frames have no image");
             assert_eq!((scene.space.layout, scene.backdrop), (Layout::Object, Backdrop::Colour));
             assert_eq!(scene.space.points.len(), 200);
             assert!((2.0..3.1).contains(&scene.space.near) && (4.9..6.5).contains(&scene.space.far), "{scene:?}");
@@ -233,41 +218,15 @@ mod tests {
     }
 
     #[test]
-    fn photographs_without_a_pose_are_counted() {
+    fn photographs_without_a_pose_are_counted_and_faults_named() {
         let guard = tempfile::tempdir().unwrap();
-        folder(guard.path(), false);
+        let cameras = folder(guard.path(), false);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
         assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");
-    }
-
-    #[test]
-    fn nothing_is_held_out_where_training_views_are_tested() {
-        let guard = tempfile::tempdir().unwrap();
-        folder(guard.path(), false);
-        let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Training, ..request() }).unwrap();
-        assert_eq!((scene.train.len(), &scene.test), (8, &scene.train));
-    }
-
-    #[test]
-    fn faults() {
-        let guard = tempfile::tempdir().unwrap();
-        let cameras = folder(guard.path(), false);
         write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();
         assert!(message(guard.path(), &request()).contains("v/1.png: not found"));
-    }
-
-    #[test]
-    #[ignore = "needs …/shared/data"]
-    fn the_room_is_seen_from_within_or_around() {
-        let dir = shared_data("colmap_room");
-        let crate::capture::Capture { found: parts, space, .. } =
-            super::read(&dir, &request()).unwrap().understood().unwrap();
-        eprintln!("{:?} near {} far {} {:?} up {}", space.layout, space.near, space.far, space.bounds, space.up);
-        assert_eq!(parts.train.len() + parts.test.len(), 41);
-        assert!(!parts.train[0].lens.is_perspective() && parts.train[0].lens != Lens::PERSPECTIVE);
-        assert!(space.near > 0.0 && space.near < space.far);
     }
 }

@@ -10,8 +10,8 @@ use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneReque
 use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
-use crate::files::npy::Array;
-use crate::files::{json, npz};
+use crate::files::json;
+use crate::files::npy::{self, Array};
 use crate::frame::{Frame, MaskRole};
 
 /// The files that mark this format.
@@ -21,7 +21,6 @@ const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
 const LISTS: [&str; 2] = ["new_train.lst", "new_val.lst"];
 pub(crate) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
 
-/// Views of a whole scan.
 const VIEWS: usize = 49;
 /// RegNeRF's training views, in the order in which they are taken.
 const REGNERF: [usize; 9] = [25, 22, 28, 40, 44, 48, 0, 8, 13];
@@ -34,7 +33,6 @@ const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
 /// Skew up to this share of the focal length is rounding.
 const SKEW: f64 = 1e-3;
 
-/// Returns the file with the cameras of the scan in `dir`.
 pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
     FILES.iter().map(|file| dir.join(file)).find(|file| file.is_file())
 }
@@ -49,7 +47,7 @@ pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
 pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
-    let matrices = npz::read(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
+    let matrices = npy::read_archive(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
     let images = list_images(&dir.join("image"))?;
     let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
     let Some(first) = images.first() else {
@@ -119,21 +117,19 @@ pub(crate) fn camera(
     let scale = matrix(path, matrices, &format!("scale_mat_{index}"))?;
     let fault =
         |name: &str, expected: &str, found: String| SceneError::field(path, format!("{name}_{index}"), expected, found);
-    let projection = decompose(&world).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
+    let camera = decompose(&world, size).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
     let diagonal = DVec3::new(scale.x_axis.x, scale.y_axis.y, scale.z_axis.z);
     let off = DMat3::from_mat4(scale) - DMat3::from_diagonal(diagonal);
     let usable = diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element());
     if !usable {
         return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
     }
-    let centre = (projection.centre - scale.w_axis.truncate()) / diagonal;
-    let pose = opengl(projection.rotation.transpose(), centre);
-    if let Some(found) = pose::fault(&pose) {
-        return Err(fault("world_mat", "a projection K [R | t]", found));
+    let mut pose = camera.to_world;
+    pose.w_axis = ((camera.position_f64() - scale.w_axis.truncate()) / diagonal).extend(1.0);
+    match pose::fault(&pose) {
+        Some(found) => Err(fault("world_mat", "a projection K [R | t]", found)),
+        None => Ok(camera.with_pose(pose)),
     }
-    // The matrices are for pixels whose centres are whole numbers.
-    let [cx, cy] = projection.centre_pixel;
-    Ok(Camera::pinhole(size, projection.focal, [cx + 0.5, cy + 0.5], pose))
 }
 
 fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> Result<DMat4, SceneError> {
@@ -151,18 +147,8 @@ fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> R
     }
 }
 
-/// A projection matrix taken apart.
-struct DecomposedProjection {
-    focal: [f64; 2],
-    centre_pixel: [f64; 2],
-    /// World to camera; x right, y down, z forward.
-    rotation: DMat3,
-    /// The optical centre in the world.
-    centre: DVec3,
-}
-
-/// Returns `K [R | t]` up to scale: the rows of `K R`, made orthogonal from the last up.
-fn decompose(matrix: &DMat4) -> Result<DecomposedProjection, String> {
+/// Returns the camera of `K [R | t]`, which is given up to scale: the rows of `K R`, made orthogonal from the last up.
+fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     let rows = DMat3::from_mat4(*matrix).transpose();
     let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
     let (m1, m2, m3) = (sign * rows.x_axis, sign * rows.y_axis, sign * rows.z_axis);
@@ -186,8 +172,9 @@ fn decompose(matrix: &DMat4) -> Result<DecomposedProjection, String> {
     if !centre.is_finite() {
         return Err("a singular matrix".into());
     }
-    let rotation = DMat3::from_cols(r1, r2, r3).transpose();
-    Ok(DecomposedProjection { focal, centre_pixel: [m1.dot(r3) / scale, m2.dot(r3) / scale], rotation, centre })
+    // The matrix is for pixels whose centres are whole numbers.
+    let centre_pixel = [m1, m2].map(|row| row.dot(r3) / scale + 0.5);
+    Ok(Camera::pinhole(size, focal, centre_pixel, opengl(DMat3::from_cols(r1, r2, r3), centre)))
 }
 
 #[cfg(test)]
@@ -196,38 +183,28 @@ mod tests {
     use std::path::Path;
 
     use glam::{DMat4, DVec3, Vec3};
-    use zip::CompressionMethod;
 
     use super::super::testing::*;
-    use crate::export::projection;
-    use crate::files::npz::{self, NamedArray};
+    use crate::export::matrices;
+    use crate::files::npy::{self, NamedArray};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.
     const SCALE: f64 = 250.0;
     const SHIFT: DVec3 = DVec3::new(10.0, -20.0, 600.0);
 
-    fn rows(m: DMat4) -> Vec<f64> {
-        m.transpose().to_cols_array().to_vec()
-    }
-
-    /// Returns the camera's projection in a world that is larger and elsewhere.
-    fn world_mat(camera: &Camera) -> DMat4 {
-        let mut moved = camera.to_world;
-        moved.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
-        projection(&camera.with_pose(moved))
-    }
-
+    /// Returns the matrices of cameras in a world that is larger and elsewhere.
     fn arrays(cameras: &[Camera]) -> Vec<NamedArray> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
-        let of = |(i, camera): (usize, &Camera)| {
-            [
-                (format!("world_mat_{i}"), vec![4, 4], rows(world_mat(camera))),
-                (format!("scale_mat_{i}"), vec![4, 4], rows(scale)),
-                (format!("world_mat_inv_{i}"), vec![1], vec![0.0]),
-            ]
+        let moved = |camera: &Camera| {
+            let mut pose = camera.to_world;
+            pose.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
+            camera.with_pose(pose)
         };
-        cameras.iter().enumerate().flat_map(of).collect()
+        let moved: Vec<Camera> = cameras.iter().map(moved).collect();
+        let mut arrays = matrices(moved.iter(), scale);
+        arrays.push(("world_mat_inv_0".into(), vec![1], vec![0.0]));
+        arrays
     }
 
     fn cameras(n: usize) -> Vec<Camera> {
@@ -240,7 +217,7 @@ mod tests {
     fn folder(dir: &Path, n: usize, masks: bool) -> Vec<Camera> {
         let cameras = cameras(n);
         fs::create_dir_all(dir.join("image")).unwrap();
-        npz::write(&dir.join("cameras_sphere.npz"), &arrays(&cameras), CompressionMethod::Deflated).unwrap();
+        npy::write_archive(&dir.join("cameras_sphere.npz"), &arrays(&cameras)).unwrap();
         for (i, camera) in cameras.iter().enumerate() {
             write_view(&dir.join(format!("image/{i:06}.png")), camera);
             if masks {
@@ -316,16 +293,14 @@ mod tests {
             let cameras = folder(guard.path(), 3, false);
             let mut arrays = arrays(&cameras);
             change(&mut arrays);
-            npz::write(&guard.path().join("cameras_sphere.npz"), &arrays, CompressionMethod::Stored).unwrap();
+            npy::write_archive(&guard.path().join("cameras_sphere.npz"), &arrays).unwrap();
             message(guard.path(), &request())
         };
-        assert!(
-            bad(&|a| drop(a.remove(3))).contains("field `world_mat_1`: expected a finite 4×4 matrix, found nothing")
-        );
-        assert!(bad(&|a| a[3].2[5] = f64::NAN).contains("not finite"));
-        assert!(bad(&|a| a[3].2[..12].fill(0.0)).contains("a last row of zeros"));
-        assert!(bad(&|a| a[3].1 = vec![16]).contains("shape [16]"));
-        assert!(bad(&|a| a[4].2[0] = 0.0).contains("scale_mat_1"));
+        assert!(bad(&|a| drop(a.remove(2))).contains("`world_mat_1`: expected a finite 4×4 matrix, found nothing"));
+        assert!(bad(&|a| a[2].2[5] = f64::NAN).contains("not finite"));
+        assert!(bad(&|a| a[2].2[..12].fill(0.0)).contains("a last row of zeros"));
+        assert!(bad(&|a| a[2].1 = vec![16]).contains("shape [16]"));
+        assert!(bad(&|a| a[3].2[0] = 0.0).contains("scale_mat_1"));
         let guard = tempfile::tempdir().unwrap();
         folder(guard.path(), 3, true);
         fs::remove_file(guard.path().join("mask/001.png")).unwrap();
@@ -334,28 +309,5 @@ mod tests {
         assert!(message(guard.path(), &request()).contains("image"));
         fs::write(guard.path().join("cameras_sphere.npz"), "PK").unwrap();
         assert!(message(guard.path(), &request()).contains("cameras_sphere.npz: expected 4×4 matrices"));
-    }
-
-    #[test]
-    #[ignore = "needs …/shared/data"]
-    fn scan24_of_dtu() {
-        let dir = shared_data("dtu/scan24");
-        let chosen = SceneRequest {
-            train: "regnerf-3".parse().unwrap(),
-            test: TestProtocol::Split,
-            image_size: Some(100),
-            ..Default::default()
-        };
-        let scene = load(&dir, &chosen).unwrap();
-        assert_eq!((scene.train.len(), scene.test.len(), scene.backdrop), (3, 25, Backdrop::Unknown));
-        // The object's mask holds the middle of the sphere in every view, and its image has the object in it.
-        for view in scene.train.iter().chain(&scene.test) {
-            let mask = view.mask.as_deref().unwrap();
-            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len() as f32;
-            assert!((0.05..0.9).contains(&share), "{} {share}", view.name);
-            assert!((1.5..5.0).contains(&view.camera.position().length()), "{}", view.camera.position());
-            let p = view.camera.project(Vec3::ZERO).unwrap();
-            assert!((10.0..90.0).contains(&p.x) && (10.0..65.0).contains(&p.y), "{p}");
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat4, DVec3, DVec4};
+use glam::{DMat4, DVec3};
 use infonerf_scene::image::{list_images, stored_dimensions};
 use infonerf_scene::select::published;
 use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
@@ -39,7 +39,8 @@ pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
-    let rows = read_rows(&dir.join(MARKER))?;
+    let path = dir.join(MARKER);
+    let rows = rows(&path, npy::read(&path, EXPECTED)?)?;
     let images = find_images(dir, request.image_size)?;
     if images.len() != rows.len() {
         let folder = images.first().and_then(|p| p.parent()).unwrap_or(dir);
@@ -47,13 +48,11 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         let expected = format!("{} images, one for each pose", rows.len());
         return Err(SceneError::malformed(folder, expected, reason));
     }
-    let (width, height) = match images.first() {
-        Some(first) => stored_dimensions(first)?,
-        None => (1, 1),
-    };
-    let (poses, range) = placed(&dir.join(MARKER), &rows)?;
+    let (width, height) = images.first().map_or(Ok((1, 1)), |first| stored_dimensions(first))?;
+    let (poses, range) = placed(&path, &rows)?;
     let frame = |((row, pose), image): ((&PoseRow, DMat4), &PathBuf)| {
-        let focal = [row.focal * f64::from(width) / row.width, row.focal * f64::from(height) / row.height];
+        let [rows, columns, focal] = row.size;
+        let focal = [focal * f64::from(width) / columns, focal * f64::from(height) / rows];
         let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
         let camera = Camera::pinhole((width, height), focal, centre, pose);
         Frame::new(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy(), image.clone(), &camera)
@@ -74,18 +73,12 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
 /// A row of the file, with its pose in OpenGL's convention.
 pub(crate) struct PoseRow {
     pose: DMat4,
-    height: f64,
-    width: f64,
-    focal: f64,
+    /// Height, width and focal length in pixels.
+    size: [f64; 3],
     near: f64,
     far: f64,
 }
 
-fn read_rows(path: &Path) -> Result<Vec<PoseRow>, SceneError> {
-    rows(path, npy::read(path, EXPECTED)?)
-}
-
-/// Interprets the array in the file at `path`.
 pub(crate) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<PoseRow>, SceneError> {
     if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
         return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));
@@ -100,47 +93,23 @@ fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<PoseRow, SceneErro
     let fault = |columns: &str, expected: &str, found: String| {
         SceneError::field(path, format!("[{index}, {columns}]"), expected, found)
     };
-    let &[
-        d0,
-        r0,
-        b0,
-        x,
-        height, //
-        d1,
-        r1,
-        b1,
-        y,
-        width, //
-        d2,
-        r2,
-        b2,
-        z,
-        focal, //
-        near,
-        far,
-    ] = row
-    else {
-        return Err(fault("0..17", "17 values", row.len().to_string()));
-    };
-    let axis = |a: f64, b: f64, c: f64| DVec4::new(a, b, c, 0.0);
-    let pose = DMat4::from_cols(axis(r0, r1, r2), -axis(d0, d1, d2), axis(b0, b1, b2), DVec4::new(x, y, z, 1.0));
+    let column = |c: usize| DVec3::new(row[c], row[5 + c], row[10 + c]);
+    let [down, right, back, position] = [0, 1, 2, 3].map(column);
+    let pose = DMat4::from_cols(right.extend(0.0), -down.extend(0.0), back.extend(0.0), position.extend(1.0));
+    let (size, near, far) = ([row[4], row[9], row[14]], row[15], row[16]);
     if let Some(found) = pose::fault(&pose) {
         return Err(fault("0..15", "a 3×5 matrix with a rigid pose", found));
     }
-    let size = [height, width, focal];
     if !size.iter().all(|side| PIXELS.contains(side)) {
         return Err(fault("4, 9, 14", "positive height, width and focal length", format!("{size:?}")));
     }
     if !(near.is_finite() && far.is_finite() && 0.0 < near && near < far) {
         return Err(fault("15..17", "depths 0 < near < far", format!("{near} and {far}")));
     }
-    Ok(PoseRow { pose, height, width, focal, near, far })
+    Ok(PoseRow { pose, size, near, far })
 }
 
 /// Scales and recentres the poses, and returns them with near and far.
-///
-/// # Errors
-/// The depths are so small, or so different, that the scene would not fit.
 pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
     let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
     let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
@@ -210,7 +179,7 @@ mod tests {
 
     use super::super::testing::*;
     use crate::files::npy;
-    use infonerf_scene::{Format, Layout, SceneRequest, TestProtocol};
+    use infonerf_scene::{Format, Layout, SceneRequest};
 
     /// Returns the row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
     fn row(x: f32) -> [f32; 17] {
@@ -266,11 +235,9 @@ mod tests {
         assert_eq!((scene.format, scene.space.layout, scene.space.bounded), (Format::Llff, Layout::Forward, false));
         assert_eq!(scene.space.up, Vec3::Y);
         assert_eq!((camera.width, camera.fx), (16, 20.0));
-    }
-
-    #[test]
-    fn takes_the_folder_that_suits_the_size() {
-        let guard = folder(&rows());
+        let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
+        assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
+        // The folder that suits the size is taken.
         let small = SceneRequest { image_size: Some(8), ..request() };
         let scene = load(guard.path(), &small).unwrap();
         assert_eq!(scene.train[0].name, "images_2/image001");
@@ -305,34 +272,5 @@ mod tests {
         assert!(message(guard.path(), &request()).contains("[N, 17] of poses and depth bounds: shape [9, 15]"));
         npy::write::<f64>(&guard.path().join("poses_bounds.npy"), &[0, 17], &[]).unwrap();
         assert!(message(guard.path(), &request()).contains("no views"));
-    }
-
-    /// The published views of the eight scenes, whose numbers count the held-out views as well.
-    #[test]
-    fn named_views_and_the_formats_own_split() {
-        let guard = folder(&rows());
-        let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
-        let scene = load(guard.path(), &chosen).unwrap();
-        let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
-        assert_eq!(names, ["images/image001", "images/image004", "images/image007"]);
-        assert_eq!(scene.test.len(), 2);
-        let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
-        assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
-    }
-
-    #[test]
-    #[ignore = "needs …/shared/data"]
-    fn fern_of_the_llff_captures() {
-        let dir = shared_data("nerf_llff_data/fern");
-        let scene = load(&dir, &SceneRequest { image_size: Some(126), ..request() }).unwrap();
-        assert_eq!((scene.train.len(), scene.test.len()), (17, 3));
-        let view = &scene.train[0];
-        assert_eq!((view.image.width, view.image.height), (126, 95));
-        // All look the same way, from near the origin, at something in front of them.
-        for camera in &scene.all_train_cameras {
-            assert!(camera.forward().dot(Vec3::NEG_Z) > 0.9 && camera.position().length() < 1.0);
-        }
-        assert!((scene.space.near - 1.2).abs() < 1e-3 && scene.space.far > 2.0 && scene.space.far < 20.0);
-        assert!(scene.space.bounds.contains(Vec3::new(0.0, 0.0, -2.0)));
     }
 }

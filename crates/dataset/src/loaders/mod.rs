@@ -5,12 +5,11 @@ mod colmap;
 pub(crate) mod dtu;
 pub(crate) mod llff;
 mod nerfstudio;
-mod optics;
 mod pose;
 pub(crate) mod transforms;
 pub(crate) mod zju;
 
-pub(crate) use pose::read_flat_pose;
+pub(crate) use pose::read_pose;
 
 use std::path::Path;
 
@@ -19,94 +18,60 @@ use infonerf_scene::{Format, SceneError, SceneRequest};
 use crate::capture::Found;
 use crate::photographs::unposed;
 
-/// A format: the file that marks a folder as being in it, how to see that a folder has it, and the folder's reader.
-struct Known {
-    format: Format,
-    marker: &'static str,
-    has_marker: fn(&Path) -> bool,
-    read: for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>,
-}
+type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>;
 
-/// The known formats, in the order in which they are looked for.
-const FORMATS: [Known; 6] = [
-    Known {
-        format: Format::Blender,
-        marker: blender::MARKER,
-        has_marker: |dir| dir.join(blender::MARKER).is_file(),
-        read: blender::read,
-    },
-    Known {
-        format: Format::Transforms,
-        marker: nerfstudio::MARKER,
-        has_marker: |dir| dir.join(nerfstudio::MARKER).is_file(),
-        read: nerfstudio::read,
-    },
-    Known {
-        format: Format::Llff,
-        marker: llff::MARKER,
-        has_marker: |dir| dir.join(llff::MARKER).is_file(),
-        read: llff::read,
-    },
-    Known {
-        format: Format::Dtu,
-        marker: dtu::MARKER,
-        has_marker: |dir| dtu::cameras_file(dir).is_some(),
-        read: dtu::read,
-    },
-    Known {
-        format: Format::Zju,
-        marker: zju::MARKER,
-        has_marker: |dir| dir.join(zju::MARKER).is_file(),
-        read: zju::read,
-    },
-    Known {
-        format: Format::Colmap,
-        marker: colmap::MARKER,
-        has_marker: |dir| crate::colmap::find(dir).is_some(),
-        read: colmap::read,
-    },
+/// The known formats, in the order in which they are looked for: the file that marks a folder, and the folder's reader.
+const FORMATS: [(Format, &str, Reader); 6] = [
+    (Format::Blender, blender::MARKER, blender::read),
+    (Format::Transforms, nerfstudio::MARKER, nerfstudio::read),
+    (Format::Llff, llff::MARKER, llff::read),
+    (Format::Dtu, dtu::MARKER, dtu::read),
+    (Format::Zju, zju::MARKER, zju::read),
+    (Format::Colmap, colmap::MARKER, colmap::read),
 ];
 
-/// Whether the folder `dir` is in a known format.
-pub(crate) fn is_scene(dir: &Path) -> bool {
-    FORMATS.iter().any(|known| (known.has_marker)(dir))
+fn has_marker(dir: &Path, format: Format, marker: &str) -> bool {
+    match format {
+        Format::Dtu => dtu::cameras_file(dir).is_some(),
+        Format::Colmap => !crate::colmap::models(dir).is_empty(),
+        _ => dir.join(marker).is_file(),
+    }
 }
 
-/// Whether the folder `dir` comes with a body.
-pub(crate) fn has_body(dir: &Path) -> bool {
-    zju::has_body(dir)
+pub(crate) fn is_scene(dir: &Path) -> bool {
+    FORMATS.iter().any(|(format, marker, _)| has_marker(dir, *format, marker))
 }
 
 /// Reads the folder `dir`, with no image decoded: in the format asked for, else in the first of the known ones that it
 /// fits, with a warning for each before that it has the file of.
-///
-/// # Errors
-/// That of the first format whose file it has.
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
     if !dir.is_dir() {
         return Err(missing("the folder of a scene".into()));
     }
-    let is_asked_for = |known: &&Known| request.format.is_none_or(|format| format == known.format);
-    let asked: Vec<&Known> = FORMATS.iter().filter(is_asked_for).collect();
+    let asked: Vec<_> =
+        FORMATS.into_iter().filter(|(known, ..)| request.format.is_none_or(|format| format == *known)).collect();
     let mut faults = Vec::new();
-    for known in asked.iter().filter(|known| (known.has_marker)(dir)) {
-        match (known.read)(dir, request) {
+    for (format, marker, read) in &asked {
+        if !has_marker(dir, *format, marker) {
+            continue;
+        }
+        match read(dir, request) {
             Ok(mut found) => {
-                let fault = |(format, error): &(Format, SceneError)| {
-                    format!("read as {}: as {format} it is broken: {error}", known.format)
+                let fault = |(broken, error): &(Format, SceneError)| {
+                    format!("read as {format}: as {broken} it is broken: {error}")
                 };
                 found.warnings.extend(faults.iter().map(fault));
                 return Ok(found);
             }
-            Err(error) => faults.push((known.format, error)),
+            Err(error) => faults.push((*format, error)),
         }
     }
     if !faults.is_empty() {
         return Err(faults.swap_remove(0).1);
     }
-    let markers = asked.iter().map(|known| known.marker).collect::<Vec<_>>().join(", ");
+    let markers = asked.iter().map(|(_, marker, _)| *marker).collect::<Vec<_>>().join(", ");
     Err(unposed(dir).unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
 }
 
@@ -145,6 +110,15 @@ pub(crate) mod testing {
         let text = load(dir, request).expect_err("should be refused").to_string();
         assert!(!text.contains('\n'), "{text}");
         text
+    }
+
+    /// Asserts that the warning `index` of a scene contains `part`.
+    pub fn assert_warns(scene: &Scene, index: usize, part: &str) {
+        assert!(
+            scene.warnings.get(index).is_some_and(|warning| warning.contains(part)),
+            "{part}: {:?}",
+            scene.warnings
+        );
     }
 
     /// Writes the image that a camera has of `knot`, as a PNG.
@@ -202,16 +176,25 @@ pub(crate) mod testing {
         Rgba8 { width: size, height: size, pixels }
     }
 
-    /// A Blender folder with `train` and `test` views of 8×8 pixels.
+    /// Writes `count` images of 8×8 pixels, `folder/r_0.png` and so on, and returns their entries of `frames`.
+    pub fn frames(dir: &Path, folder: &str, count: usize, salt: u8) -> Vec<Value> {
+        fs::create_dir_all(dir.join(folder)).unwrap();
+        let frame = |i: usize| {
+            let file = format!("{folder}/r_{i}.png");
+            image(8, salt + i as u8).write_png(&dir.join(&file)).unwrap();
+            json!({"file_path": file, "transform_matrix": pose(i)})
+        };
+        (0..count).map(frame).collect()
+    }
+
+    /// Writes a Blender folder with `train` and `test` views of 8×8 pixels.
     pub fn blender(dir: &Path, train: usize, test: usize) {
-        for (split, count, first) in [("train", train, 0), ("test", test, 100)] {
-            fs::create_dir_all(dir.join(split)).unwrap();
-            let frames: Vec<_> = (0..count)
-                .map(|i| {
-                    image(8, first + i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
-                    json!({"file_path": format!("./{split}/r_{i}"), "transform_matrix": pose(i)})
-                })
-                .collect();
+        for (split, count, salt) in [("train", train, 0), ("test", test, 100)] {
+            let mut frames = frames(dir, split, count, salt);
+            frames.iter_mut().for_each(|frame| {
+                let path = frame["file_path"].as_str().unwrap().replace(".png", "");
+                frame["file_path"] = json!(format!("./{path}"));
+            });
             let value = json!({"camera_angle_x": 0.6911112, "frames": frames});
             write_json(&dir.join(format!("transforms_{split}.json")), &value);
         }
@@ -278,11 +261,7 @@ mod tests {
         std::fs::copy(dir.join("transforms_test.json"), dir.join("transforms.json")).unwrap();
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.format, Format::Transforms);
-        assert!(
-            scene.warnings[0].starts_with("read as transforms.json: as Blender it is broken: "),
-            "{:?}",
-            scene.warnings
-        );
+        assert_warns(&scene, 0, "read as transforms.json: as Blender it is broken: ");
         let asked = |format| SceneRequest { format: Some(format), ..request() };
         assert_eq!(load(&dir, &asked(Format::Transforms)).unwrap().warnings.len(), 0);
         assert!(message(&dir, &asked(Format::Blender)).contains("field `frames`"));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
-use super::transforms::{Split, read_transforms};
+use super::transforms::read_transforms;
 use crate::capture::{Estimate, Found, StatedExtent};
 use crate::frame::{Frame, numbered, present};
 
@@ -26,9 +26,15 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let lost = transforms.lost.iter().cloned();
     let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).chain(lost).collect();
     let mut found = match &transforms.split {
-        Some(Split { train, test, test_field }) => {
+        Some((train, test, test_field)) => {
             let (frames, warning) = present(transforms.frames);
-            let named = |field, names| named(&path, field, &frames, &all, names);
+            // The frames with these names, in the order of the file.
+            let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
+                if let Some(unknown) = names.iter().find(|name| !all.contains(*name)) {
+                    return Err(SceneError::field(&path, field, "the file_path of a frame", format!("\"{unknown}\"")));
+                }
+                Ok(frames.iter().filter(|frame| names.contains(&frame.name)).cloned().collect())
+            };
             let (train, test) = (named("train_filenames", train)?, named(test_field, test)?);
             let extent = StatedExtent::Estimated(estimate);
             let mut found = Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent);
@@ -44,176 +50,108 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     Ok(found)
 }
 
-/// Returns the frames with the given names, in the order of the file. Every name must be in `all`.
-fn named(
-    path: &Path,
-    field: &str,
-    frames: &[Frame],
-    all: &HashSet<String>,
-    names: &[String],
-) -> Result<Vec<Frame>, SceneError> {
-    if let Some(unknown) = names.iter().find(|n| !all.contains(*n)) {
-        let found = format!("\"{unknown}\"");
-        return Err(SceneError::field(path, field, "the file_path of a frame", found));
-    }
-    let wanted: HashSet<&str> = names.iter().map(String::as_str).collect();
-    Ok(frames.iter().filter(|f| wanted.contains(f.name.as_str())).cloned().collect())
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
     use std::path::PathBuf;
 
     use glam::Vec2;
-    use serde_json::{Value, json};
+    use serde_json::json;
 
     use super::super::testing::*;
-    use infonerf_scene::{Camera, Lens, SceneRequest};
+    use infonerf_scene::{Camera, Image, Lens, Scene, SceneRequest, View};
 
     /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
         let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path().join("capture");
-        fs::create_dir_all(dir.join("images")).unwrap();
-        let frames: Vec<Value> = (0..10)
-            .map(|i| {
-                image(8, i as u8).write_png(&dir.join(format!("images/f_{i}.png"))).unwrap();
-                json!({"file_path": format!("images/f_{i}.png"), "transform_matrix": pose(i)})
-            })
-            .collect();
-        let value = json!({"w": 8, "h": 8, "fl_x": 10.0, "fl_y": 11.0, "cx": 4.5, "cy": 3.5,
-            "k1": 0.0, "frames": frames});
-        let json = dir.join("transforms.json");
-        write_json(&json, &value);
+        let (dir, json) = (guard.path().to_owned(), guard.path().join("transforms.json"));
+        let frames = frames(&dir, "images", 10, 0);
+        let shared = json!({"w": 8, "h": 8, "fl_x": 10.0, "fl_y": 11.0, "cx": 4.5, "cy": 3.5, "k1": 0.0});
+        write_json(&json, &shared);
+        edit(&json, "/frames", Some(json!(frames)));
         (guard, dir, json)
     }
 
     #[test]
     fn shared_intrinsics_and_hold_out() {
         let (_guard, dir, json) = folder();
+        edit(&json, "/frames/1/fl_x", Some(json!(20.0)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!((scene.train.len(), scene.test.len()), (8, 2));
-        assert_eq!(scene.test[1].name, "images/f_8");
-        assert_eq!(scene.train[0].name, "images/f_1");
-        let camera = &scene.train[0].camera;
+        assert_eq!((scene.test[1].name.as_str(), scene.train[0].name.as_str()), ("images/r_8", "images/r_1"));
+        let camera = &scene.train[1].camera;
         assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (10.0, 11.0, 4.5, 3.5));
         let centre = camera.project(camera.position() + camera.forward()).unwrap();
         assert!((centre - Vec2::new(4.5, 3.5)).length() < 1e-4);
         // The scene lies about the point that all cameras look at.
         assert!(scene.space.bounds.centre().length() < 1e-3 && scene.space.near < 3.0 && scene.space.far > 5.0);
-
+        // Intrinsics of a frame come first, and are resized with the image.
+        let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
+        assert_eq!([small.train[0].camera.fx, small.train[1].camera.fx, small.train[1].camera.cx], [10.0, 5.0, 2.25]);
         edit(&json, "/near", Some(json!(1.0)));
         edit(&json, "/far", Some(json!(2.0)));
         assert_eq!(load(&dir, &request()).unwrap().space.far, 2.0);
     }
 
     #[test]
-    fn frames_override_intrinsics_and_images_are_resized_with_them() {
-        let (_guard, dir, json) = folder();
-        edit(&json, "/frames/1/fl_x", Some(json!(20.0)));
-        let small = SceneRequest { image_size: Some(4), ..request() };
-        let scene = load(&dir, &small).unwrap();
-        assert_eq!(scene.train[0].camera.fx, 10.0);
-        assert_eq!(scene.train[1].camera.fx, 5.0);
-        assert_eq!(scene.train[1].camera.cx, 2.25);
-    }
-
-    #[test]
     fn named_splits() {
         let (_guard, dir, json) = folder();
-        edit(&json, "/train_filenames", Some(json!(["images/f_3.png", "./images/f_0.png"])));
-        edit(&json, "/test_filenames", Some(json!(["images/f_9.png"])));
+        edit(&json, "/train_filenames", Some(json!(["images/r_3.png", "./images/r_0.png"])));
+        edit(&json, "/test_filenames", Some(json!(["images/r_9.png"])));
         let scene = load(&dir, &request()).unwrap();
         let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
-        assert_eq!(names, ["images/f_0", "images/f_3"]);
+        assert_eq!(names, ["images/r_0", "images/r_3"]);
         assert_eq!(scene.test.len(), 1);
-        edit(&json, "/test_filenames", Some(json!(["images/f_99.png"])));
+        edit(&json, "/test_filenames", Some(json!(["images/r_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
         edit(&json, "/test_filenames", None);
-        edit(&json, "/val_filenames", Some(json!(["images/f_5.png"])));
-        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/f_5");
+        edit(&json, "/val_filenames", Some(json!(["images/r_5.png"])));
+        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/r_5");
         edit(&json, "/train_filenames", Some(json!([])));
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
 
-    #[test]
-    fn test_cameras_do_not_shape_the_space() {
-        let (_guard, dir, json) = folder();
-        let before = load(&dir, &request()).unwrap();
-        let mut far = pose(8);
-        far[0][3] = json!(10.0);
-        edit(&json, "/frames/8/transform_matrix", Some(far));
-        let after = load(&dir, &request()).unwrap();
-        assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
-    }
-
-    /// Returns views of `knot` through the lens whose fields are given, one of them without its image.
-    fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
-        let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path();
-        fs::create_dir_all(dir.join("images")).unwrap();
-        let cameras: Vec<Camera> = (0..6)
-            .map(|i| {
-                let f = 20.0 + i as f64;
-                let pose = infonerf_procedural::train_cameras(8)[i].to_world;
-                Camera::pinhole((18, 14), [f, f + 0.5], [8.75, 7.5], pose).with_lens(lens)
-            })
-            .collect();
-        let frames: Vec<Value> = cameras
-            .iter()
-            .enumerate()
-            .map(|(i, camera)| {
-                if i != 3 {
-                    write_view(&dir.join(format!("images/f_{i}.png")), camera);
-                }
-                let mut frame = fields.clone();
-                // A frame's own focal lengths; instant-ngp leaves extensions out.
-                frame["fl_x"] = json!(camera.fx);
-                frame["fl_y"] = json!(camera.fy);
-                frame["file_path"] = json!(format!("./images/f_{i}"));
-                frame["transform_matrix"] = pose(i);
-                frame
-            })
-            .collect();
-        let applied = json!([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]);
-        let value = json!({"w": 18, "h": 14, "cx": 8.75, "cy": 7.5, "aabb_scale": 4, "applied_transform": applied,
-            "frames": frames});
-        write_json(&dir.join("transforms.json"), &value);
-        (guard, cameras)
-    }
-
+    /// One lens a frame; one frame is without its image.
     #[test]
     fn every_lens_round_trips() {
-        let k = [0.05, -0.02, 0.01, 0.003];
-        let p = [1e-3, -2e-3];
-        let full = [0.2, 0.1, 0.01, 0.1, 0.05, 0.002];
-        let lenses = [
-            (Lens::PERSPECTIVE, json!({"camera_model": "PINHOLE"})),
-            (Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]), json!({"k1": k[0]})),
-            (
-                Lens::radial_tangential(k, p),
-                json!({"camera_model": "OPENCV", "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": p[0], "p2": p[1]}),
-            ),
-            (
-                Lens::rational(full, p),
-                json!({"camera_model": "FULL_OPENCV", "k1": full[0], "k2": full[1], "k3": full[2], "k4": full[3],
-                    "k5": full[4], "k6": full[5], "p1": p[0], "p2": p[1]}),
-            ),
-            (Lens::fisheye([0.0; 4]), json!({"camera_model": "OPENCV_FISHEYE"})),
-            (Lens::fisheye(k), json!({"is_fisheye": true, "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": 0.0})),
-        ];
-        for (lens, fields) in lenses {
-            let (guard, cameras) = through(lens, &fields);
-            let scene = load(guard.path(), &request()).unwrap();
-            assert_eq!((scene.train.len(), scene.test.len()), (4, 1));
-            for (view, i) in scene.train.iter().zip([1, 2, 4, 5]) {
-                assert_same_view(view, &cameras[i]);
+        let (k, p, full) = ([0.05, -0.02, 0.01, 0.003], [1e-3, -2e-3], [0.2, 0.1, 0.01, 0.1, 0.05, 0.002]);
+        let simple = Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]);
+        let [bent, rational] = [Lens::radial_tangential(k, p), Lens::rational(full, p)];
+        let [even, fisheye] = [[0.0; 4], k].map(Lens::fisheye);
+        let guard = tempfile::tempdir().unwrap();
+        let (dir, json) = (guard.path(), guard.path().join("transforms.json"));
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let view = |(i, lens): (usize, Lens)| {
+            let (focal, pose) = (20.0 + i as f64, infonerf_procedural::train_cameras(8)[i].to_world);
+            let camera = Camera::pinhole((18, 14), [focal, focal + 0.5], [8.75, 7.5], pose).with_lens(lens);
+            if i != 3 {
+                write_view(&dir.join(format!("images/r_{i}.png")), &camera);
             }
-            assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
-            assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
-            assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+            View::new(i, format!("images/r_{i}"), camera, Image::filled(18, 14, [0.0; 3]))
+        };
+        let lenses = [Lens::PERSPECTIVE, simple, bent, bent, rational, even, fisheye];
+        let views: Vec<View> = lenses.into_iter().enumerate().map(view).collect();
+        write_json(&json, &crate::transforms(&Scene { train: views.clone(), ..Scene::default() }));
+        // A lens without a model, and what instant-ngp writes: paths without extension, its own box, and its fisheye.
+        for key in ["near", "aabb", "train_filenames", "frames/1/camera_model", "frames/6/camera_model"] {
+            edit(&json, &format!("/{key}"), None);
+        }
+        for (key, value) in [("aabb_scale", json!(4)), ("frames/6/is_fisheye", json!(true))] {
+            edit(&json, &format!("/{key}"), Some(value));
+        }
+        edit(&json, "/frames/2/file_path", Some(json!("./images/r_2")));
+        let scene = load(dir, &request()).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len(), scene.warnings.len()), (5, 1, 1));
+        assert_warns(&scene, 0, "1 of 7 frames have no image, the first ");
+        assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+        // Cameras that are written load back.
+        write_json(&json, &crate::transforms(&scene));
+        let again = load(dir, &request()).unwrap();
+        assert_eq!((again.space.range, again.space.bounds), (scene.space.range, scene.space.bounds));
+        assert_eq!((again.train.len(), again.test.len(), again.warnings.len()), (5, 1, 0));
+        for view in [scene, again].iter().flat_map(|scene| scene.train.iter().chain(&scene.test)) {
+            assert_same_view(view, &views[view.name["images/r_".len()..].parse::<usize>().unwrap()].camera);
         }
     }
 
@@ -237,10 +175,7 @@ mod tests {
         assert!(!mask[13] && mask[14] && mask.len() == 64 && view.valid == view.mask);
         // The photograph is left as it is.
         assert_eq!(*view.image, image(8, 2).to_f32().composite([1.0; 3]));
-        assert_eq!(
-            scene.warnings,
-            ["masks leave out pixels of 4 views: those pixels are neither trained on nor measured"]
-        );
+        assert_warns(&scene, 0, "masks leave out pixels of 4 views: those pixels are neither trained on nor measured");
         let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
@@ -248,7 +183,7 @@ mod tests {
         write_mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
-        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/f_8: they are not tested");
+        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/r_8: they are not tested");
         write_mask(1, 64);
         assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
         assert_eq!(load(&dir, &score).unwrap().test.len(), 2);
@@ -266,8 +201,8 @@ mod tests {
         }
         let scaled = load(&dir, &request()).unwrap();
         assert_eq!(scaled.warnings, ["the cameras are for images of 32×32 pixels, these have 8×8: they are scaled"]);
-        assert!(infonerf_scene::Scene { warnings: Vec::new(), ..scaled } == whole);
-        image(9, 1).write_png(&dir.join("images/f_3.png")).unwrap();
+        assert!(Scene { warnings: Vec::new(), ..scaled } == whole);
+        image(9, 1).write_png(&dir.join("images/r_3.png")).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().train[2].image.width, 8);
     }
 
@@ -278,13 +213,12 @@ mod tests {
             ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
-            ("/applied_transform", Some(json!([[1, 0, 0, 0]])), "`applied_transform`: expected a 3×4 matrix"),
             ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
             ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
             ("/fl_x", None, "`camera_angle_x`"),
             ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),
-            ("/w", Some(json!(9)), "f_1.png: expected an image of 9×8 pixels"),
+            ("/w", Some(json!(9)), "r_1.png: expected an image of 9×8 pixels"),
             ("/frames/4/transform_matrix/1/1", Some(json!("x")), "`frames[4].transform_matrix[1][1]`"),
             ("/frames/2/p2", Some(json!(1e9)), "`frames[2].p2`"),
         ];

@@ -13,27 +13,13 @@ const TOLERANCE: f64 = 1e-3;
 const SHEAR: f64 = 0.02;
 /// Axes whose lengths differ from their mean by at most this share are corrected to one length.
 const STRETCH: f64 = 0.15;
-/// Scales of a rotation that are taken off.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
-const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-world matrix";
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
-/// A pose that a file gives.
-pub(super) struct GivenPose {
-    /// Camera-to-world.
-    pub matrix: DMat4,
-    /// Whether the pose's rotation had a scale, or axes not quite at right angles, that were taken off.
-    pub mended: bool,
-}
-
 /// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, and checks that it is a rigid transform; a scale
-/// of its rotation and a slight shear are taken off. `None` if it is null or has numbers that are not finite, which JSON
+/// of its rotation and a slight shear are taken off, and it returns whether they were. `None` if it is null or has numbers that are not finite, which JSON
 /// files hold as null: the pose of an image that a tracker has lost.
-///
-/// # Errors
-/// The matrix has another shape, is singular, mirrored or sheared, its last row is not 0 0 0 1, or it is farther than
-/// [`FARTHEST`] from the origin.
-pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPose>, SceneError> {
+pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, bool)>, SceneError> {
     let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;
     if rows.iter().any(Node::holds_null) || node.holds_null() {
@@ -41,7 +27,7 @@ pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPos
     }
     let mut values = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
     match rows.len() {
-        16 => values = DMat4::from_cols_array(&node.numbers(EXPECTED_FLAT)?).to_cols_array_2d(),
+        16 => values = DMat4::from_cols_array(&node.numbers(EXPECTED)?).to_cols_array_2d(),
         3 | 4 => {
             for (value, row) in values.iter_mut().zip(&rows) {
                 *value = row.numbers("4 finite numbers, a row of a 4×4 matrix")?;
@@ -51,10 +37,13 @@ pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPos
     }
     let given = DMat4::from_cols_array_2d(&values).transpose();
     if fault(&given).is_none() {
-        return Ok(Some(GivenPose { matrix: given, mended: false }));
+        return Ok(Some((given, false)));
     }
     let matrix = mended(&given).unwrap_or(given);
-    rigid(&node, matrix).map(|matrix| Some(GivenPose { matrix, mended: true }))
+    match fault(&matrix) {
+        Some(found) => Err(node.fault(EXPECTED, found)),
+        None => Ok(Some((matrix, true))),
+    }
 }
 
 /// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them, or another last row than 0 0 0 1.
@@ -76,21 +65,6 @@ fn mended(pose: &DMat4) -> Option<DMat4> {
     let exact = DMat3::from_quat(DQuat::from_mat3(&DMat3::from_cols(x, y, z)).normalize());
     let [x, y, z] = [exact.x_axis, exact.y_axis, exact.z_axis].map(|axis| axis.extend(0.0));
     Some(DMat4 { x_axis: x, y_axis: y, z_axis: z, ..*pose })
-}
-
-/// Reads a 4×4 matrix given as 16 numbers, row by row, and checks that it is a rigid transform.
-///
-/// # Errors
-/// The numbers are not 16 finite ones, or no rigid transform within [`FARTHEST`] of the origin.
-pub(crate) fn read_flat_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
-    rigid(node, DMat4::from_cols_array(&node.numbers(EXPECTED_FLAT)?).transpose())
-}
-
-fn rigid(node: &Node<'_>, pose: DMat4) -> Result<DMat4, SceneError> {
-    match fault(&pose) {
-        Some(found) => Err(node.fault(EXPECTED, found)),
-        None => Ok(pose),
-    }
 }
 
 /// Describes why `pose` is not a rigid transform; `None` if it is one.

@@ -1,28 +1,28 @@
-//! The `frames` of a `transforms*.json` file, as Blender exports and nerfstudio write them.
+//! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are the file's: `applied_transform`, which
+//! led to them, is not undone.
 
+use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use infonerf_scene::image::{find_image, is_image_name, unread_format};
-use infonerf_scene::{Aabb, SceneError};
+use infonerf_scene::{Aabb, Lens, SceneError};
+use serde_json::Value;
 
-use super::optics::read_optics;
-use super::pose::{GivenPose, read_pose};
-use crate::files::FARTHEST;
-use crate::files::json::{JsonFile, Node};
-use crate::frame::{Frame, MaskRole, without_extension};
+use super::pose::read_pose;
+use crate::colmap::lens;
+use crate::files::json::{self, Node, PIXELS};
+use crate::files::{FARTHEST, file_name};
+use crate::frame::{Frame, Intrinsics, MaskRole, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
 const NGP_SCALE: f64 = 0.33;
 
-/// Contents of a `transforms*.json` file.
 #[derive(Debug)]
 pub(crate) struct Transforms {
     /// Frames with a pose, in the file's order.
     pub frames: Vec<Frame>,
-    /// Names of the frames without a pose.
     pub lost: Vec<String>,
-    /// Warnings about the frames.
     pub warnings: Vec<String>,
     /// Optional fields `near` and `far`, scene units.
     pub range: Option<(f32, f32)>,
@@ -34,23 +34,16 @@ pub(crate) struct Transforms {
     pub split: Option<Split>,
 }
 
-/// Names of frames, without extension.
-#[derive(Debug)]
-pub(crate) struct Split {
-    pub train: Vec<String>,
-    pub test: Vec<String>,
-    /// Field that `test` is from.
-    pub test_field: &'static str,
-}
+/// Names of training frames, of test frames, and the field that the latter are from.
+pub(crate) type Split = (Vec<String>, Vec<String>, &'static str);
 
 /// Reads a `transforms*.json` file; no image is opened.
 pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
-    transforms(path, &JsonFile::read(path)?)
+    transforms(path, &json::read(path)?)
 }
 
-/// Interprets the parsed file at `path`.
-pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, SceneError> {
-    let root = file.root();
+pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, SceneError> {
+    let root = Node::root(path, value);
     let expected = "a list of at least one frame";
     let list = root.get("frames", expected)?;
     let items = list.items(expected)?;
@@ -62,9 +55,9 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
     for (id, item) in items.iter().enumerate() {
         let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
         match read_pose(item, "transform_matrix")? {
-            Some(GivenPose { matrix, mended }) => {
+            Some((pose, mended)) => {
                 scaled.extend(mended.then(|| name.to_owned()));
-                frames.push(Frame { id, pose: matrix, ..read_frame(dir, &root, item, name)? });
+                frames.push(Frame { id, pose, ..read_frame(dir, &root, item, name)? });
             }
             None => lost.push(name.to_owned()),
         }
@@ -72,7 +65,6 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
     if frames.is_empty() {
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
-    check_applied(&root)?;
     let of = |names: &[String], what: &str| {
         names.first().map(|first| {
             format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path))
@@ -87,47 +79,26 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
         lost,
         warnings: warnings.into_iter().flatten().collect(),
         range: read_range(&root)?,
-        bounds: read_bounds(&root)?,
-        cube: read_aabb_scale(&root)?,
+        bounds: root.optional("aabb", read_bounds)?,
+        cube: root.optional("aabb_scale", read_aabb_scale)?,
         split: read_split(dir, &root)?,
     })
 }
 
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// Checks that `applied_transform` is a matrix. It took the capture's own coordinates to the file's, which are used here.
-fn check_applied(root: &Node<'_>) -> Result<(), SceneError> {
-    let Some(node) = root.find("applied_transform") else { return Ok(()) };
-    let expected = "a 3×4 matrix";
-    let rows = node.items(expected)?;
-    if !(3..=4).contains(&rows.len()) {
-        return Err(node.fault(expected, format!("{} rows", rows.len())));
-    }
-    rows.iter().try_for_each(|row| row.numbers::<4>("4 finite numbers, a row of a 3×4 matrix").map(drop))
-}
-
 /// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
-fn read_aabb_scale(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
-    let Some(node) = root.find("aabb_scale") else { return Ok(None) };
+fn read_aabb_scale(node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "a power of two from 1 to 128";
-    let scale = node.number(expected)?;
-    if !(1.0..=128.0).contains(&scale) || scale.log2().fract() != 0.0 {
+    let scale = node.within(1.0..=128.0, expected)?;
+    if scale.log2().fract() != 0.0 {
         return Err(node.error(expected));
     }
-    Ok(Some(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32)))
+    Ok(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32))
 }
 
 fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Result<Frame, SceneError> {
-    let depth = match frame.find("ray_depth_file_path") {
-        Some(node) => Some(dir.join(node.text("the path of an .npy file")?)),
-        None => None,
-    };
-    let mask = match frame.find("mask_path") {
-        Some(node) => Some((image_path(dir, node.text("the path of a mask image")?), MaskRole::Capture)),
-        None => None,
-    };
+    let depth = frame.optional("ray_depth_file_path", |node| Ok(dir.join(node.text("the path of an .npy file")?)))?;
+    let mask = frame.optional("mask_path", |node| Ok(image_path(dir, node.text("the path of a mask image")?)))?;
+    let mask = mask.map(|mask| (mask, MaskRole::Capture));
     let (intrinsics, lens) = read_optics(root, frame)?;
     let image = image_path(dir, path);
     let name = name_of(dir, &image);
@@ -138,21 +109,15 @@ fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
     let (Some(near), Some(far)) = (root.find("near"), root.find("far")) else {
         return Ok(None);
     };
-    let n = near.number("a distance of at least 0")? as f32;
-    let f = far.number("a distance beyond `near`")? as f32;
-    if n < 0.0 {
-        return Err(near.error("a distance of at least 0"));
-    }
-    if n >= f || f64::from(f) > FARTHEST {
+    let n = near.within(0.0.., "a distance of at least 0")? as f32;
+    let f = far.within(..=FARTHEST, "a distance beyond `near`")? as f32;
+    if n >= f {
         return Err(far.error(format!("a distance beyond `near` = {n}")));
     }
     Ok(Some((n, f)))
 }
 
-fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
-    let Some(node) = root.find("aabb") else {
-        return Ok(None);
-    };
+fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "two corners [[x, y, z], [x, y, z]], the least first";
     let [min, max] = &node.items(expected)?[..] else {
         return Err(node.error(expected));
@@ -163,7 +128,7 @@ fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
     if !min.cmplt(max).all() || !inside(min) || !inside(max) {
         return Err(node.fault(expected, format!("{min} and {max}")));
     }
-    Ok(Some(Aabb { min, max }))
+    Ok(Aabb { min, max })
 }
 
 fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
@@ -176,7 +141,7 @@ fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> 
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    Ok(Some(Split { train: names(train)?, test: names(test)?, test_field }))
+    Ok(Some((names(train)?, names(test)?, test_field)))
 }
 
 /// Returns the path of an image below `dir`, without extension.
@@ -198,6 +163,60 @@ fn image_path(dir: &Path, named: &str) -> PathBuf {
         let complete = is_image_name(&whole) || unread_format(&whole).is_some();
         if complete { whole } else { dir.join(format!("{relative}.png")) }
     })
+}
+
+/// Lens distortion coefficients of nerfstudio and instant-ngp.
+const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+const MAX_COEFFICIENT: f64 = 1e6;
+/// Values of `camera_model` that are known; the coefficients decide which lens they mean.
+const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
+                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE";
+
+/// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root.
+fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), SceneError> {
+    let place = |key: &str| if frame.find(key).is_some() { frame } else { root };
+    let lens = read_lens(place)?;
+    let focal = |key: &str| place(key).optional(key, |node| node.within(PIXELS, "a positive focal length in pixels"));
+    let Some(fx) = focal("fl_x")? else {
+        let expected = "a horizontal field of view between 0 and π radians";
+        let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
+        let node = place("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?;
+        return Ok((Intrinsics::Fov(node.within(range, expected)?), lens));
+    };
+    let position = |key: &str| {
+        let range = -*PIXELS.end()..=*PIXELS.end();
+        place(key).optional(key, |node| node.within(range, "a position in pixels"))
+    };
+    let side = |key: &str| {
+        place(key).optional(key, |node| {
+            let expected = "an image side in whole pixels";
+            let side = node.within(1.0..=f64::from(u32::MAX), expected)?;
+            if side.fract() == 0.0 { Ok(side as u32) } else { Err(node.error(expected)) }
+        })
+    };
+    let focal = [fx, focal("fl_y")?.unwrap_or(fx)];
+    let centre = position("cx")?.zip(position("cy")?).map(|(x, y)| [x, y]);
+    let size = side("w")?.zip(side("h")?);
+    Ok((Intrinsics::Pixels { focal, centre, size }, lens))
+}
+
+/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients, each field in its `place`.
+fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, SceneError> {
+    let mut values = [0.0; DISTORTION.len()];
+    for (value, key) in values.iter_mut().zip(DISTORTION) {
+        let range = -MAX_COEFFICIENT..=MAX_COEFFICIENT;
+        let read = |node: Node<'_>| node.within(range, "a distortion coefficient");
+        *value = place(key).optional(key, read)?.unwrap_or(0.0);
+    }
+    let is_fisheye = place("is_fisheye").optional("is_fisheye", |node| node.flag("true or false"))?.unwrap_or(false);
+    let value = |key: &str| DISTORTION.iter().zip(values).find(|(known, _)| **known == key).map_or(0.0, |(_, v)| v);
+    let known = |node: Node<'_>| {
+        let model = node.text(MODELS)?.to_ascii_uppercase();
+        lens(&model, value).ok_or_else(|| node.error(MODELS))
+    };
+    let unnamed = if is_fisheye { "FISHEYE" } else { "PERSPECTIVE" };
+    let named = place("camera_model").optional("camera_model", known)?;
+    Ok(named.or_else(|| lens(unnamed, value)).unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -222,7 +241,8 @@ mod tests {
             let found = image_path(dir, named);
             assert_eq!((found.is_file(), name_of(dir, &found)), (true, "scan/images/0".into()), "{named}");
         }
-        assert_eq!(image_path(dir, "./train/r_0.5"), dir.join("train/r_0.5.png"));
+        let dotted = image_path(dir, "./train/r_0.5");
+        assert_eq!((name_of(dir, &dotted), dotted), ("train/r_0.5".into(), dir.join("train/r_0.5.png")));
         assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
     }
 }

@@ -6,13 +6,38 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::mpsc;
-use std::thread;
 
 use infonerf_scene::SceneError;
 
-/// The program, as it is looked for in the folders of PATH.
+use crate::colmap::models;
+
 const PROGRAM: &str = "colmap";
+/// Steps: name, number of paths that it takes, and options.
+const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
+    (
+        "feature_extractor",
+        2,
+        &[
+            ("ImageReader.single_camera", "1"),
+            ("ImageReader.camera_model", "SIMPLE_RADIAL"),
+            ("SiftExtraction.use_gpu", "0"),
+            ("SiftExtraction.estimate_affine_shape", "1"),
+            ("SiftExtraction.domain_size_pooling", "1"),
+        ],
+    ),
+    ("exhaustive_matcher", 1, &[("SiftMatching.use_gpu", "0"), ("SiftMatching.guided_matching", "1")]),
+    (
+        "mapper",
+        3,
+        &[
+            ("Mapper.min_model_size", "2"),
+            ("Mapper.init_min_num_inliers", "40"),
+            ("Mapper.init_min_tri_angle", "4"),
+            ("Mapper.abs_pose_min_num_inliers", "15"),
+            ("Mapper.multiple_models", "0"),
+        ],
+    ),
+];
 /// Lines of the program's output that an error repeats.
 const REPEATED: usize = 3;
 
@@ -22,9 +47,6 @@ const REPEATED: usize = 3;
 /// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
 /// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
 /// that starts from pairs with little parallax.
-///
-/// # Errors
-/// A step fails; or the photographs do not overlap enough for a reconstruction. Nothing is left of it then.
 pub(super) fn pose(
     program: &Path,
     dir: &Path,
@@ -33,19 +55,17 @@ pub(super) fn pose(
 ) -> Result<(), SceneError> {
     let (database, sparse) = (dir.join("colmap.db"), dir.join("sparse"));
     fs::create_dir_all(&sparse).map_err(|e| SceneError::io(&sparse, e))?;
-    let done = steps(images, &database, &sparse).iter().try_for_each(|(step, arguments)| {
-        progress(step);
+    let found = STEPS.iter().try_for_each(|step| {
+        progress(step.0);
         let mut help = String::new();
         // A program without help is given all options, and says itself what it does not know.
-        let _ = run(program, step, &[step.into(), "-h".into()], &mut |line: &str| help += line);
-        run(program, step, &accepted(arguments, &help), &mut progress)
+        let _ = run(program, step.0, &["-h".into()], &mut |line: &str| help += line);
+        run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)
     });
-    let found = done.and_then(|()| {
-        if crate::colmap::find(dir).is_some() {
-            return Ok(());
-        }
+    let found = found.and_then(|()| {
         let expected = "photographs that overlap enough to find their poses";
-        Err(SceneError::malformed(images, expected, "colmap made no reconstruction of them"))
+        let none = || SceneError::malformed(images, expected, "colmap made no reconstruction of them");
+        if models(dir).is_empty() { Err(none()) } else { Ok(()) }
     });
     if found.is_err() {
         // Nothing is left that the next attempt would stumble over; what cannot be removed says so then.
@@ -54,86 +74,19 @@ pub(super) fn pose(
     found
 }
 
-/// Returns COLMAP's steps, each a name with its arguments.
-fn steps(images: &Path, database: &Path, sparse: &Path) -> Vec<(&'static str, Vec<OsString>)> {
-    let path = |p: &Path| p.as_os_str().to_owned();
-    let with = |step: &str, paths: &[(&str, &Path)], options: &[&str]| {
-        let paths = paths.iter().flat_map(|(name, p)| [OsString::from(format!("--{name}")), path(p)]);
-        let mut arguments = vec![OsString::from(step)];
-        arguments.extend(paths);
-        arguments.extend(options.iter().map(OsString::from));
-        arguments
-    };
-    vec![
-        (
-            "feature_extractor",
-            with(
-                "feature_extractor",
-                &[("database_path", database), ("image_path", images)],
-                &[
-                    "--ImageReader.single_camera",
-                    "1",
-                    "--ImageReader.camera_model",
-                    "SIMPLE_RADIAL",
-                    "--SiftExtraction.use_gpu",
-                    "0",
-                    "--SiftExtraction.estimate_affine_shape",
-                    "1",
-                    "--SiftExtraction.domain_size_pooling",
-                    "1",
-                ],
-            ),
-        ),
-        (
-            "exhaustive_matcher",
-            with(
-                "exhaustive_matcher",
-                &[("database_path", database)],
-                &["--SiftMatching.use_gpu", "0", "--SiftMatching.guided_matching", "1"],
-            ),
-        ),
-        (
-            "mapper",
-            with(
-                "mapper",
-                &[("database_path", database), ("image_path", images), ("output_path", sparse)],
-                &[
-                    "--Mapper.min_model_size",
-                    "2",
-                    "--Mapper.init_min_num_inliers",
-                    "40",
-                    "--Mapper.init_min_tri_angle",
-                    "4",
-                    "--Mapper.abs_pose_min_num_inliers",
-                    "15",
-                    "--Mapper.multiple_models",
-                    "0",
-                ],
-            ),
-        ),
-    ]
-}
-
-/// Returns the arguments with the options that `help` lists, under the names that this version of COLMAP has for them:
-/// 3.12 moved what is not SIFT's own to groups of other names. Options that it does not have at all are left to their
-/// defaults.
-fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
-    const MOVED: [(&str, &str); 2] = [("SiftExtraction.", "FeatureExtraction."), ("SiftMatching.", "FeatureMatching.")];
-    let mut kept = Vec::new();
-    let mut rest = arguments.iter();
-    while let Some(argument) = rest.next() {
-        let name = argument.to_string_lossy();
-        if !name.starts_with("--") || !name.contains('.') || !help.contains("--") {
-            kept.push(argument.clone());
-            continue;
-        }
-        let value = rest.next();
-        let names = MOVED.iter().map(|(old, new)| name.replace(old, new)).chain([name.to_string()]);
-        if let (Some(known), Some(value)) = (names.into_iter().find(|n| help.contains(n.as_str())), value) {
-            kept.extend([known.into(), value.clone()]);
-        }
+/// Returns the arguments of a step: its paths, and the options that `help` lists, under the names that this version of
+/// COLMAP has for them: 3.12 moved what is not SIFT's own to groups of other names. Options that it does not have at all are
+/// left to their defaults.
+fn arguments(step: &(&str, usize, &[(&str, &str)]), paths: [&Path; 3], help: &str) -> Vec<OsString> {
+    let named = ["--database_path", "--image_path", "--output_path"].into_iter().zip(paths).take(step.1);
+    let mut all: Vec<OsString> = named.flat_map(|(name, path)| [name.into(), path.into()]).collect();
+    for (name, value) in step.2 {
+        let moved = name.replace("SiftExtraction.", "FeatureExtraction.").replace("SiftMatching.", "FeatureMatching.");
+        let names = [format!("--{moved}"), format!("--{name}")];
+        let known = if help.contains("--") { names.iter().find(|name| help.contains(*name)) } else { names.last() };
+        all.extend(known.into_iter().flat_map(|name| [name.into(), OsString::from(value)]));
     }
-    kept
+    all
 }
 
 /// Returns the program in the first folder of `path` that has it.
@@ -145,28 +98,22 @@ pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
 /// Runs one step, handing on every line that it prints. Without a screen.
 fn run(program: &Path, step: &str, arguments: &[OsString], progress: &mut impl FnMut(&str)) -> Result<(), SceneError> {
     let io = |e| SceneError::io(program, e);
+    let (output, input) = std::io::pipe().map_err(io)?;
     let mut child = Command::new(program)
+        .arg(step)
         .args(arguments)
         .env("QT_QPA_PLATFORM", "offscreen")
         .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
+        .stdout(input.try_clone().map_err(io)?)
+        .stderr(input)
         .spawn()
         .map_err(io)?;
-    let (sender, lines) = mpsc::channel();
-    let streams: [Option<Box<dyn std::io::Read + Send>>; 2] =
-        [child.stdout.take().map(|s| Box::new(s) as _), child.stderr.take().map(|s| Box::new(s) as _)];
-    for stream in streams.into_iter().flatten() {
-        let sender = sender.clone();
-        thread::spawn(move || {
-            let lines = BufReader::new(stream).split(b'\n').map_while(Result::ok);
-            // The receiver is there until both streams have ended.
-            lines.for_each(|line| drop(sender.send(String::from_utf8_lossy(&line).trim_end().to_owned())));
-        });
-    }
-    drop(sender);
     let mut last = VecDeque::new();
-    for line in lines.iter().filter(|line| !line.is_empty()) {
+    for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if line.is_empty() {
+            continue;
+        }
         progress(&line);
         last.push_back(line);
         if last.len() > REPEATED {
@@ -187,15 +134,13 @@ mod tests {
 
     #[test]
     fn options_are_those_of_the_installed_version() {
-        let all = steps(Path::new("images"), Path::new("my.colmap.db"), Path::new("sparse"));
-        let names = |help: &str| -> Vec<String> {
-            accepted(&all[1].1, help).iter().map(|a| a.to_string_lossy().into_owned()).collect()
-        };
-        let old = ["exhaustive_matcher", "--database_path", "my.colmap.db", "--SiftMatching.use_gpu", "0"];
-        assert_eq!(names("--SiftMatching.use_gpu arg"), old);
-        let new = ["exhaustive_matcher", "--database_path", "my.colmap.db", "--FeatureMatching.use_gpu", "0"];
-        assert_eq!(names("--FeatureMatching.use_gpu arg"), new);
-        assert_eq!(names("").len(), 7, "without help, all");
+        let paths = ["my.colmap.db", "images", "sparse"].map(Path::new);
+        let names = |help: &str| arguments(&STEPS[1], paths, help);
+        for group in ["SiftMatching", "FeatureMatching"] {
+            let option = format!("--{group}.use_gpu");
+            assert_eq!(names(&format!("{option} arg")), ["--database_path", "my.colmap.db", &option, "0"]);
+        }
+        assert_eq!(names("").len(), 6, "without help, all");
     }
 
     /// A stand-in that prints its step and fails at the mapper.
@@ -207,15 +152,13 @@ mod tests {
         let program = guard.path().join("colmap");
         fs::write(&program, "#!/bin/sh\necho \"run $1\"\necho oops >&2\n[ \"$1\" != mapper ]\n").unwrap();
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-        let all = steps(Path::new("images"), Path::new("colmap.db"), Path::new("sparse"));
         let mut seen = Vec::new();
-        for (step, arguments) in &all[..2] {
-            run(&program, step, arguments, &mut |line: &str| seen.push(line.to_owned())).unwrap();
+        for (step, ..) in &STEPS[..2] {
+            run(&program, step, &[], &mut |line: &str| seen.push(line.to_owned())).unwrap();
         }
         seen.sort();
         assert_eq!(seen, ["oops", "oops", "run exhaustive_matcher", "run feature_extractor"]);
-        let (step, arguments) = &all[2];
-        let text = run(&program, step, arguments, &mut |_: &str| {}).unwrap_err().to_string();
+        let text = run(&program, "mapper", &[], &mut |_: &str| {}).unwrap_err().to_string();
         assert!(text.contains("`mapper` to succeed") && text.contains("oops") && !text.contains('\n'), "{text}");
     }
 }

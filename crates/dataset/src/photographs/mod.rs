@@ -91,11 +91,8 @@ mod tests {
     #[test]
     fn a_folder_without_photographs_is_refused() {
         let guard = tempfile::tempdir().unwrap();
-        let fault = |dir: &Path| {
-            from_images(dir, &PoseSearch { without_colmap: true, ..PoseSearch::default() }, |_| {})
-                .unwrap_err()
-                .to_string()
-        };
+        let search = PoseSearch { without_colmap: true, focal: None };
+        let fault = |dir: &Path| from_images(dir, &search, |_| {}).unwrap_err().to_string();
         let text = fault(guard.path());
         assert!(text.contains("at least two photographs: it has 0"), "{text}");
         fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();

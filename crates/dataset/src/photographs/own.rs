@@ -8,10 +8,11 @@ use std::path::Path;
 use glam::DVec2;
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images};
 use infonerf_scene::{Image, SceneError, resized_dimensions};
-use infonerf_sfm::{Photograph, SfmSettings, reconstruct};
+use infonerf_sfm::{Photograph, reconstruct};
 use rayon::prelude::*;
 
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
+use crate::files::file_name;
 
 /// Longest side, in pixels, of the images in which features are looked for.
 const MAX_SIDE: u32 = 1600;
@@ -26,9 +27,6 @@ const SIMPLE_RADIAL: usize = 2;
 /// receives a line for each step, and for each photograph without a pose the reason.
 ///
 /// All photographs are taken with one lens: images of other sizes are brought to one longest side.
-///
-/// # Errors
-/// An image cannot be read, or fewer than two can be placed. Nothing is written then.
 pub(super) fn pose(
     images: &Path,
     sparse: &Path,
@@ -47,29 +45,27 @@ pub(super) fn pose(
     let fault =
         |reason: String| SceneError::malformed(images, "photographs that overlap enough to find their poses", reason);
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
-    let found = reconstruct(&input, focal, &SfmSettings::default(), &mut progress).map_err(fault)?;
+    let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
     for (path, pose) in paths.iter().zip(&found.poses) {
         let state = match pose {
             Ok(_) => "placed".to_owned(),
             Err(reason) => format!("not placed: {reason}"),
         };
-        let line = format!("{}: {state}", name(path));
+        let line = format!("{}: {state}", file_name(path));
         progress(&line);
         lost.extend(pose.is_err().then_some(line));
     }
     if paths.len() - lost.len() < MIN_PLACED {
         return Err(fault(lost.swap_remove(0)));
     }
-    let mut all = Reconstruction {
-        cameras: BTreeMap::new(),
-        images: Vec::new(),
-        points: (1u64..).zip(found.points.iter().map(|point| point.position)).collect(),
-    };
+    let points = (1u64..).zip(found.points.iter().map(|point| point.position)).collect();
+    let mut all = Reconstruction { cameras: BTreeMap::new(), images: Vec::new(), points };
     for (i, pose) in found.poses.iter().enumerate() {
         let Ok(pose) = pose else { continue };
         let photograph = &photographs[i];
-        let (reduced, margin) = (photograph.reduction(), found.lens.centre - photograph.middle());
+        let reduced = f64::from(photograph.size.0) / photograph.width as f64;
+        let margin = found.lens.centre - photograph.middle();
         let [cx, cy] = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let lens = vec![found.lens.focal * reduced, cx, cy, found.lens.k1];
         let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, photograph.size, lens)?;
@@ -82,7 +78,7 @@ pub(super) fn pose(
         });
         all.images.push(ColmapImage {
             id: i as u32 + 1,
-            name: name(&paths[i]),
+            name: file_name(&paths[i]),
             camera: id,
             pose: opengl(pose.rotation.transpose(), pose.centre()),
             observations: observations.collect(),
@@ -99,16 +95,10 @@ pub(super) fn pose(
     written
 }
 
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// A reduced photograph.
 struct SmallPhotograph {
     width: usize,
     height: usize,
     rgb: Vec<[u8; 3]>,
-    /// Size of the file.
     size: (u32, u32),
     /// Focal length over the longer side, if EXIF data state it.
     focal: Option<f64>,
@@ -123,11 +113,6 @@ impl SmallPhotograph {
         let (width, height) = resized_dimensions(size.0, size.1, longest);
         let rgb = image.resized(width, height).to_rgb8().as_chunks().0.to_vec();
         Ok(Self { width: width as usize, height: height as usize, rgb, size, focal })
-    }
-
-    /// Returns the pixels of the file per pixel of the reduced photograph.
-    fn reduction(&self) -> f64 {
-        f64::from(self.size.0) / self.width as f64
     }
 
     fn middle(&self) -> DVec2 {
@@ -148,11 +133,10 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
+    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity};
 
     use super::*;
-    use crate::loaders::testing::shared_data;
-    use crate::{SceneSource, load};
+    use crate::loaders::testing::{load, request, shared_data};
 
     /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
     /// positions in percent of the mean distance between cameras.
@@ -167,11 +151,10 @@ mod tests {
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
-    /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, the lines of progress too.
+    /// Prints the table of docs/photographs.md.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn poses_of_published_captures() {
-        let told = std::env::var_os("INFONERF_LINES").is_some();
         let llff = |name| (name, format!("nerf_llff_data/{name}"), "images_8");
         let captures = [llff("fern"), llff("flower"), ("tumbler", "colmap_tumbler".into(), "images")];
         eprintln!(
@@ -180,29 +163,18 @@ mod tests {
         eprintln!("|---|---|---|---|---|---|---|");
         for (capture, dir, folder) in captures {
             let dir = shared_data(&dir);
-            let request = SceneRequest {
-                train: ViewSelection::All,
-                test: TestProtocol::All,
-                image_size: Some(16),
-                ..Default::default()
-            };
-            let scene = load(&SceneSource::Folder { path: dir.clone() }, &request).unwrap();
+            let scene = load(&dir, &SceneRequest { image_size: Some(16), ..request() }).unwrap();
             let views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
             let mut files = list_images(&dir.join(folder)).unwrap();
-            files.sort_by_key(|path| (name(path).len(), name(path)));
+            files.sort_by_key(|path| (file_name(path).len(), file_name(path)));
             for (count, spread) in [(4, false), (4, true), (9, false), (9, true)] {
                 let pick = |i: usize| if spread { i * (files.len() - 1) / (count - 1) } else { i + 2 };
                 let guard = tempfile::tempdir().unwrap();
                 for path in (0..count).map(|i| &files[pick(i)]) {
-                    fs::copy(path, guard.path().join(name(path))).unwrap();
+                    fs::copy(path, guard.path().join(file_name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
-                let tell = |line: &str| {
-                    if told {
-                        eprintln!("{line}");
-                    }
-                };
-                let result = pose(guard.path(), &guard.path().join("sparse"), None, tell);
+                let result = pose(guard.path(), &guard.path().join("sparse"), None, |_| {});
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
                 if let Err(error) = result {

@@ -105,7 +105,7 @@ fn search(views: usize) -> StereoSettings {
     let settings = StereoSettings::default();
     let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
     let size = (settings.size as f32 * scale).round() as u32;
-    StereoSettings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
+    StereoSettings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size }
 }
 
 impl Stereo {

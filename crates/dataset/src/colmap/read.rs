@@ -1,0 +1,248 @@
+//! Files of a reconstruction: the same values in the same order in binary files (little endian) and in text.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::iter::Enumerate;
+use std::path::Path;
+use std::str::{FromStr, Lines, SplitWhitespace};
+
+use glam::{DVec2, DVec3};
+use infonerf_scene::SceneError;
+
+use super::camera::{MODELS, known};
+use super::{ColmapCamera, ColmapImage, pose};
+
+/// Longest name of an image, in bytes.
+const MAX_NAME: usize = 4096;
+
+/// The values of a file, one after the other.
+pub(crate) struct Values<'a> {
+    path: &'a Path,
+    source: Source<'a>,
+}
+
+enum Source<'a> {
+    /// Rest of the file, and the number of records in it.
+    Binary { rest: &'a [u8], records: u64 },
+    /// Rest of the lines, and number (from 1) and rest of the current one.
+    Text { lines: Enumerate<Lines<'a>>, number: usize, words: SplitWhitespace<'a> },
+}
+
+pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
+    let mut cameras = BTreeMap::new();
+    while values.next_record()? {
+        let id = values.u32()?;
+        let place = values.place(format!("camera {id}"));
+        let model = values.model()?;
+        let size = (values.side()?, values.side()?);
+        let parameters = (0..MODELS[model].1.len()).map(|_| values.f64()).collect::<Result<_, _>>()?;
+        if let Source::Text { words, .. } = &mut values.source
+            && let Some(word) = words.next()
+        {
+            return Err(values.fault("no more numbers than the model has", format!("`{word}`")));
+        }
+        cameras.insert(id, ColmapCamera::new(values.path, &place, model, size, parameters)?);
+    }
+    Ok(cameras)
+}
+
+pub(crate) fn images(mut values: Values<'_>) -> Result<Vec<ColmapImage>, SceneError> {
+    let mut images = Vec::new();
+    while values.next_record()? {
+        let id = values.u32()?;
+        let (quaternion, translation) = (values.numbers()?, values.numbers()?);
+        let (camera, name) = (values.u32()?, values.name()?);
+        let pose = pose(values.path, &values.place(format!("image {id}")), quaternion, translation)?;
+        let mut observations = Vec::new();
+        for _ in 0..values.observations()? {
+            let pixel = DVec2::from(values.numbers::<2>()?);
+            observations.extend(values.point()?.map(|point| (pixel, point)));
+        }
+        images.push(ColmapImage { id, name, camera, pose, observations });
+    }
+    Ok(images)
+}
+
+pub(crate) fn points(mut values: Values<'_>) -> Result<BTreeMap<u64, DVec3>, SceneError> {
+    let mut points = BTreeMap::new();
+    while values.next_record()? {
+        let (id, point) = (values.u64()?, DVec3::from(values.numbers::<3>()?));
+        values.skip_track()?;
+        if point.is_finite() {
+            points.insert(id, point);
+        }
+    }
+    Ok(points)
+}
+
+impl<'a> Values<'a> {
+    /// Begins a binary file.
+    pub fn binary(path: &'a Path, bytes: &'a [u8]) -> Result<Self, SceneError> {
+        let mut values = Self { path, source: Source::Binary { rest: bytes, records: 0 } };
+        let count = values.u64()?;
+        if let Source::Binary { records, .. } = &mut values.source {
+            *records = count;
+        }
+        Ok(values)
+    }
+
+    /// Begins a text file.
+    pub fn text(path: &'a Path, text: &'a str) -> Self {
+        let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
+        Self { path, source: Source::Text { lines, number: 0, words: "".split_whitespace() } }
+    }
+
+    /// Begins the next record; `false` at the end of the file.
+    fn next_record(&mut self) -> Result<bool, SceneError> {
+        match &mut self.source {
+            Source::Binary { rest, records: 0 } if rest.is_empty() => Ok(false),
+            Source::Binary { rest, records: 0 } => {
+                let more = rest.len();
+                Err(self.fault("", format!("{more} more bytes than it says")))
+            }
+            Source::Binary { records, .. } => {
+                *records -= 1;
+                Ok(true)
+            }
+            Source::Text { .. } => loop {
+                match self.next_line() {
+                    Some(0) => {}
+                    count => return Ok(count.is_some()),
+                }
+            },
+        }
+    }
+
+    /// Begins the next line of text that is no comment, and returns its number of words.
+    fn next_line(&mut self) -> Option<usize> {
+        let Source::Text { lines, number, words } = &mut self.source else { return None };
+        let (index, line) = lines.find(|(_, line)| !line.trim_start().starts_with('#'))?;
+        (*number, *words) = (index + 1, line.split_whitespace());
+        Some(words.clone().count())
+    }
+
+    fn fault(&self, expected: &str, found: impl Display) -> SceneError {
+        match &self.source {
+            Source::Binary { .. } => {
+                SceneError::malformed(self.path, "a binary file of a COLMAP reconstruction", found)
+            }
+            Source::Text { .. } => SceneError::field(self.path, self.place(String::new()), expected, found),
+        }
+    }
+
+    /// Returns the place of a record for errors: the line of text, or `name`.
+    fn place(&self, name: String) -> String {
+        match &self.source {
+            Source::Binary { .. } => name,
+            Source::Text { number, .. } => format!("line {number}"),
+        }
+    }
+
+    fn word<T: FromStr>(&mut self) -> Result<T, SceneError> {
+        let word = if let Source::Text { words, .. } = &mut self.source { words.next() } else { None };
+        let word = word.ok_or_else(|| self.fault("the values of a COLMAP reconstruction", "too few words"))?;
+        word.parse().map_err(|_| self.fault("a number of a COLMAP reconstruction", format!("`{word}`")))
+    }
+
+    fn take(&mut self, count: usize) -> Result<&'a [u8], SceneError> {
+        if let Source::Binary { rest, .. } = &mut self.source
+            && let Some((taken, left)) = rest.split_at_checked(count)
+        {
+            *rest = left;
+            return Ok(taken);
+        }
+        Err(self.fault("", "it ends early"))
+    }
+
+    /// Returns a number of `N` bytes, or a word.
+    fn number<T: FromStr, const N: usize>(&mut self, from_bytes: fn([u8; N]) -> T) -> Result<T, SceneError> {
+        if let Source::Text { .. } = self.source {
+            return self.word();
+        }
+        let mut bytes = [0; N];
+        bytes.copy_from_slice(self.take(N)?);
+        Ok(from_bytes(bytes))
+    }
+
+    fn u32(&mut self) -> Result<u32, SceneError> {
+        self.number(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Result<u64, SceneError> {
+        self.number(u64::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Result<f64, SceneError> {
+        self.number(f64::from_le_bytes)
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], SceneError> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.f64()?;
+        }
+        Ok(numbers)
+    }
+
+    /// Returns an image side; one that is too large for any is 0, which is refused later.
+    fn side(&mut self) -> Result<u32, SceneError> {
+        Ok(u32::try_from(self.u64()?).unwrap_or(0))
+    }
+
+    /// Returns the index of a supported model in [`MODELS`].
+    fn model(&mut self) -> Result<usize, SceneError> {
+        let (model, found) = if let Source::Text { .. } = self.source {
+            let name: String = self.word()?;
+            (MODELS.iter().position(|model| model.0 == name), name)
+        } else {
+            let number = self.u32()?;
+            (Some(number as usize), format!("number {number}"))
+        };
+        let is_known = |model: &usize| MODELS.get(*model).is_some_and(|model| !model.1.is_empty());
+        let place = self.place("model".into());
+        model.filter(is_known).ok_or_else(|| SceneError::field(self.path, place, known(), found))
+    }
+
+    /// Returns an image's name: up to a zero byte, or the rest of the line.
+    fn name(&mut self) -> Result<String, SceneError> {
+        let length = match &mut self.source {
+            Source::Text { words, .. } => {
+                let name = words.collect::<Vec<_>>().join(" ");
+                return if name.is_empty() { Err(self.fault("the name of an image", "none")) } else { Ok(name) };
+            }
+            Source::Binary { rest, .. } => rest.iter().take(MAX_NAME).position(|&byte| byte == 0),
+        };
+        let length = length.ok_or_else(|| self.fault("", "it ends early, within an image's name"))?;
+        Ok(String::from_utf8_lossy(&self.take(length + 1)?[..length]).into_owned())
+    }
+
+    /// Returns the number of observations of an image, which come next; in text they are a line of their own.
+    fn observations(&mut self) -> Result<u64, SceneError> {
+        if let Source::Binary { .. } = self.source {
+            return self.u64();
+        }
+        let count = self.next_line().unwrap_or(0);
+        if !count.is_multiple_of(3) {
+            return Err(
+                self.fault("positions and points seen there: x, y, number, and so on", format!("{count} numbers"))
+            );
+        }
+        Ok(count as u64 / 3)
+    }
+
+    /// Returns the number of the point that is observed, if there is one.
+    fn point(&mut self) -> Result<Option<u64>, SceneError> {
+        // −1 stands for none.
+        Ok(u64::try_from(self.number(i64::from_le_bytes)?).ok())
+    }
+
+    /// Passes over the colour and error of a point, and over what sees it.
+    fn skip_track(&mut self) -> Result<(), SceneError> {
+        if let Source::Text { .. } = self.source {
+            return (0..4).try_for_each(|_| self.word::<String>().map(drop));
+        }
+        self.take(3 + 8)?;
+        let track = usize::try_from(self.u64()?).ok().and_then(|count| count.checked_mul(8));
+        self.take(track.unwrap_or(usize::MAX)).map(drop)
+    }
+}
