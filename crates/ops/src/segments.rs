@@ -92,7 +92,6 @@ impl Segments {
     pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
         dispatch! {
             &rows.device();
-            host => self.selected(rows),
             cube if self.samples() > 0 => crate::cube::spread(rows, self),
             plain => self.selected(rows),
         }

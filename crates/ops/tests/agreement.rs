@@ -2,7 +2,7 @@
 //! gradients of random and extreme rays. The oracle itself against finite differences and arbitrary precision.
 
 use burn::tensor::Tensor;
-use infonerf_ops::{Intervals, RayDistribution, Segments, composite_over};
+use infonerf_ops::{Intervals, RayDistribution, Segments, composite, composite_over, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
@@ -138,6 +138,12 @@ fn column(table: &Tensor<2>, index: usize) -> Tensor<1> {
 
 fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let (a, b) = (signed(draws, tau.len()), signed(draws, tau.len()));
+    let on_host = composite::weights(tau, segments);
+    for range in segments.ranges() {
+        for (got, want) in on_host[range.clone()].iter().zip(oracle::weights(&wide(&tau[range]))) {
+            close(f64::from(*got), want, UNIT, &|| "a weight on the host".to_owned());
+        }
+    }
     let evaluate = |[tau, a, b]: [Tensor<1>; 3]| {
         let out = body.composite(tau, stacked([a, b]), segments);
         vec![column(&out.values, 0), column(&out.values, 1), out.acc]
@@ -255,6 +261,16 @@ fn check_all(body: RayImplementation, rays: &Rays, draws: &mut Draws) {
     check_distortion(body, rays, draws);
     if body != RayImplementation::PlainFlex {
         check_composite_over(body, rays, draws);
+    }
+}
+
+/// Otherwise `flex` would be slow, or the host kernels get tensors of other devices.
+#[test]
+fn flex_alone_has_host_kernels() {
+    for body in RayImplementation::ALL {
+        for device in [body.device(), body.device().autodiff()] {
+            assert_eq!(has_host_kernels(&device), body != RayImplementation::PlainNdarray);
+        }
     }
 }
 

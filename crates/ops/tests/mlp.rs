@@ -1,4 +1,4 @@
-//! NeRF's network: host kernel against plain tensors on two backends, and against `f64` with finite differences.
+//! NeRF's network: host kernel against plain tensors on two backends, and its values against `f64`.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
@@ -7,9 +7,6 @@ use crate::common::{Draws, assert_close, matrix, vector};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
-
-/// Largest difference of a directional derivative of the `f64` network's values against the kernel's gradient.
-const DIFFERENCE: f64 = 1e-4;
 
 /// Network with its inputs.
 #[derive(Clone)]
@@ -212,35 +209,11 @@ fn gradients_without_samples_are_zero() {
 }
 
 #[test]
-fn gradients_match_differences_of_the_f64_network() {
+fn values_match_the_f64_network() {
     for case in cases() {
-        let [value, dx, dweights] = case.run(&Device::flex(), radiance_mlp);
+        let [value, ..] = case.run(&Device::flex(), radiance_mlp);
         let u = case.u(value.len() / case.segments.samples());
         let got: f64 = value.iter().zip(&u).map(|(y, u)| f64::from(*y) * f64::from(*u)).sum();
         approx::assert_relative_eq!(got, case.value(), max_relative = 1e-5, epsilon = 1e-4);
-
-        let mut draws = Draws(7);
-        let mut along = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
-        let (along_x, along_weights) = (along(dx.len()), along(dweights.len()));
-        // So small that hardly any ReLU switches.
-        let step = 2f32.powi(-18);
-        let moved = |by: f32| {
-            let mut moved = case.clone();
-            moved.x.iter_mut().zip(&along_x).for_each(|(x, d)| *x += by * d);
-            let numbers = moved.layers.iter_mut().flat_map(|(_, w, b)| w.iter_mut().chain(b));
-            numbers.zip(&along_weights).for_each(|(x, d)| *x += by * d);
-            moved
-        };
-        let (up, down) = (moved(step), moved(-step));
-        let difference = up.value() - down.value();
-        // Along the displacement that single precision represents.
-        let flat = |case: &MlpCase| -> Vec<f32> {
-            let weights = case.layers.iter().flat_map(|(_, w, b)| w.iter().chain(b));
-            case.x.iter().chain(weights).copied().collect()
-        };
-        let way = flat(&up).into_iter().zip(flat(&down)).map(|(up, down)| f64::from(up) - f64::from(down));
-        let derivative: f64 = way.zip(dx.iter().chain(&dweights)).map(|(d, g)| d * f64::from(*g)).sum();
-        let size: f64 = dx.iter().chain(&dweights).map(|g| f64::from(g.abs())).sum::<f64>() * f64::from(step);
-        assert!((difference - derivative).abs() <= DIFFERENCE * size, "{difference} {derivative} of {size}");
     }
 }

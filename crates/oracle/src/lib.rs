@@ -8,7 +8,7 @@
 mod encodings;
 pub mod factored;
 
-pub use encodings::{frustum_moments, gaussian_mean, waves, waves_gradient};
+pub use encodings::{frustum_moments, waves, waves_gradient};
 use infonerf_ops::RayDistribution;
 use infonerf_ops::composite::MIN_ALPHA_SUM;
 

@@ -2,13 +2,12 @@
 //! weights on the images whose distances the authors publish.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use crate::common::{devices, picture, write_weights};
 use approx::assert_relative_eq;
 use burn::tensor::Device;
+use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
-use infonerf_metrics::{Picture, PictureDistance, Protocol};
 use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};
 use serde_json::Value;
 
@@ -60,9 +59,10 @@ fn batches_and_single_pairs_agree() {
         let pairs = [(&a, &b), (&b, &c), (&a, &a)];
         let together = lpips.distances(&pairs, LpipsInput::Signed).unwrap();
         for ((x, y), together) in pairs.into_iter().zip(together) {
-            assert_relative_eq!(lpips.distance(x, y, &Protocol::default()).unwrap(), together, max_relative = 1e-5);
+            let alone = lpips.distances(&[(x, y)], LpipsInput::Signed).unwrap();
+            assert_relative_eq!(alone[0], together, max_relative = 1e-5);
         }
-        assert_eq!(lpips.distance(&a, &a, &Protocol::default()), Ok(0.0));
+        assert_eq!(lpips.distances(&[(&a, &a)], LpipsInput::Signed), Ok(vec![0.0]));
     }
 }
 
@@ -117,20 +117,6 @@ fn published_distances_are_reproduced() {
         for (found, expected) in found.into_iter().zip(expected) {
             approx::assert_abs_diff_eq!(found, expected, epsilon = 1e-5);
         }
-    }
-}
-
-#[test]
-#[ignore = "a timing; needs the published weights in INFONERF_DATA; run with --release -- --nocapture"]
-fn lpips_of_25_views_takes_seconds() {
-    let (render, truth) = (picture(0, 400, 400), picture(1, 400, 400));
-    for (name, config, limit) in [("alex", LpipsConfig::alex(), 5.0), ("vgg", LpipsConfig::vgg(), 60.0)] {
-        let (lpips, _) = published(name, config);
-        let start = Instant::now();
-        lpips.distances(&[(&render, &truth); 25], LpipsInput::Signed).unwrap();
-        let seconds = start.elapsed().as_secs_f64();
-        eprintln!("LPIPS of 25 pairs of 400² with {name}: {seconds:.1} s");
-        assert!(seconds < limit, "{name} took {seconds:.1} s");
     }
 }
 

@@ -28,7 +28,7 @@ pub(super) const FID: Metric = Metric {
 /// the R of its QR decomposition, for which `RᵀR = AᵀA`.
 ///
 /// # Errors
-/// [`MetricError::TooFew`] for fewer than two vectors in a set, [`MetricError::Length`] for different dimensions.
+/// If a set has fewer than two vectors, or dimensions differ.
 pub fn frechet_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
     FeatureSet::check_pair(a, b, 2)?;
     let (mean_a, root_a) = moments(a);

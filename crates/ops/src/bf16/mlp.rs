@@ -425,10 +425,6 @@ impl Job for ReluGradient<'_> {
 }
 
 impl Kernel for RoundedMlpKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.width()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         saved.into_iter().for_each(Vec::clear);
         let samples = inputs[0].len() / self.widths[0];

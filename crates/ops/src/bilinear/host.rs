@@ -47,10 +47,6 @@ impl BilinearKernel {
 }
 
 impl Kernel for BilinearKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![self.taps.len(), self.channels]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[table] = inputs else { unreachable!("bilinear reading has one input") };
         let channels = self.channels;

@@ -46,10 +46,6 @@ impl FactoredKernel {
 }
 
 impl Kernel for FactoredKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[2][0], self.outputs()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;

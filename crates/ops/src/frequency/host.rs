@@ -74,10 +74,6 @@ fn sines_and_cosines(x: f32) -> impl Iterator<Item = (f32, f32)> {
 }
 
 impl Kernel for EncodingKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.width()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let (points, variances) = (inputs[0], inputs.get(1));
         let (dims, width) = (self.dims, self.width());

@@ -310,10 +310,6 @@ impl GatheredBlock {
 }
 
 impl Kernel for MlpKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.output.columns]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let encoded = inputs[0];
         let (width, outputs) = (self.encoded[0].columns, self.output.columns);

@@ -105,10 +105,6 @@ impl TrilinearKernel {
 }
 
 impl Kernel for TrilinearKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[1][0], self.channels]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[table, places] = inputs else { unreachable!("trilinear reading has two inputs") };
         let mut out = vec![0.0; places.len() / 3 * self.channels];

@@ -31,10 +31,6 @@ impl UnitBoxKernel {
 }
 
 impl Kernel for UnitBoxKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        inputs[0].clone()
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         self.each(inputs[0], |share, _, _| share.clamp(0.0, 1.0))
     }

@@ -4,8 +4,6 @@ mod safetensors;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use burn::tensor::{Device, Tensor, TensorData};
-
 /// Name and shape of a tensor.
 pub type TensorShape = (String, Vec<usize>);
 
@@ -58,14 +56,6 @@ impl WeightFile {
             Some(index) => Err(format!("`{name}` is not finite at index {index}")),
             None => Ok(values),
         }
-    }
-
-    /// Reads the tensor `name` to `device`.
-    ///
-    /// # Errors
-    /// As [`Self::floats`].
-    pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D], device: &Device) -> Result<Tensor<D>, String> {
-        Ok(Tensor::from_data(TensorData::new(self.floats(name, &shape)?, shape), device))
     }
 
     fn entry(&self, name: &str, shape: &[usize]) -> Result<&WeightEntry, String> {

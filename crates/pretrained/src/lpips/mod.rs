@@ -7,8 +7,8 @@ pub use config::LpipsConfig;
 use std::path::Path;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
-use infonerf_metrics::{Picture, PictureDistance, Protocol};
 use infonerf_ops::to_host;
 
 use crate::file::{NamedFile, TensorShape};
@@ -135,12 +135,6 @@ fn differences(maps: &Tensor<4>, weights: &Tensor<4>) -> Vec<f64> {
         ((x - y).square() * weights.clone()).sum_dim(1).mean()
     };
     to_host(Tensor::cat((0..pairs).map(difference).collect(), 0)).into_iter().map(f64::from).collect()
-}
-
-impl PictureDistance for Lpips {
-    fn distance(&self, render: &Picture, truth: &Picture, protocol: &Protocol) -> Result<f64, String> {
-        Ok(self.distances(&[(render, truth)], protocol.lpips_input)?[0])
-    }
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ impl Store {
         match explicit {
             Some(path) if path.is_dir() => folders.push(path.to_owned()),
             Some(path) => {
-                let of_file = |cause| WeightsError::File { path: path.to_owned(), cause };
+                let of_file = |cause: String| WeightsError::file(path, cause);
                 let file = WeightFile::read(path).map_err(of_file)?;
                 files.extend(recognised(&file).map_err(of_file)?.into_iter().map(|weights| (weights, path.to_owned())));
             }
@@ -41,7 +41,10 @@ impl Store {
         }
         folders.extend(std::env::var_os("INFONERF_WEIGHTS").filter(|folder| !folder.is_empty()).map(PathBuf::from));
         folders.extend(dirs::cache_dir().map(|cache| cache.join("infonerf").join("weights")));
-        if folders.is_empty() { Err(WeightsError::NoFolder) } else { Ok(Self { files, folders }) }
+        if folders.is_empty() {
+            return Err(WeightsError("no folder to keep weights in: set INFONERF_WEIGHTS to one".to_owned()));
+        }
+        Ok(Self { files, folders })
     }
 
     /// Searches `folder` alone.

@@ -101,10 +101,6 @@ impl Job for DifferenceGradient<'_> {
 }
 
 impl Kernel for VariationKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![1]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let parts: Vec<f64> = self
             .planes()
