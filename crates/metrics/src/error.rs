@@ -29,12 +29,10 @@ impl MetricError {
         Self::Other(format!("{what} is not finite at index {index}"))
     }
 
-    /// Returns the reason that `what` is empty.
     pub(crate) fn empty(what: &str) -> Self {
         Self::Other(format!("{what} is empty: a metric needs at least one value"))
     }
 
-    /// Names the file or folder that `cause` concerns.
     pub(crate) fn file(path: &Path, cause: impl Display) -> Self {
         Self::Other(format!("{}: {cause}", path.display()))
     }

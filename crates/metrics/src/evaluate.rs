@@ -190,7 +190,6 @@ mod tests {
         Picture::new(vec![[value; 3]; 144], 12, 12).unwrap()
     }
 
-    /// Computes the difference of the upper left pixels; refuses black.
     fn corner_distance(render: &Picture, truth: &Picture, _: &Protocol) -> Result<f64, String> {
         let [a, b] = [render, truth].map(|picture| f64::from(picture.pixels()[0][0]));
         if b == 0.0 { Err("too dark".to_owned()) } else { Ok((a - b).abs()) }

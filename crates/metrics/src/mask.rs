@@ -35,7 +35,6 @@ impl Mask {
         self.size
     }
 
-    /// Checks that a pixel is inside.
     pub(crate) fn check_inside(&self) -> Result<(), MetricError> {
         if self.is_empty() { Err(MetricError::other("the mask is empty: no pixel is inside")) } else { Ok(()) }
     }
@@ -62,7 +61,6 @@ impl Mask {
         picture.mapped(|index, pixel| if self.inside[index] { pixel } else { color })
     }
 
-    /// Intersects two masks of one size.
     pub(crate) fn and(&self, other: &Self) -> Self {
         Self { inside: self.inside.iter().zip(&other.inside).map(|(a, b)| *a && *b).collect(), size: self.size }
     }

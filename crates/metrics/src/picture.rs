@@ -71,7 +71,6 @@ impl Picture {
         self.mapped(|_, pixel| pixel.map(|value| eight_bit(value) / 255.0))
     }
 
-    /// Returns the part inside a rectangle.
     pub(crate) fn cropped(&self, [columns, rows]: [Range<usize>; 2]) -> Self {
         let size = [columns.len(), rows.len()];
         let rows = self.pixels.chunks_exact(self.width()).skip(rows.start).take(rows.len());
@@ -100,7 +99,6 @@ fn eight_bit(value: f32) -> f32 {
     (255.0 * value.clamp(0.0, 1.0)).round()
 }
 
-/// Checks that render and truth have the same size.
 pub(crate) fn check_sizes(render: &Picture, truth: &Picture) -> Result<(), MetricError> {
     check_size("truth", truth.size, render.size)
 }
@@ -115,7 +113,6 @@ pub(crate) fn check_size(what: &str, found: [usize; 2], expected: [usize; 2]) ->
     Err(MetricError::other(format!("the {what} has {found} pixels, the render {expected}")))
 }
 
-/// Checks that `found` is width × height.
 pub(crate) fn check_length(what: &str, found: usize, [width, height]: [usize; 2]) -> Result<(), MetricError> {
     let expected = width.saturating_mul(height);
     if found == expected { Ok(()) } else { Err(MetricError::length(what, found, expected)) }

@@ -105,7 +105,6 @@ impl<'a> PreparedView<'a> {
         mask.check_inside().map(|()| mask)
     }
 
-    /// Returns the pixels to compare, if not all.
     pub(crate) fn valid(&self) -> Option<&Mask> {
         self.valid
     }

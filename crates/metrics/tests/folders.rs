@@ -10,7 +10,6 @@ use infonerf_metrics::{
     select,
 };
 
-/// Temporary folders `renders`, `truth` and `masks`.
 struct Workspace(tempfile::TempDir);
 
 impl Workspace {
@@ -28,7 +27,6 @@ impl Workspace {
         picture.to_rgb8().unwrap().save(self.path(file)).unwrap();
     }
 
-    /// Writes a render and a truth of that size.
     fn pair(&self, name: &str, width: usize, height: usize) -> (Picture, Picture) {
         let (render, truth) = pictures(width, height);
         self.write(&format!("renders/{name}.png"), &render);

@@ -47,7 +47,6 @@ pub(crate) fn apply<const D: usize>(
     graph::evaluate(AnyKernel::Host(Arc::new(HostOperation { kernel, shape: shape.to_vec() })), inputs)
 }
 
-/// [`Kernel`] with the shape of its output.
 #[derive(Debug)]
 struct HostOperation<K> {
     kernel: K,

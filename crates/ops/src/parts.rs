@@ -29,14 +29,12 @@ pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOn
     all
 }
 
-/// Part of an array that is not initialized yet.
 pub(crate) struct UninitPart<'a> {
     values: &'a mut [MaybeUninit<f32>],
     filled: &'a AtomicUsize,
 }
 
 impl<'a> UninitPart<'a> {
-    /// Fills the part with zeros.
     pub(crate) fn zeros(self) -> &'a mut [f32] {
         self.filled.fetch_add(self.values.len(), Ordering::Relaxed);
         self.values.fill(MaybeUninit::new(0.0));

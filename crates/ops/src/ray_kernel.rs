@@ -58,7 +58,6 @@ impl Group<'_> {
 /// An operation with `N` inputs, each of which holds a row per packed sample, and one row of output per ray, which depends
 /// on that ray's samples alone.
 pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
-    /// Returns the number of columns of each input.
     fn widths(&self) -> [usize; N] {
         [1; N]
     }
@@ -88,18 +87,15 @@ pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
     kernel::apply(AlongRays { kernel, segments: segments.clone(), columns }, shape, inputs)
 }
 
-/// A [`RayKernel`] as a [`Kernel`].
 #[derive(Debug)]
 struct AlongRays<K, const N: usize> {
     kernel: K,
-    /// Samples that each ray owns.
     segments: Segments,
     /// Values of a ray's output.
     columns: usize,
 }
 
 impl<K: RayKernel<N>, const N: usize> AlongRays<K, N> {
-    /// Returns a group's rows of each input.
     fn rows<'a>(&self, group: Group<'_>, inputs: &[&'a [f32]]) -> [&'a [f32]; N] {
         let (samples, widths) = (group.samples(), self.kernel.widths());
         std::array::from_fn(|i| &inputs[i][samples.start * widths[i]..samples.end * widths[i]])

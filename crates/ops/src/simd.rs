@@ -7,22 +7,18 @@ pub trait Job {
     fn run<const FMA: bool, const WIDE: bool>(self);
 }
 
-/// Instruction set that code is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Instructions {
     /// AVX-512 with its F, DQ, BW and VL parts.
     Avx512,
-    /// AVX2 and FMA.
     Avx2,
     /// Instructions of every processor of the target.
     Baseline,
 }
 
 impl Instructions {
-    /// All sets, widest first.
     pub(crate) const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
 
-    /// Returns whether this processor has them.
     pub(crate) fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

@@ -8,7 +8,6 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
 
-/// Network with its inputs.
 #[derive(Clone)]
 struct MlpCase {
     encoded: usize,

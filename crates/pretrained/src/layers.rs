@@ -61,7 +61,6 @@ impl Convolution {
     }
 }
 
-/// Takes the largest value of each window.
 pub(crate) fn max_pool(x: Tensor<4>, window: Window) -> Tensor<4> {
     let options = MaxPoolOptions::new(window.kernel).with_stride([window.stride; 2]).with_padding(window.padding);
     max_pool2d(x, options)

@@ -11,7 +11,6 @@ use infonerf_metrics::protocol::LpipsInput;
 use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};
 use serde_json::Value;
 
-/// Writes the backbone and the heads of a narrow network.
 fn files(folder: &Path, config: &LpipsConfig) -> [PathBuf; 2] {
     let files = ["backbone", "heads"].map(|name| folder.join(name));
     write_weights(&files[0], &config.backbone_tensors());
@@ -95,7 +94,6 @@ fn lpips_errors_name_file_tensor_and_shape() {
     assert!(fault(&absent, &heads, config).starts_with(&format!("{}: No such file", absent.display())));
 }
 
-/// Reads the published weights and images from the folder `INFONERF_DATA`.
 fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
     let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
     let backbones = data.join("lpips_backbones_v0.1");

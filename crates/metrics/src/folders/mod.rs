@@ -75,7 +75,6 @@ pub fn compare_folders(
     Ok(ComparedFolders { measured: evaluator.finish(), views })
 }
 
-/// Finds truth and mask of each render, in the order of names.
 fn partners(folders: Folders<'_>) -> Result<Vec<ComparedView>, MetricError> {
     let renders = read::pictures(folders.renders)?;
     let truths = read::pictures(folders.truth)?;

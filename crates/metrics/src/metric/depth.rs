@@ -56,7 +56,6 @@ pub fn silhouette_iou(render: &[f32], truth: &[f32]) -> Result<f64, MetricError>
     Ok(if either == 0 { 1.0 } else { both as f64 / either as f64 })
 }
 
-/// Iterates over rendered and true depth of each pixel.
 fn pixels(render: &[f32], truth: &[f32]) -> Result<impl Iterator<Item = (f32, f32)>, MetricError> {
     if render.len() != truth.len() {
         return Err(MetricError::length("rendered depth", render.len(), truth.len()));

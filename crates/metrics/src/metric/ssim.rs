@@ -51,7 +51,6 @@ pub fn ssim(render: &Picture, truth: &Picture, options: Ssim) -> Result<f64, Met
     Ok([0, 1, 2].map(channel).iter().sum::<f64>() / 3.0)
 }
 
-/// Separable window and the constants of the formula.
 struct SsimKernel {
     /// Weights along one side, with sum 1.
     kernel: Vec<f64>,
@@ -130,7 +129,6 @@ impl Moments {
     }
 }
 
-/// Returns a Gaussian of `taps` taps with sum 1.
 fn gaussian(taps: usize, sigma: f64) -> Vec<f64> {
     let centre = (taps / 2) as f64;
     let weights: Vec<f64> = (0..taps).map(|i| (-0.5 * ((i as f64 - centre) / sigma).powi(2)).exp()).collect();

@@ -49,19 +49,16 @@ pub(crate) struct Factor {
     right: Vec<Pair>,
 }
 
-/// Pairs of a tile.
 const TILE: usize = HALF * HALF;
 /// Pairs of the two tiles that hold 32 × 32 elements.
 const BOTH: usize = 2 * TILE;
 
 impl Factor {
-    /// Creates a factor of zeros for the given sides.
     pub(crate) fn new(rows: usize, columns: usize, left: bool, right: bool) -> Self {
         let pairs = |wanted: bool| vec![0; if wanted { rows * columns / 2 } else { 0 }];
         Self { columns, left: pairs(left), right: pairs(right) }
     }
 
-    /// Creates a factor from all rows of `matrix`.
     pub(crate) fn of(matrix: &[f32], columns: usize, left: bool, right: bool) -> Self {
         let mut factor = Self::new(matrix.len() / columns, columns, left, right);
         for (index, strip) in matrix.chunks_exact(GRAIN * columns).enumerate() {
@@ -102,7 +99,6 @@ pub(crate) struct FactorSide<'a> {
 }
 
 impl FactorSide<'_> {
-    /// Returns whether it holds `rows` × `columns` elements.
     fn has(self, rows: usize, columns: usize) -> bool {
         (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
     }
@@ -150,7 +146,6 @@ pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: F
     instructions.run(RoundedProduct { sizes, add, y, a, b });
 }
 
-/// Instruction set that multiplies pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum PairInstructions {
     /// Tiles of 16 rows (AMX).
@@ -162,10 +157,8 @@ enum PairInstructions {
 }
 
 impl PairInstructions {
-    /// All sets, fastest first.
     const ALL: [Self; 3] = [Self::Tiles, Self::Pairs, Self::Singles];
 
-    /// Returns whether this machine has them.
     fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

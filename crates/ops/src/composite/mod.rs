@@ -96,7 +96,6 @@ pub fn composite_over(
     }
 }
 
-/// Computes [`composite_over`] by way of [`composite`].
 fn over(
     tau: Tensor<1>,
     color: Option<Tensor<2>>,

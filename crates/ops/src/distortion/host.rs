@@ -14,7 +14,6 @@ struct Sample {
     behind: f64,
 }
 
-/// Lists the samples of one ray.
 #[inline(always)]
 fn samples<'a>(
     opacity: &'a SampleOpacity,

@@ -52,7 +52,6 @@ pub struct Query {
 }
 
 impl Query {
-    /// Returns the number of positions.
     pub(crate) fn samples(&self) -> usize {
         self.positions.dims()[0]
     }

@@ -4,14 +4,12 @@ use rayon::prelude::*;
 
 use crate::kernel::{Kernel, Pass};
 
-/// Rows that a task takes at a time.
 const CHUNK: usize = 256;
 
 /// Encoding of `[M, dims]` points, or of means and variances if `integrated`.
 #[derive(Debug)]
 pub(super) struct EncodingKernel {
     pub(super) dims: usize,
-    /// Weight of each frequency.
     pub(super) window: Vec<f32>,
     pub(super) integrated: bool,
 }
@@ -78,12 +76,9 @@ impl Kernel for EncodingKernel {
         let (points, variances) = (inputs[0], inputs.get(1));
         let (dims, width) = (self.dims, self.width());
         let mut out = vec![0f32; points.len() / dims * width];
-        out.par_chunks_mut(width * CHUNK).enumerate().for_each(|(chunk, out)| {
-            for (row, out) in out.chunks_exact_mut(width).enumerate() {
-                let start = (chunk * CHUNK + row) * dims;
-                let range = start..start + dims;
-                self.encode(&points[range.clone()], variances.map(|variances| &variances[range]), out);
-            }
+        out.par_chunks_exact_mut(width).enumerate().with_min_len(CHUNK).for_each(|(row, out)| {
+            let range = row * dims..(row + 1) * dims;
+            self.encode(&points[range.clone()], variances.map(|variances| &variances[range]), out);
         });
         out
     }

@@ -59,7 +59,6 @@ pub fn integrated_encode(means: Tensor<2>, variances: Tensor<2>, frequencies: us
     }
 }
 
-/// Returns the weight of each frequency.
 fn weights(frequencies: usize, window: &[f32]) -> Vec<f32> {
     (0..frequencies).map(|frequency| window.get(frequency).copied().unwrap_or(1.0)).collect()
 }

@@ -177,7 +177,6 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
     }
 }
 
-/// Uploads a row for each of `count` rays.
 fn rows(count: usize, device: &Device, row: impl Fn(usize) -> Vec<f32> + Sync + Send) -> Tensor<2> {
     let rows: Vec<Vec<f32>> = (0..count).into_par_iter().map(row).collect();
     let columns = rows.first().map_or(0, Vec::len);

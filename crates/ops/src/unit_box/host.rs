@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use crate::kernel::{Kernel, Pass};
 
-/// Coordinates that a thread takes at a time.
 const CHUNK: usize = 3 << 12;
 
 #[derive(Debug)]

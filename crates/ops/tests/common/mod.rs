@@ -11,11 +11,8 @@ use infonerf_ops::{
 /// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RayImplementation {
-    /// The host kernels on flex.
     Kernel,
-    /// Plain tensor operations on flex.
     PlainFlex,
-    /// Plain tensor operations on ndarray.
     PlainNdarray,
 }
 

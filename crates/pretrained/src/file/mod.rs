@@ -16,7 +16,6 @@ pub struct WeightFile {
 /// Tensor whose values stay in the file until they are read.
 struct WeightEntry {
     shape: Vec<usize>,
-    /// Name such as `F32`.
     dtype: String,
     /// Reads the values of a tensor of single precision.
     read: Box<dyn Fn() -> Result<Vec<f32>, String> + Send + Sync>,

@@ -13,9 +13,7 @@ use crate::file::{NamedFile, TensorShape};
 use crate::layers::{Convolution, maps_of_pixels, max_pool, mean_pool};
 use network::{InceptionLayer, UnitShape, inception, units};
 
-/// Side of the network's input in pixels.
 const SIDE: usize = 299;
-/// Images in one pass.
 const BATCH: usize = 8;
 /// ε of the batch normalisations.
 const EPSILON: f32 = 1e-3;

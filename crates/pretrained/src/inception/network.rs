@@ -3,7 +3,6 @@ use InceptionLayer::{Branches, MaxPool, MeanPool, Unit};
 use crate::file::TensorShape;
 use crate::layers::Window;
 
-/// Layer of Inception v3.
 pub(super) enum InceptionLayer {
     Unit(UnitShape),
     MaxPool(Window),
@@ -16,13 +15,11 @@ pub(super) enum InceptionLayer {
 pub(super) struct UnitShape {
     /// Name in pytorch-fid, such as `Mixed_5b.branch1x1`.
     pub(super) name: String,
-    /// Inputs and outputs.
     pub(super) channels: [usize; 2],
     pub(super) window: Window,
 }
 
 impl UnitShape {
-    /// Returns the name and shape of the convolution's weight.
     pub(super) fn weight(&self) -> TensorShape {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
         (format!("{}.conv.weight", self.name), vec![outputs, inputs, height, width])
@@ -68,7 +65,6 @@ fn connect(block: &str, layers: &mut [InceptionLayer], channels: &mut usize, div
     }
 }
 
-/// Lists the units of `layers`.
 pub(super) fn units(layers: &[InceptionLayer]) -> Vec<&UnitShape> {
     let mut all = Vec::new();
     for layer in layers {

@@ -9,16 +9,13 @@ pub struct LpipsConfig {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LpipsLayer {
-    /// Convolution and rectifier.
     Convolution(ConvolutionShape),
-    /// Max pooling.
     Pool(Window),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ConvolutionShape {
     pub(super) window: Window,
-    /// Inputs and outputs.
     pub(super) channels: [usize; 2],
     /// Index among the layers of torchvision's `features`, which counts rectifiers.
     index: usize,
@@ -105,7 +102,6 @@ impl LpipsConfig {
 }
 
 impl ConvolutionShape {
-    /// Returns names and shapes of weight and bias.
     pub(super) fn tensors(&self) -> [TensorShape; 2] {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
         let name = |part: &str| format!("features.{}.{part}", self.index);

@@ -10,12 +10,10 @@ use thiserror::Error;
 pub struct WeightsError(pub(super) String);
 
 impl WeightsError {
-    /// Names the file or folder that `cause` concerns.
     pub(super) fn file(path: &Path, cause: impl Display) -> Self {
         Self(format!("{}: {cause}", path.display()))
     }
 
-    /// Wraps an error of reading or writing `path`.
     pub(super) fn io(path: &Path, error: &io::Error) -> Self {
         if error.kind() == io::ErrorKind::StorageFull {
             return Self(format!("no space left in {}", path.parent().unwrap_or(path).display()));

@@ -7,7 +7,6 @@ use crate::file::WeightFile;
 /// Files and folders in which weights are searched.
 #[derive(Debug, Clone)]
 pub struct Store {
-    /// Explicitly given files with their content.
     files: Vec<(&'static KnownWeights, PathBuf)>,
     /// Folders in order of search; imports go to the first.
     folders: Vec<PathBuf>,
@@ -58,7 +57,6 @@ impl Store {
         &self.folders
     }
 
-    /// Returns the folder of imports and downloads.
     pub(super) fn target(&self) -> &Path {
         &self.folders[0]
     }

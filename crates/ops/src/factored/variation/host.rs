@@ -15,7 +15,6 @@ pub(super) struct VariationKernel {
 }
 
 impl VariationKernel {
-    /// Lists `(first element, resolution, channels)` of every plane.
     fn planes(&self) -> Vec<(usize, usize, usize)> {
         let of_level =
             |level: &crate::factored::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));

@@ -28,7 +28,6 @@ pub fn plane_variation(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tenso
     }
 }
 
-/// Returns the weight of a level's squared differences.
 fn weight(resolution: usize) -> f32 {
     1.0 / (64.0 * 3.0 * resolution as f32)
 }

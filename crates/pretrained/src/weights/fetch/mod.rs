@@ -141,7 +141,6 @@ fn open(url: &str, start: u64) -> Result<(Response<Body>, u64), WeightsError> {
     }
 }
 
-/// Computes the SHA-256 of a file, in hexadecimal digits.
 fn sha256(path: &Path) -> Result<String, WeightsError> {
     let io = |error: std::io::Error| WeightsError::io(path, &error);
     let mut file = File::open(path).map_err(io)?;

@@ -9,19 +9,14 @@ use super::*;
 /// LPIPS heads by rule; `tests/files.py` made them.
 const FILE: &[u8] = include_bytes!("../../../tests/heads.pth");
 
-/// Behaviour of the server at a request.
 enum Answer {
-    /// Sends the requested part of the file.
     File,
     /// Sends the requested part, but closes the connection after this number of bytes.
     Cut(usize),
-    /// Sends the whole file, whatever was requested.
     Whole,
     /// Sends the rest of the file from another byte than requested.
     Elsewhere,
-    /// Sends other content.
     Other(&'static [u8]),
-    /// Sends a status without content.
     Status(&'static str),
 }
 
@@ -73,7 +68,6 @@ fn published(url: String, file: &[u8]) -> KnownWeights {
     KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
 }
 
-/// Temporary folder for weights.
 struct WeightFolder(tempfile::TempDir);
 
 impl WeightFolder {
