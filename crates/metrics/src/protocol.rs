@@ -22,29 +22,9 @@
 //! A rendered ray hits something where its opacity exceeds one half. FID of few images is biased upwards, so it compares
 //! methods on the same views and nothing else; KID is not biased.
 //!
-//! # Masks
-//!
-//! Metrics whose key ends in `_masked` measure a part of the image. PSNR is over the mask's pixels. For SSIM and LPIPS, which
-//! depend on neighbourhoods, `masked` decides:
-//!
-//! - `white-composite` (DTU in RegNeRF and FreeNeRF): both images are white outside the mask, and are then measured
-//!   whole.
-//! - `bounding-rectangle` (ZJU-MoCap in Neural Body): both are black outside the mask, and the mask's bounding rectangle
-//!   is measured.
-//!
-//! The mask (an object's, the region seen by the training views, the projection of a box) comes from the data set.
-//!
-//! # Protocols of other systems
-//!
-//! [`Protocol::named`] returns their combinations, so that their tables can be compared.
-//!
-//! | option | values | who |
-//! |---|---|---|
-//! | `eight_bit` | `true`; `false` measures float renders | `false`: RegNeRF, Neural Body |
-//! | `ssim.window` | `gaussian-11`; `uniform-7` is scikit-image's default: mean over 7×7 with sample covariance | `uniform-7`: RegNeRF, Neural Body |
-//! | `ssim.data_range` | 1; scikit-image takes 2 for float images by default, which raises SSIM | 2: RegNeRF, Neural Body |
-//! | `lpips_input` | `signed` [−1, 1]; `unsigned` feeds [0, 1], which gives another value | `unsigned`: RegNeRF, FreeNeRF |
-//! | `masked` | see above | |
+//! Metrics whose key ends in `_masked` measure a part of the image, see [`Masked`]. The mask (an object's, the region seen by
+//! the training views, the projection of a box) comes from the data set. [`Protocol::named`] returns the protocols of other
+//! systems.
 
 use std::fmt;
 
@@ -81,13 +61,13 @@ pub enum Background {
     Black,
 }
 
-/// Input of SSIM and LPIPS over a mask.
+/// Input of SSIM and LPIPS over a mask, as they depend on neighbourhoods; PSNR is over the mask's pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Masked {
-    /// Whole image, white outside the mask.
+    /// Whole image, white outside the mask (DTU in RegNeRF and FreeNeRF).
     WhiteComposite,
-    /// Bounding rectangle of the mask, black outside the mask.
+    /// Bounding rectangle of the mask, black outside the mask (ZJU-MoCap in Neural Body).
     BoundingRectangle,
 }
 
@@ -96,7 +76,7 @@ pub enum Masked {
 pub struct Ssim {
     /// Weights of a neighbourhood.
     pub window: SsimWindow,
-    /// Range of values that the constants C₁ and C₂ assume.
+    /// Range of values that the constants C₁ and C₂ assume; scikit-image takes 2 for float images by default, which raises SSIM.
     pub data_range: f64,
 }
 

@@ -25,37 +25,34 @@ impl RayImplementation {
     }
 
     pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
-        match self {
-            Self::Kernel => composite(tau, values, segments),
-            _ => composite::plain(tau, values, segments),
-        }
+        if self == Self::Kernel { composite(tau, values, segments) } else { composite::plain(tau, values, segments) }
     }
 
     pub fn additive_depth(self, tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
-        match self {
-            Self::Kernel => additive::additive_depth(tau, segments),
-            _ => additive::plain(tau, segments),
-        }
+        if self == Self::Kernel { additive::additive_depth(tau, segments) } else { additive::plain(tau, segments) }
     }
 
     pub fn entropy(self, tau: Tensor<1>, segments: &Segments, of: RayDistribution, epsilon: f32) -> RayEntropy {
-        match self {
-            Self::Kernel => entropy::ray_entropy(tau, segments, of, epsilon),
-            _ => entropy::plain(tau, segments, of, epsilon),
+        if self == Self::Kernel {
+            entropy::ray_entropy(tau, segments, of, epsilon)
+        } else {
+            entropy::plain(tau, segments, of, epsilon)
         }
     }
 
     pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
-        match self {
-            Self::Kernel => divergence::ray_divergence(tau, near, segments, epsilon),
-            _ => divergence::plain(tau, near, segments, epsilon),
+        if self == Self::Kernel {
+            divergence::ray_divergence(tau, near, segments, epsilon)
+        } else {
+            divergence::plain(tau, near, segments, epsilon)
         }
     }
 
     pub fn distortion(self, tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
-        match self {
-            Self::Kernel => distortion::ray_distortion(tau, intervals, segments),
-            _ => distortion::plain(tau, intervals, segments),
+        if self == Self::Kernel {
+            distortion::ray_distortion(tau, intervals, segments)
+        } else {
+            distortion::plain(tau, intervals, segments)
         }
     }
 }

@@ -32,11 +32,6 @@ impl WeightFile {
         Ok(Self { tensors })
     }
 
-    /// Iterates over names and shapes of all tensors.
-    pub fn shapes(&self) -> impl Iterator<Item = (&str, &[usize])> {
-        self.tensors.iter().map(|(name, entry)| (name.as_str(), entry.shape.as_slice()))
-    }
-
     /// Checks that there is a tensor `name` of that `shape` in single precision.
     ///
     /// # Errors

@@ -12,15 +12,6 @@ pub struct Store {
     folders: Vec<PathBuf>,
 }
 
-/// Weights and their file, if present.
-#[derive(Debug, Clone)]
-pub struct Status {
-    /// The weights.
-    pub weights: &'static KnownWeights,
-    /// File that would be used.
-    pub path: Option<PathBuf>,
-}
-
 impl Store {
     /// Searches `explicit` (a folder or a weight file, if given), then the folder in the environment variable
     /// `INFONERF_WEIGHTS`, then `infonerf/weights` in the user's cache folder.
@@ -69,8 +60,8 @@ impl Store {
         named.or_else(|| places.into_iter().find(|path| path.is_file()))
     }
 
-    /// Finds the files of all [`KNOWN_WEIGHTS`].
-    pub fn status(&self) -> Vec<Status> {
-        KNOWN_WEIGHTS.iter().map(|weights| Status { weights, path: self.find(weights) }).collect()
+    /// Finds the file of each of [`KNOWN_WEIGHTS`], if present.
+    pub fn status(&self) -> impl Iterator<Item = (&'static KnownWeights, Option<PathBuf>)> {
+        KNOWN_WEIGHTS.iter().map(|weights| (weights, self.find(weights)))
     }
 }

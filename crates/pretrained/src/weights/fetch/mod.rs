@@ -142,15 +142,9 @@ fn open(url: &str, start: u64) -> Result<(Response<Body>, u64), WeightsError> {
 }
 
 fn sha256(path: &Path) -> Result<String, WeightsError> {
-    let io = |error: std::io::Error| WeightsError::io(path, &error);
-    let mut file = File::open(path).map_err(io)?;
-    let (mut sum, mut chunk) = (Sha256::new(), vec![0; CHUNK]);
-    loop {
-        match file.read(&mut chunk).map_err(io)? {
-            0 => break,
-            count => sum.update(&chunk[..count]),
-        }
-    }
+    let mut sum = Sha256::new();
+    let copied = File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut sum));
+    copied.map_err(|error| WeightsError::io(path, &error))?;
     Ok(sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
