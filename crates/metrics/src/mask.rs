@@ -40,9 +40,6 @@ impl Mask {
     }
 
     /// Returns columns and rows of the smallest rectangle that holds every pixel inside.
-    ///
-    /// # Panics
-    /// If the mask is empty.
     pub(crate) fn bounding_rectangle(&self) -> [Range<usize>; 2] {
         let inside = |index: &usize| self.inside[*index];
         [|index, width| index % width, |index, width| index / width].map(|coordinate: fn(usize, usize) -> usize| {
@@ -53,9 +50,6 @@ impl Mask {
     }
 
     /// Replaces pixels outside the mask by `color`.
-    ///
-    /// # Panics
-    /// If `picture` has another size.
     pub(crate) fn composite(&self, picture: &Picture, color: [f32; 3]) -> Picture {
         assert_eq!(picture.size(), self.size, "a mask of the picture's size");
         picture.mapped(|index, pixel| if self.inside[index] { pixel } else { color })

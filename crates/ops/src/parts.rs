@@ -5,9 +5,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Allocates an array of parts of these `lengths`. `fill` sets each part to [zeros](UninitPart::zeros) and adds to it, in any
 /// thread, so that no thread clears the whole, and values stay in the cache of the thread that adds to them.
-///
-/// # Panics
-/// If `fill` leaves out a part.
 pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOnce(Vec<UninitPart<'_>>)) -> Vec<f32> {
     let lengths: Vec<usize> = lengths.into_iter().collect();
     let total = lengths.iter().sum();

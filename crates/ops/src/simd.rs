@@ -37,9 +37,6 @@ impl Instructions {
     }
 
     /// Does `job` with them.
-    ///
-    /// # Panics
-    /// If this processor does not have them.
     pub(crate) fn run(self, job: impl Job) {
         assert!(self.present(), "{self:?}: not on this processor");
         /// Runs `job` in a function that is compiled for `$features`.

@@ -126,15 +126,6 @@ fn negligible_gradients_alone_are_left_out() {
 }
 
 #[test]
-fn levels_of_weight_zero_get_no_gradient() {
-    let case = case(100, true, true, 4);
-    let [_, dtables, ..] = run(&case, &Device::flex(), factored_field);
-    let faded = &case.layout.levels[2];
-    assert!(dtables[faded.offset..].iter().all(|g| *g == 0.0));
-    assert!(dtables[..faded.offset].iter().any(|g| *g != 0.0));
-}
-
-#[test]
 fn variation_matches_the_oracle() {
     let case = case(1, true, false, 4);
     let of = |device: Device, host: bool| -> (f32, Vec<f32>) {

@@ -40,9 +40,6 @@ pub(crate) struct Convolution {
 
 impl Convolution {
     /// Uploads `weight`, `[outputs, inputs, kh, kw]` as in PyTorch, and `bias` to `device`.
-    ///
-    /// # Panics
-    /// If their lengths are not those of `window` and `channels` (inputs and outputs).
     pub(crate) fn new(
         window: Window,
         [inputs, outputs]: [usize; 2],

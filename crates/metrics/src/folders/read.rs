@@ -11,9 +11,6 @@ use crate::protocol::Background;
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Lists the images in `folder` by their names without extension.
-///
-/// # Errors
-/// If the folder cannot be read, holds no image, or two of one name.
 pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, MetricError> {
     let of_folder = |error: std::io::Error| MetricError::file(folder, error);
     let mut pictures = BTreeMap::new();
@@ -47,9 +44,6 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Me
 }
 
 /// Reads the mask at `path`: a pixel is inside unless it is black, so that images of class indices are masks, too.
-///
-/// # Errors
-/// If the file cannot be read or is a JPEG, which does not keep black exactly.
 pub(super) fn mask(path: &Path) -> Result<Mask, MetricError> {
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
         return Err(MetricError::file(path, "a mask is a PNG: JPEG does not keep black exactly"));

@@ -136,9 +136,6 @@ impl Job for RoundStrip<'_> {
 }
 
 /// Computes y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y comes with the distance of its rows.
-///
-/// # Panics
-/// If a size is no multiple of 32, or a matrix reaches beyond its slice.
 pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: FactorSide<'_>, b: FactorSide<'_>) {
     static FASTEST: OnceLock<PairInstructions> = OnceLock::new();
     let fastest = || PairInstructions::ALL.into_iter().find(|instructions| instructions.present());

@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::random::mix;
 use infonerf_ops::{
     Composite, Intervals, RayDistribution, RayEntropy, Segments, additive, composite, distortion, divergence, entropy,
     to_host,
@@ -90,11 +91,9 @@ pub struct Draws(pub u64);
 
 impl Draws {
     pub fn unit(&mut self) -> f64 {
+        let bits = mix(self.0);
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        (bits >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Draws uniformly from [−1, 1).

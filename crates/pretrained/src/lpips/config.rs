@@ -85,7 +85,7 @@ impl LpipsConfig {
         self.convolutions().filter_map(ConvolutionShape::head_tensor).collect()
     }
 
-    fn convolutions(&self) -> impl Iterator<Item = &ConvolutionShape> {
+    pub(super) fn convolutions(&self) -> impl Iterator<Item = &ConvolutionShape> {
         self.layers.iter().filter_map(|layer| match layer {
             LpipsLayer::Convolution(convolution) => Some(convolution),
             LpipsLayer::Pool(_) => None,

@@ -57,10 +57,7 @@ impl Store {
     }
 }
 
-/// Returns the weights that a file holds in full.
-///
-/// # Errors
-/// If there are none; names what the most similar ones lack.
+/// Returns the weights that a file holds in full; the error names what the most similar ones lack.
 pub(super) fn recognised(file: &WeightFile) -> Result<Vec<&'static KnownWeights>, String> {
     let mut nearest = (0.0, "it has no tensor that a known network has".to_owned());
     let mut found = Vec::new();
