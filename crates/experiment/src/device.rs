@@ -177,7 +177,7 @@ fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {
 /// If weights are there and cannot be read, or `weights` is a folder without any.
 pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks> {
     if let Some(folder) = weights.filter(|path| path.is_dir()) {
-        let found = Store::in_folder(folder).status().iter().any(|known| known.path.is_some());
+        let found = Store::in_folder(folder).status().any(|(_, path)| path.is_some());
         ensure!(found, "--weights {}: expected a file that `infonerf weights` lists, found none", folder.display());
     }
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)

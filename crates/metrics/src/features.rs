@@ -21,16 +21,16 @@ impl FeatureSet {
     /// Adds the vector of one more image; the first one decides the dimension.
     ///
     /// # Errors
-    /// [`MetricError::Empty`], [`MetricError::Length`] for another dimension, [`MetricError::NonFinite`].
+    /// If the vector is empty, has another dimension, or holds a value that is not finite.
     pub fn push(&mut self, row: &[f32]) -> Result<(), MetricError> {
         if row.is_empty() {
-            return Err(MetricError::Empty { what: "feature vector" });
+            return Err(MetricError::empty("feature vector"));
         }
         if self.dimension != 0 && row.len() != self.dimension {
-            return Err(MetricError::Length { what: "feature vector", found: row.len(), expected: self.dimension });
+            return Err(MetricError::length("feature vector", row.len(), self.dimension));
         }
         if let Some(index) = row.iter().position(|value| !value.is_finite()) {
-            return Err(MetricError::NonFinite { what: "feature vector", index });
+            return Err(MetricError::not_finite("feature vector", index));
         }
         self.dimension = row.len();
         self.values.extend(row.iter().copied().map(f64::from));
@@ -74,10 +74,10 @@ impl FeatureSet {
     pub(crate) fn check_pair(a: &Self, b: &Self, minimum: usize) -> Result<(), MetricError> {
         let found = a.len().min(b.len());
         if found < minimum {
-            return Err(MetricError::TooFew { found, minimum });
+            return Err(MetricError::other(format!("needs at least {minimum} images, got {found}")));
         }
         if a.dimension != b.dimension {
-            return Err(MetricError::Length { what: "feature vector", found: b.dimension, expected: a.dimension });
+            return Err(MetricError::length("feature vector", b.dimension, a.dimension));
         }
         Ok(())
     }
@@ -91,10 +91,9 @@ mod tests {
     fn vectors_must_have_one_length_and_be_finite() {
         let mut features = FeatureSet::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
         assert_eq!((features.len(), features.dimension(), features.row(1)), (2, 2, &[3.0, 4.0][..]));
-        let length = MetricError::Length { what: "feature vector", found: 1, expected: 2 };
-        assert_eq!(features.push(&[1.0]), Err(length));
-        assert_eq!(features.push(&[1.0, f32::NAN]), Err(MetricError::NonFinite { what: "feature vector", index: 1 }));
-        assert_eq!(features.push(&[]), Err(MetricError::Empty { what: "feature vector" }));
+        assert_eq!(features.push(&[1.0]), Err(MetricError::length("feature vector", 1, 2)));
+        assert_eq!(features.push(&[1.0, f32::NAN]), Err(MetricError::not_finite("feature vector", 1)));
+        assert_eq!(features.push(&[]), Err(MetricError::empty("feature vector")));
         assert_eq!(features.len(), 2);
     }
 }

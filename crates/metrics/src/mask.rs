@@ -1,6 +1,7 @@
+use std::ops::Range;
+
 use crate::error::MetricError;
 use crate::picture::{Picture, check_length};
-use crate::rectangle::Rectangle;
 
 /// Pixels of an image that count.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,7 +14,7 @@ impl Mask {
     /// Wraps row-major `inside`.
     ///
     /// # Errors
-    /// [`MetricError::Length`] unless there are `width × height` values.
+    /// If there are not `width × height` values.
     pub fn new(inside: Vec<bool>, width: usize, height: usize) -> Result<Self, MetricError> {
         check_length("mask", inside.len(), [width, height])?;
         Ok(Self { inside, size: [width, height] })
@@ -34,42 +35,28 @@ impl Mask {
         self.size
     }
 
-    /// Returns the smallest rectangle that holds every pixel inside.
-    ///
-    /// # Panics
-    /// If the mask is empty.
-    pub fn bounding_rectangle(&self) -> Rectangle {
-        let [width, _] = self.size;
-        let inside = || self.inside.iter().enumerate().filter(|(_, inside)| **inside).map(|(index, _)| index);
-        let bounds = |coordinate: fn(usize, usize) -> usize| {
-            inside()
-                .map(|index| coordinate(index, width))
-                .fold((usize::MAX, 0), |(low, high), at| (low.min(at), high.max(at)))
-        };
-        let ((left, right), (top, bottom)) =
-            (bounds(|index, width| index % width), bounds(|index, width| index / width));
-        Rectangle { origin: [left, top], size: [right - left + 1, bottom - top + 1] }
+    pub(crate) fn check_inside(&self) -> Result<(), MetricError> {
+        if self.is_empty() { Err(MetricError::other("the mask is empty: no pixel is inside")) } else { Ok(()) }
+    }
+
+    /// Returns columns and rows of the smallest rectangle that holds every pixel inside.
+    pub(crate) fn bounding_rectangle(&self) -> [Range<usize>; 2] {
+        let inside = |index: &usize| self.inside[*index];
+        [|index, width| index % width, |index, width| index / width].map(|coordinate: fn(usize, usize) -> usize| {
+            let places = (0..self.inside.len()).filter(inside).map(|index| coordinate(index, self.size[0]));
+            let (low, high) = places.fold((usize::MAX, 0), |(low, high), at| (low.min(at), high.max(at)));
+            low..high + 1
+        })
     }
 
     /// Replaces pixels outside the mask by `color`.
-    ///
-    /// # Panics
-    /// If `picture` has another size.
     pub(crate) fn composite(&self, picture: &Picture, color: [f32; 3]) -> Picture {
         assert_eq!(picture.size(), self.size, "a mask of the picture's size");
         picture.mapped(|index, pixel| if self.inside[index] { pixel } else { color })
     }
 
-    /// Intersects two masks of one size.
-    pub(crate) fn and(self, other: &Self) -> Self {
-        let inside = self.inside.into_iter().zip(&other.inside).map(|(a, b)| a && *b).collect();
-        Self { inside, ..self }
-    }
-
-    /// Returns the part inside `rectangle`.
-    pub(crate) fn cropped(&self, rectangle: Rectangle) -> Result<Self, MetricError> {
-        let [width, height] = rectangle.size;
-        Self::new(rectangle.of(&self.inside, self.size[0]), width, height)
+    pub(crate) fn and(&self, other: &Self) -> Self {
+        Self { inside: self.inside.iter().zip(&other.inside).map(|(a, b)| *a && *b).collect(), size: self.size }
     }
 }
 
@@ -84,16 +71,14 @@ mod tests {
 
     #[test]
     fn bounding_rectangle_is_the_smallest() {
-        let rectangle = mask([".....", "..#..", ".#.#."]).unwrap().bounding_rectangle();
-        assert_eq!(rectangle, Rectangle { origin: [1, 1], size: [3, 2] });
-        let rectangle = mask(["#....", ".....", "....#"]).unwrap().bounding_rectangle();
-        assert_eq!(rectangle, Rectangle { origin: [0, 0], size: [5, 3] });
+        assert_eq!(mask([".....", "..#..", ".#.#."]).unwrap().bounding_rectangle(), [1..4, 1..3]);
+        assert_eq!(mask(["#....", ".....", "....#"]).unwrap().bounding_rectangle(), [0..5, 0..3]);
     }
 
     #[test]
     fn mask_must_have_a_value_per_pixel() {
         assert!(mask(["..", "..", ".."]).unwrap().is_empty() && !mask(["..", ".#", ".."]).unwrap().is_empty());
-        assert!(matches!(Mask::new(vec![true], 2, 2), Err(MetricError::Length { .. })));
+        assert_eq!(Mask::new(vec![true], 2, 2), Err(MetricError::length("mask", 1, 4)));
     }
 
     #[test]

@@ -39,13 +39,13 @@ impl Measured {
     /// Checks that each of the requested `metrics` has a value.
     ///
     /// # Errors
-    /// [`MetricError::Missing`] for the first that has none, with the reason.
+    /// For the first that has none, with the reason.
     pub fn require(&self, metrics: &[&Metric]) -> Result<(), MetricError> {
         let missing = metrics.iter().find(|metric| self.set.get(metric.key()).copied().flatten().is_none());
         let Some(metric) = missing else { return Ok(()) };
         let note = self.notes.iter().find(|note| note.metrics.iter().any(|key| key == metric.key()));
-        let reason = note.map_or("was not measured", |note| &note.reason).to_owned();
-        Err(MetricError::Missing { key: metric.key().to_owned(), reason })
+        let reason = note.map_or("was not measured", |note| &note.reason);
+        Err(MetricError::other(format!("{}: {reason}", metric.key())))
     }
 
     /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images, and names those of the set in the

@@ -5,30 +5,19 @@ use crate::error::MetricError;
 use crate::picture::Picture;
 use crate::protocol::Protocol;
 
-/// Network that computes a distance between two images, such as LPIPS.
-pub trait PictureDistance: Send + Sync {
-    /// Computes the distance between two images of the same size; 0 for identical ones.
-    ///
-    /// # Errors
-    /// One line if the network cannot process images of that size.
-    fn distance(&self, render: &Picture, truth: &Picture, protocol: &Protocol) -> Result<f64, String>;
-}
+/// Network that computes a distance between two images of the same size, such as LPIPS: 0 for identical ones, or an error of
+/// one line if it cannot process images of that size.
+pub type PictureDistance = dyn Fn(&Picture, &Picture, &Protocol) -> Result<f64, String> + Send + Sync;
 
-/// Network that describes images by vectors, such as Inception.
-pub trait FeatureExtractor: Send + Sync {
-    /// Computes one vector per image, all of the same length.
-    ///
-    /// # Errors
-    /// One line if the network cannot process images of that size.
-    fn features(&self, pictures: &[&Picture], protocol: &Protocol) -> Result<Vec<Vec<f32>>, String>;
-}
+/// Network that describes images by vectors of one length, such as Inception.
+pub type FeatureExtractor = dyn Fn(&[&Picture]) -> Vec<Vec<f32>> + Send + Sync;
 
 /// Networks with loaded weights, by name: `lpips-alex`, `lpips-vgg`, `inception-fid`. A metric whose network is not among them
 /// has no value, and a note names the weights to fetch.
 #[derive(Default)]
 pub struct Networks {
-    distances: BTreeMap<&'static str, Box<dyn PictureDistance>>,
-    extractors: BTreeMap<&'static str, Box<dyn FeatureExtractor>>,
+    distances: BTreeMap<&'static str, Box<PictureDistance>>,
+    extractors: BTreeMap<&'static str, Box<FeatureExtractor>>,
     /// Weights that networks lack, by the network's name, if these are named otherwise.
     missing: BTreeMap<&'static str, &'static str>,
 }
@@ -42,14 +31,14 @@ impl Networks {
 
     /// Adds or replaces the distance called `name`.
     #[must_use]
-    pub fn with_distance(mut self, name: &'static str, network: Box<dyn PictureDistance>) -> Self {
+    pub fn with_distance(mut self, name: &'static str, network: Box<PictureDistance>) -> Self {
         self.distances.insert(name, network);
         self
     }
 
     /// Adds or replaces the feature extractor called `name`.
     #[must_use]
-    pub fn with_extractor(mut self, name: &'static str, network: Box<dyn FeatureExtractor>) -> Self {
+    pub fn with_extractor(mut self, name: &'static str, network: Box<FeatureExtractor>) -> Self {
         self.extractors.insert(name, network);
         self
     }
@@ -64,21 +53,23 @@ impl Networks {
     /// Finds the distance called `network`.
     ///
     /// # Errors
-    /// [`MetricError::NoWeights`].
-    pub fn distance(&self, network: &'static str) -> Result<&dyn PictureDistance, MetricError> {
+    /// If its weights are missing.
+    pub fn distance(&self, network: &'static str) -> Result<&PictureDistance, MetricError> {
         self.distances.get(network).map(Box::as_ref).ok_or_else(|| self.no_weights(network))
     }
 
     /// Finds the feature extractor called `network`.
     ///
     /// # Errors
-    /// [`MetricError::NoWeights`].
-    pub fn extractor(&self, network: &'static str) -> Result<&dyn FeatureExtractor, MetricError> {
+    /// If its weights are missing.
+    pub fn extractor(&self, network: &'static str) -> Result<&FeatureExtractor, MetricError> {
         self.extractors.get(network).map(Box::as_ref).ok_or_else(|| self.no_weights(network))
     }
 
     fn no_weights(&self, network: &'static str) -> MetricError {
-        MetricError::NoWeights { weights: self.missing.get(network).unwrap_or(&network) }
+        let weights = self.missing.get(network).unwrap_or(&network);
+        let ways = format!("`infonerf weights import FILE` or `infonerf weights fetch {weights}`");
+        MetricError::other(format!("no weights of {weights}; {ways}"))
     }
 }
 

@@ -1,7 +1,8 @@
+use std::ops::Range;
+
 use image::{Rgb, RgbImage};
 
 use crate::error::MetricError;
-use crate::rectangle::Rectangle;
 
 /// RGB image as displayed, composited on its background: at least one pixel, all values finite, nominally in [0, 1].
 #[derive(Debug, Clone, PartialEq)]
@@ -14,15 +15,14 @@ impl Picture {
     /// Wraps row-major `pixels`, `pixels[y * width + x]`.
     ///
     /// # Errors
-    /// [`MetricError::Empty`], [`MetricError::Length`] unless there are `width × height` pixels, and
-    /// [`MetricError::NonFinite`] with the index of the pixel.
+    /// If there are not `width × height` pixels, there is none, or one is not finite.
     pub fn new(pixels: Vec<[f32; 3]>, width: usize, height: usize) -> Result<Self, MetricError> {
         check_length("picture", pixels.len(), [width, height])?;
         if pixels.is_empty() {
-            return Err(MetricError::Empty { what: "picture" });
+            return Err(MetricError::empty("picture"));
         }
         match pixels.iter().position(|pixel| pixel.iter().any(|value| !value.is_finite())) {
-            Some(index) => Err(MetricError::NonFinite { what: "picture", index }),
+            Some(index) => Err(MetricError::not_finite("picture", index)),
             None => Ok(Self { pixels, size: [width, height] }),
         }
     }
@@ -30,7 +30,7 @@ impl Picture {
     /// Converts an 8-bit image, value / 255.
     ///
     /// # Errors
-    /// [`MetricError::Empty`] for an image without pixels.
+    /// If the image has no pixels.
     pub fn from_rgb8(image: &RgbImage) -> Result<Self, MetricError> {
         let pixels = image.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0)).collect();
         Self::new(pixels, image.width() as usize, image.height() as usize)
@@ -39,7 +39,7 @@ impl Picture {
     /// Converts to an 8-bit image, rounded to the nearest step.
     ///
     /// # Errors
-    /// [`MetricError::Length`] if a side does not fit in 32 bits.
+    /// If a side does not fit in 32 bits.
     pub fn to_rgb8(&self) -> Result<RgbImage, MetricError> {
         let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
         to_rgb8(&self.pixels, side(self.width()), side(self.height()))
@@ -71,12 +71,10 @@ impl Picture {
         self.mapped(|_, pixel| pixel.map(|value| eight_bit(value) / 255.0))
     }
 
-    /// Returns the part inside `rectangle`.
-    ///
-    /// # Panics
-    /// If it reaches out of the image or is empty.
-    pub(crate) fn cropped(&self, rectangle: Rectangle) -> Self {
-        Self { pixels: rectangle.of(&self.pixels, self.width()), size: rectangle.size }
+    pub(crate) fn cropped(&self, [columns, rows]: [Range<usize>; 2]) -> Self {
+        let size = [columns.len(), rows.len()];
+        let rows = self.pixels.chunks_exact(self.width()).skip(rows.start).take(rows.len());
+        Self { pixels: rows.flat_map(|row| &row[columns.clone()]).copied().collect(), size }
     }
 
     /// Replaces pixel `i` by `pixel(i, value)`, which returns finite values.
@@ -90,7 +88,7 @@ impl Picture {
 /// black.
 ///
 /// # Errors
-/// [`MetricError::Length`] if `pixels` does not hold `width × height` pixels.
+/// If `pixels` does not hold `width × height` pixels.
 pub fn to_rgb8(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
     check_length("image", pixels.len(), [width as usize, height as usize])?;
     let pixel = |x: u32, y: u32| pixels[y as usize * width as usize + x as usize];
@@ -101,20 +99,23 @@ fn eight_bit(value: f32) -> f32 {
     (255.0 * value.clamp(0.0, 1.0)).round()
 }
 
-/// Checks that render and truth have the same size.
 pub(crate) fn check_sizes(render: &Picture, truth: &Picture) -> Result<(), MetricError> {
     check_size("truth", truth.size, render.size)
 }
 
 /// Checks that `what` is as large as the render.
-pub(crate) fn check_size(what: &'static str, found: [usize; 2], expected: [usize; 2]) -> Result<(), MetricError> {
-    if found == expected { Ok(()) } else { Err(MetricError::Size { what, found, expected }) }
+pub(crate) fn check_size(what: &str, found: [usize; 2], expected: [usize; 2]) -> Result<(), MetricError> {
+    let dimensions = |[width, height]: [usize; 2]| format!("{width}×{height}");
+    if found == expected {
+        return Ok(());
+    }
+    let (found, expected) = (dimensions(found), dimensions(expected));
+    Err(MetricError::other(format!("the {what} has {found} pixels, the render {expected}")))
 }
 
-/// Checks that `found` is width × height.
-pub(crate) fn check_length(what: &'static str, found: usize, [width, height]: [usize; 2]) -> Result<(), MetricError> {
+pub(crate) fn check_length(what: &str, found: usize, [width, height]: [usize; 2]) -> Result<(), MetricError> {
     let expected = width.saturating_mul(height);
-    if found == expected { Ok(()) } else { Err(MetricError::Length { what, found, expected }) }
+    if found == expected { Ok(()) } else { Err(MetricError::length(what, found, expected)) }
 }
 
 #[cfg(test)]
@@ -124,12 +125,10 @@ mod tests {
     #[test]
     fn pixels_must_fit_the_size_and_be_finite() {
         let refused = |pixels: Vec<[f32; 3]>, width, height| Picture::new(pixels, width, height).unwrap_err();
-        assert_eq!(refused(vec![], 0, 0), MetricError::Empty { what: "picture" });
-        let length = MetricError::Length { what: "picture", found: 2, expected: 4 };
-        assert_eq!(refused(vec![[0.0; 3]; 2], 2, 2), length);
-        assert!(matches!(refused(vec![[0.0; 3]; 2], usize::MAX, 2), MetricError::Length { .. }));
-        let nan = MetricError::NonFinite { what: "picture", index: 1 };
-        assert_eq!(refused(vec![[0.0; 3], [0.0, f32::NAN, 0.0]], 2, 1), nan);
+        assert_eq!(refused(vec![], 0, 0), MetricError::empty("picture"));
+        assert_eq!(refused(vec![[0.0; 3]; 2], 2, 2), MetricError::length("picture", 2, 4));
+        assert_eq!(refused(vec![[0.0; 3]; 2], usize::MAX, 2), MetricError::length("picture", 2, usize::MAX));
+        assert_eq!(refused(vec![[0.0; 3], [0.0, f32::NAN, 0.0]], 2, 1), MetricError::not_finite("picture", 1));
     }
 
     #[test]

@@ -9,71 +9,40 @@
 //! 1. **Images** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
 //!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; white unless
 //!    `background` says otherwise.
-//! 2. **Size.** A render and its truth must have the same size. With `sizes = "shrink-truth"` a larger
-//!    truth (and its mask) is brought to the render's size: each pixel becomes the mean over the area that it covers, and
-//!    a pixel of the mask is inside if half of its area is. Nothing is ever enlarged.
+//! 2. **Size.** A render and its truth must have the same size.
 //!    Where a truth is not valid (outside the image circle of a lens, or by a mask of the capture) both images get the
 //!    background's colour and neither hits anything, so that nothing is compared there; PSNR is over the other pixels. A view
 //!    without a valid pixel has no values.
-//! 3. **Border.** `crop` pixels are left out on each side; none by default.
-//! 4. **Rounding.** Both images are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
+//! 3. **Rounding.** Both images are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
 //!    memory and its PNG have the same metrics.
-//! 5. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels.
+//! 4. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels.
 //!    A view without a value (SSIM of an image smaller than the window, sharpness of a flat truth) or with an infinite one
 //!    (PSNR of identical images) is left out of the mean, with a note. FID and KID compare the set of renders with the set of truths.
 //!
 //! A rendered ray hits something where its opacity exceeds one half. FID of few images is biased upwards, so it compares
 //! methods on the same views and nothing else; KID is not biased.
 //!
-//! # Masks
-//!
-//! Metrics whose key ends in `_masked` measure a part of the image. PSNR is over the mask's pixels. For SSIM and LPIPS, which
-//! depend on neighbourhoods, `masked` decides:
-//!
-//! - `white-composite` (DTU in RegNeRF and FreeNeRF): both images are white outside the mask, and are then measured
-//!   whole.
-//! - `bounding-rectangle` (ZJU-MoCap in Neural Body): both are black outside the mask, and the mask's bounding rectangle
-//!   is measured.
-//!
-//! The mask (an object's, the region seen by the training views, the projection of a box) comes from the data set.
-//!
-//! # Protocols of other systems
-//!
-//! [`Protocol::named`] returns their combinations, so that their tables can be compared.
-//!
-//! | option | values | who |
-//! |---|---|---|
-//! | `eight_bit` | `true`; `false` measures float renders | `false`: RegNeRF, Neural Body |
-//! | `ssim.window` | `gaussian-11`; `uniform-7` is scikit-image's default: mean over 7×7 with sample covariance | `uniform-7`: RegNeRF, Neural Body |
-//! | `ssim.data_range` | 1; scikit-image takes 2 for float images by default, which raises SSIM | 2: RegNeRF, Neural Body |
-//! | `lpips_input` | `signed` [−1, 1]; `unsigned` feeds [0, 1], which gives another value | `unsigned`: RegNeRF, FreeNeRF |
-//! | `inception_input` | `pytorch-fid`: bilinear to 299², no low-pass, 2x − 1; `clean-fid`: bicubic with low-pass, (x − 128)/128 | either, by the library used |
-//! | `masked` | see above | |
+//! Metrics whose key ends in `_masked` measure a part of the image, see [`Masked`]. The mask (an object's, the region seen by
+//! the training views, the projection of a box) comes from the data set. [`Protocol::named`] returns the protocols of other
+//! systems.
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Options of the [evaluation protocol](self).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Protocol {
     /// Whether both images are rounded to 8 bits first.
     pub eight_bit: bool,
     /// Background of pixels that are not opaque.
     pub background: Background,
-    /// Treatment of a truth that is larger than its render.
-    pub sizes: Sizes,
-    /// Pixels left out on each side.
-    pub crop: usize,
     /// Input of SSIM and LPIPS over a mask.
     pub masked: Masked,
     /// Definition of SSIM.
     pub ssim: Ssim,
     /// Value range of LPIPS's input.
     pub lpips_input: LpipsInput,
-    /// Resizing and value range of Inception's input.
-    pub inception_input: InceptionInput,
 }
 
 impl Default for Protocol {
@@ -83,7 +52,7 @@ impl Default for Protocol {
 }
 
 /// Background of pixels that are not opaque.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
     /// White, as in the Blender data set's protocol.
@@ -92,33 +61,22 @@ pub enum Background {
     Black,
 }
 
-/// Treatment of a truth that is larger than its render.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Sizes {
-    /// Error.
-    Equal,
-    /// Average over areas, to the render's size.
-    ShrinkTruth,
-}
-
-/// Input of SSIM and LPIPS over a mask.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// Input of SSIM and LPIPS over a mask, as they depend on neighbourhoods; PSNR is over the mask's pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Masked {
-    /// Whole image, white outside the mask.
+    /// Whole image, white outside the mask (DTU in RegNeRF and FreeNeRF).
     WhiteComposite,
-    /// Bounding rectangle of the mask, black outside the mask.
+    /// Bounding rectangle of the mask, black outside the mask (ZJU-MoCap in Neural Body).
     BoundingRectangle,
 }
 
 /// Definition of SSIM, see [`crate::ssim`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Ssim {
     /// Weights of a neighbourhood.
     pub window: SsimWindow,
-    /// Range of values that the constants C₁ and C₂ assume.
+    /// Range of values that the constants C₁ and C₂ assume; scikit-image takes 2 for float images by default, which raises SSIM.
     pub data_range: f64,
 }
 
@@ -129,7 +87,7 @@ impl Default for Ssim {
 }
 
 /// Weights of a neighbourhood.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum SsimWindow {
     /// Gaussian, 11×11, σ 1.5, population covariance.
     #[serde(rename = "gaussian-11")]
@@ -140,7 +98,7 @@ pub enum SsimWindow {
 }
 
 /// Value range of LPIPS's input.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LpipsInput {
     /// [−1, 1], as defined by the authors.
@@ -149,27 +107,14 @@ pub enum LpipsInput {
     Unsigned,
 }
 
-/// Resizing and value range of Inception's input.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum InceptionInput {
-    /// Bilinear without low-pass filter, 2x − 1.
-    PytorchFid,
-    /// Bicubic with low-pass filter, (x − 128)/128 of 8-bit values.
-    CleanFid,
-}
-
 impl Protocol {
     /// Protocol of this project's reports.
     pub const INFONERF: Self = Self {
         eight_bit: true,
         background: Background::White,
-        sizes: Sizes::Equal,
-        crop: 0,
         masked: Masked::WhiteComposite,
         ssim: Ssim { window: SsimWindow::Gaussian11, data_range: 1.0 },
         lpips_input: LpipsInput::Signed,
-        inception_input: InceptionInput::PytorchFid,
     };
 
     /// Protocol of RegNeRF and FreeNeRF.
@@ -218,20 +163,13 @@ impl fmt::Display for Protocol {
         };
         let rounding = if self.eight_bit { "8-bit RGB" } else { "RGB without rounding" };
         write!(f, "{rounding} on {background}")?;
-        if self.sizes == Sizes::ShrinkTruth {
-            write!(f, "; larger truth averaged to the render's size")?;
-        }
-        if self.crop > 0 {
-            write!(f, "; border of {} px left out", self.crop)?;
-        }
         let window = match self.ssim.window {
             SsimWindow::Gaussian11 => "11×11 Gaussian",
             SsimWindow::Uniform7 => "7×7 uniform",
         };
         write!(f, "; SSIM {window}, range {}", self.ssim.data_range)?;
         write!(f, "; LPIPS 0.1 of {}", if self.lpips_input == LpipsInput::Signed { "[−1, 1]" } else { "[0, 1]" })?;
-        let input = if self.inception_input == InceptionInput::PytorchFid { "pytorch-fid" } else { "clean-fid" };
-        write!(f, "; FID, KID resized as {input}; masked SSIM, LPIPS ")?;
+        write!(f, "; FID, KID resized as pytorch-fid; masked SSIM, LPIPS ")?;
         match self.masked {
             Masked::WhiteComposite => write!(f, "on white outside the mask"),
             Masked::BoundingRectangle => write!(f, "in the mask's bounding rectangle, black outside the mask"),
@@ -248,23 +186,8 @@ mod tests {
         let line = "8-bit RGB on white; SSIM 11×11 Gaussian, range 1; LPIPS 0.1 of [−1, 1]; FID, KID resized as pytorch-fid; \
                     masked SSIM, LPIPS on white outside the mask";
         assert_eq!(Protocol::default().to_string(), line);
-        let other = Protocol { crop: 4, sizes: Sizes::ShrinkTruth, ..Protocol::NEURAL_BODY }.to_string();
-        let parts = ["RGB without rounding on black", "averaged", "4 px", "7×7 uniform, range 2", "bounding rectangle"];
+        let other = Protocol::named("neural-body").unwrap().to_string();
+        let parts = ["RGB without rounding on black", "7×7 uniform, range 2", "bounding rectangle"];
         assert!(parts.iter().all(|part| other.contains(part)), "{other}");
-    }
-
-    #[test]
-    fn omitted_options_are_default() {
-        let text = r#"{"ssim": {"window": "uniform-7"}, "lpips_input": "unsigned", "masked": "bounding-rectangle"}"#;
-        let expected = Protocol {
-            ssim: Ssim { window: SsimWindow::Uniform7, data_range: 1.0 },
-            lpips_input: LpipsInput::Unsigned,
-            masked: Masked::BoundingRectangle,
-            ..Protocol::default()
-        };
-        assert_eq!(serde_json::from_str::<Protocol>(text).unwrap(), expected);
-        assert!(serde_json::from_str::<Protocol>(r#"{"colour": "bgr"}"#).is_err());
-        assert_eq!(Protocol::named("regnerf"), Some(Protocol::REGNERF));
-        assert_eq!(Protocol::named("mipnerf"), None);
     }
 }

@@ -44,14 +44,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spread_is_the_sample_standard_deviation() {
+    fn spread_is_the_sample_standard_deviation_of_several_values() {
         let summary = Summary::of([1.0, 2.0, 3.0]).unwrap();
         assert_eq!(summary, Summary { mean: 2.0, std: Some(1.0), n: 3 });
         assert_eq!(format!("{summary:.1}"), "2.0 ± 1.0");
-    }
-
-    #[test]
-    fn single_value_has_no_spread() {
         assert_eq!(Summary::of([4.0]), Some(Summary { mean: 4.0, std: None, n: 1 }));
         assert_eq!(Summary::of([]), None);
     }

@@ -4,4 +4,3 @@ mod common;
 mod distribution;
 mod folders;
 mod reference;
-mod speed;

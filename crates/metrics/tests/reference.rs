@@ -4,8 +4,7 @@ use crate::common::pictures;
 use approx::assert_abs_diff_eq;
 use infonerf_metrics::protocol::{Ssim, SsimWindow};
 use infonerf_metrics::{
-    Depths, Mask, MetricError, Networks, Pair, Picture, Protocol, depth_error, evaluate, psnr, sharpness,
-    silhouette_iou, ssim,
+    Depths, Mask, Networks, Pair, Picture, Protocol, depth_error, evaluate, psnr, sharpness, silhouette_iou, ssim,
 };
 use proptest::prelude::*;
 use serde_json::Value;
@@ -48,7 +47,6 @@ proptest! {
         truth in prop::collection::vec(prop::array::uniform3(-1f32..2.0), 0..200),
         inside in prop::collection::vec(any::<bool>(), 0..200),
         sizes in prop::array::uniform3((1usize..14, prop_oneof![0usize..14, Just(usize::MAX)])),
-        crop in 0usize..8,
     ) {
         let picture = |pixels: &[[f32; 3]], (width, height): (usize, usize)| {
             Picture::new(pixels[..pixels.len().min(width.saturating_mul(height))].to_vec(), width, height)
@@ -61,7 +59,6 @@ proptest! {
         let depths = Some(Depths { render: depth[0], truth: depth[1] });
         for depths in [None, depths] {
             for protocol in [Protocol::INFONERF, Protocol::REGNERF, Protocol::NEURAL_BODY] {
-                let protocol = Protocol { crop, ..protocol };
                 let pair = Pair { mask: mask.as_ref(), depths, ..Pair::new(&render, &truth) };
                 let _ = evaluate(&[pair, Pair::new(&render, &render)], &Networks::none(), &protocol);
             }
@@ -76,7 +73,6 @@ proptest! {
         prop_assert_eq!(ssim(&truth, &render, Ssim::default()).unwrap(), similarity);
         prop_assert!(sharpness(&render, &truth).unwrap() > 0.0);
         let (other, _) = pictures(width, height + 1);
-        let wrong = MetricError::Size { what: "truth", found: [width, height], expected: [width, height + 1] };
-        prop_assert_eq!(psnr(&other, &truth), Err(wrong));
+        prop_assert!(psnr(&other, &truth).is_err());
     }
 }

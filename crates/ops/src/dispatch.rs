@@ -33,7 +33,6 @@ pub fn has_host_kernels(device: &Device) -> bool {
     dispatch! { device; host => true, plain => false }
 }
 
-/// Kind of body that a device runs.
 pub(crate) enum BodyKind {
     #[cfg(feature = "flex")]
     Host,
@@ -43,7 +42,6 @@ pub(crate) enum BodyKind {
 }
 
 impl BodyKind {
-    /// Returns the kind of body for `device`.
     pub(crate) fn serving(device: &Device) -> Self {
         match device.clone().inner().as_dispatch() {
             #[cfg(feature = "flex")]

@@ -27,9 +27,7 @@ struct RayMasses {
     top: Option<usize>,
     /// Sum of all masses but the largest, summed apart: it may be far below the last digit of `sum`.
     rest: f64,
-    /// Sum of all masses.
     sum: f64,
-    /// Probability of the background.
     background: f64,
 }
 

@@ -42,7 +42,6 @@ mod tests {
     use super::*;
     use crate::traffic::to_host;
 
-    /// Returns mean, variance along, and variance across.
     fn moments(t: f32, delta: f32, radius: f32) -> [f32; 3] {
         let [t, delta, radius] = [t, delta, radius].map(|number| Tensor::from_floats([number], &Device::flex()));
         let RayGaussians { mean, along, across } = frustum_gaussians(t, delta, radius);

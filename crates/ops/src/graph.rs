@@ -105,25 +105,19 @@ pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
 
 /// Arguments of a backward pass on backend `B`.
 pub(crate) struct BackwardPass<'a, B: KernelBackend> {
-    /// Inputs of the forward pass.
     pub(crate) inputs: &'a [FloatTensor<B>],
-    /// Output of the forward pass.
     pub(crate) output: &'a FloatTensor<B>,
-    /// Values that the forward pass kept.
     pub(crate) kept: &'a B::Kept,
     /// Gradient with respect to the output.
     pub(crate) grad: &'a FloatTensor<B>,
-    /// Whether each input needs its gradient.
     pub(crate) wanted: &'a [bool],
 }
 
 /// Kernel of one backend, on its way there.
 #[derive(Clone, Debug)]
 pub(crate) enum AnyKernel {
-    /// Host kernel.
     #[cfg(feature = "flex")]
     Host(Arc<dyn Operation<Flex>>),
-    /// Kernel of a GPU.
     #[cfg(feature = "cube")]
     Cube(Arc<dyn Operation<CubeBackend>>),
 }
@@ -190,7 +184,6 @@ fn record<B: KernelBackend, C: CheckpointStrategy, const N: usize>(
 #[derive(Debug)]
 struct Recorded<B, const N: usize>(PhantomData<B>);
 
-/// Operation with its inputs, its output and what it kept.
 #[derive(Clone, Debug)]
 struct Saved<B: KernelBackend> {
     operation: Arc<dyn Operation<B>>,

@@ -16,9 +16,6 @@ use crate::scratch::Scratch;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
 pub trait Kernel: Debug + Send + Sync + 'static {
-    /// Returns the shape of the output, given the shapes of the inputs.
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize>;
-
     /// Computes the output. If a backward pass will follow, `saved` is a buffer that keeps values for it. The buffer may hold
     /// values of an earlier pass: set its length first.
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32>;
@@ -41,9 +38,19 @@ pub struct Pass<'a> {
     pub grad: &'a [f32],
 }
 
-/// Evaluates `kernel(inputs)` as a tensor of rank `D`.
-pub(crate) fn apply<const D: usize>(kernel: impl Kernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
-    graph::evaluate(AnyKernel::Host(Arc::new(kernel)), inputs)
+/// Evaluates `kernel(inputs)` as a tensor of `shape`.
+pub(crate) fn apply<const D: usize>(
+    kernel: impl Kernel,
+    shape: [usize; D],
+    inputs: impl Into<Inputs<Dispatch>>,
+) -> Tensor<D> {
+    graph::evaluate(AnyKernel::Host(Arc::new(HostOperation { kernel, shape: shape.to_vec() })), inputs)
+}
+
+#[derive(Debug)]
+struct HostOperation<K> {
+    kernel: K,
+    shape: Vec<usize>,
 }
 
 type Host = FloatTensor<Flex>;
@@ -54,10 +61,6 @@ fn host(values: Vec<f32>, shape: Vec<usize>) -> Host {
 
 fn slice(tensor: &Host) -> &[f32] {
     tensor.as_slice::<f32>().expect("host kernels are given contiguous f32 tensors")
-}
-
-fn shape(tensor: &Host) -> Vec<usize> {
-    tensor.shape().to_vec()
 }
 
 impl KernelBackend for Flex {
@@ -77,27 +80,28 @@ impl KernelBackend for Flex {
     }
 }
 
-fn run(kernel: &impl Kernel, inputs: &[Host], saved: Option<&mut Vec<f32>>) -> Host {
-    let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
-    let shapes: Vec<Vec<usize>> = inputs.iter().map(shape).collect();
-    host(kernel.forward(&slices, saved), kernel.shape(&shapes))
+impl<K: Kernel> HostOperation<K> {
+    fn run(&self, inputs: &[Host], saved: Option<&mut Vec<f32>>) -> Host {
+        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
+        host(self.kernel.forward(&slices, saved), self.shape.clone())
+    }
 }
 
-impl<K: Kernel> Operation<Flex> for K {
+impl<K: Kernel> Operation<Flex> for HostOperation<K> {
     fn infer(&self, inputs: &[Host]) -> Host {
-        run(self, inputs, None)
+        self.run(inputs, None)
     }
 
     fn forward(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
         let mut saved = Scratch::new();
-        let output = run(self, inputs, Some(&mut saved));
+        let output = self.run(inputs, Some(&mut saved));
         (output, Arc::new(saved))
     }
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
         let slices: Vec<&[f32]> = pass.inputs.iter().map(slice).collect();
         let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
-        let results = Kernel::backward(self, host_pass, pass.wanted).into_iter().zip(pass.inputs);
-        results.map(|(result, input)| result.map(|values| host(values, shape(input)))).collect()
+        let results = self.kernel.backward(host_pass, pass.wanted).into_iter().zip(pass.inputs);
+        results.map(|(result, input)| result.map(|values| host(values, input.shape().to_vec()))).collect()
     }
 }

@@ -131,7 +131,6 @@ mod vector {
         }
     }
 
-    /// Opacity and transmittance of packed samples.
     #[derive(Debug, Default)]
     pub(crate) struct SampleOpacity {
         /// α = 1 − e^−τ.

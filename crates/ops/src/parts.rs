@@ -5,9 +5,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Allocates an array of parts of these `lengths`. `fill` sets each part to [zeros](UninitPart::zeros) and adds to it, in any
 /// thread, so that no thread clears the whole, and values stay in the cache of the thread that adds to them.
-///
-/// # Panics
-/// If `fill` leaves out a part.
 pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOnce(Vec<UninitPart<'_>>)) -> Vec<f32> {
     let lengths: Vec<usize> = lengths.into_iter().collect();
     let total = lengths.iter().sum();
@@ -29,14 +26,12 @@ pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOn
     all
 }
 
-/// Part of an array that is not initialized yet.
 pub(crate) struct UninitPart<'a> {
     values: &'a mut [MaybeUninit<f32>],
     filled: &'a AtomicUsize,
 }
 
 impl<'a> UninitPart<'a> {
-    /// Fills the part with zeros.
     pub(crate) fn zeros(self) -> &'a mut [f32] {
         self.filled.fetch_add(self.values.len(), Ordering::Relaxed);
         self.values.fill(MaybeUninit::new(0.0));
@@ -51,16 +46,6 @@ impl<'a> UninitPart<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn parts_come_in_order() {
-        let all = in_parts([2, 0, 1], |parts| {
-            for (index, part) in parts.into_iter().enumerate() {
-                part.zeros().iter_mut().for_each(|x| *x += index as f32);
-            }
-        });
-        assert_eq!(all, [0.0, 0.0, 2.0]);
-    }
 
     #[test]
     #[should_panic(expected = "every part is filled")]

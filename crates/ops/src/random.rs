@@ -52,7 +52,6 @@ pub fn permuted(key: u64, index: usize, count: usize) -> usize {
     }
 }
 
-/// Rounds of [`permuted`].
 const ROUNDS: usize = 6;
 
 /// Returns the smallest b ≥ 1 with 4ᵇ ≥ `count`.

@@ -58,13 +58,6 @@ impl Group<'_> {
 /// An operation with `N` inputs, each of which holds a row per packed sample, and one row of output per ray, which depends
 /// on that ray's samples alone.
 pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
-    /// Returns the samples that each ray owns.
-    fn segments(&self) -> &Segments;
-
-    /// Returns the shape of the output, whose first axis is the rays.
-    fn shape(&self) -> Vec<usize>;
-
-    /// Returns the number of columns of each input.
     fn widths(&self) -> [usize; N] {
         [1; N]
     }
@@ -83,46 +76,44 @@ pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
     );
 }
 
-/// Evaluates `kernel(inputs)` as a tensor of rank `D`.
+/// Evaluates `kernel(inputs)` along the rays of `segments` as a tensor of `shape`, whose first axis is the rays.
 pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
     kernel: K,
+    segments: &Segments,
+    shape: [usize; D],
     inputs: impl Into<Inputs<Dispatch>>,
 ) -> Tensor<D> {
-    kernel::apply(AlongRays(kernel), inputs)
+    let columns = shape[1..].iter().product();
+    kernel::apply(AlongRays { kernel, segments: segments.clone(), columns }, shape, inputs)
 }
 
-/// A [`RayKernel`] as a [`Kernel`].
 #[derive(Debug)]
-struct AlongRays<K, const N: usize>(K);
+struct AlongRays<K, const N: usize> {
+    kernel: K,
+    segments: Segments,
+    /// Values of a ray's output.
+    columns: usize,
+}
 
 impl<K: RayKernel<N>, const N: usize> AlongRays<K, N> {
-    fn columns(&self) -> usize {
-        self.0.shape()[1..].iter().product()
-    }
-
-    /// Returns a group's rows of each input.
     fn rows<'a>(&self, group: Group<'_>, inputs: &[&'a [f32]]) -> [&'a [f32]; N] {
-        let (samples, widths) = (group.samples(), self.0.widths());
+        let (samples, widths) = (group.samples(), self.kernel.widths());
         std::array::from_fn(|i| &inputs[i][samples.start * widths[i]..samples.end * widths[i]])
     }
 }
 
 impl<K: RayKernel<N>, const N: usize> Kernel for AlongRays<K, N> {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        self.0.shape()
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let (segments, columns) = (self.0.segments(), self.columns());
+        let (segments, columns) = (&self.segments, self.columns);
         let mut out = vec![0.0; segments.rays() * columns];
         segments.groups().zip(out.par_chunks_mut(GROUP * columns)).for_each(|(group, out)| {
-            simd::run(Forward { kernel: &self.0, group, inputs: self.rows(group, inputs), out });
+            simd::run(Forward { kernel: &self.kernel, group, inputs: self.rows(group, inputs), out });
         });
         out
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let (segments, widths) = (self.0.segments(), self.0.widths());
+        let (segments, widths) = (&self.segments, self.kernel.widths());
         let gradient = |(input, wanted): (&&[f32], &bool)| wanted.then(|| vec![0.0; input.len()]);
         let mut gradients: Vec<Option<Vec<f32>>> = pass.inputs.iter().zip(wanted).map(gradient).collect();
         let mut parts: Vec<[Option<&mut [f32]>; N]> = segments.groups().map(|_| [const { None }; N]).collect();
@@ -130,10 +121,10 @@ impl<K: RayKernel<N>, const N: usize> Kernel for AlongRays<K, N> {
             let split = gradient.iter_mut().flat_map(|gradient| segments.split_mut(gradient, widths[i]));
             parts.iter_mut().zip(split).for_each(|(part, split)| part[i] = Some(split));
         }
-        let grads = pass.grad.par_chunks(GROUP * self.columns());
+        let grads = pass.grad.par_chunks(GROUP * self.columns);
         segments.groups().zip(parts).zip(grads).for_each(|((group, gradients), grad)| {
             let inputs = self.rows(group, pass.inputs);
-            simd::run(Backward { kernel: &self.0, group, inputs, grad, gradients });
+            simd::run(Backward { kernel: &self.kernel, group, inputs, grad, gradients });
         });
         gradients
     }

@@ -15,13 +15,11 @@ pub fn rotate(vectors: Tensor<2>, rotations: Tensor<2>) -> Tensor<2> {
     vectors + once * a + twice * b
 }
 
-/// Evaluates `Σ cₖ xᵏ` by Horner's rule.
 fn polynomial(x: &Tensor<2>, coefficients: [f64; 5]) -> Tensor<2> {
     let [rest @ .., last] = coefficients;
     rest.into_iter().rev().fold(x.zeros_like() + last, |sum, c| sum * x.clone() + c)
 }
 
-/// Computes `a × b`, row by row.
 fn cross(a: Tensor<2>, b: Tensor<2>) -> Tensor<2> {
     // Maps (x, y, z) to (y, z, x).
     let turned = |v: &Tensor<2>| Tensor::cat(vec![v.clone().narrow(1, 1, 2), v.clone().narrow(1, 0, 1)], 1);
@@ -35,7 +33,6 @@ mod tests {
     use super::*;
     use crate::traffic::{from_host, to_host};
 
-    /// Computes the rotation in `f64` by the closed formula.
     fn exact(v: [f64; 3], w: [f64; 3]) -> [f64; 3] {
         let cross = |a: [f64; 3], b: [f64; 3]| {
             [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

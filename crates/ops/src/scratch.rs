@@ -55,15 +55,3 @@ impl Drop for Scratch {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn buffers_of_a_length_have_that_length() {
-        for len in [1000, 10, 0, 2000] {
-            assert_eq!(Scratch::of_len(len).len(), len);
-        }
-    }
-}

@@ -58,7 +58,6 @@ impl Segments {
         }
     }
 
-    /// Returns the offsets, `R + 1`.
     pub(crate) fn offsets(&self) -> &[u32] {
         &self.offsets
     }
@@ -92,19 +91,16 @@ impl Segments {
     pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
         dispatch! {
             &rows.device();
-            host => self.selected(rows),
             cube if self.samples() > 0 => crate::cube::spread(rows, self),
             plain => self.selected(rows),
         }
     }
 
-    /// Computes [`Self::spread`] from plain tensor operations.
     fn selected(&self, rows: Tensor<2>) -> Tensor<2> {
         let owners = upload(self.host_owners(), [self.samples()], &rows.device());
         rows.select(0, owners)
     }
 
-    /// Returns the index of the ray that owns each sample, `[M]`.
     pub(crate) fn host_owners(&self) -> Vec<i32> {
         let of_ray = |(ray, range): (usize, Range<usize>)| std::iter::repeat_n(ray as i32, range.len());
         self.ranges().enumerate().flat_map(of_ray).collect()

@@ -7,22 +7,18 @@ pub trait Job {
     fn run<const FMA: bool, const WIDE: bool>(self);
 }
 
-/// Instruction set that code is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Instructions {
     /// AVX-512 with its F, DQ, BW and VL parts.
     Avx512,
-    /// AVX2 and FMA.
     Avx2,
     /// Instructions of every processor of the target.
     Baseline,
 }
 
 impl Instructions {
-    /// All sets, widest first.
     pub(crate) const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
 
-    /// Returns whether this processor has them.
     pub(crate) fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -41,36 +37,28 @@ impl Instructions {
     }
 
     /// Does `job` with them.
-    ///
-    /// # Panics
-    /// If this processor does not have them.
     pub(crate) fn run(self, job: impl Job) {
         assert!(self.present(), "{self:?}: not on this processor");
+        /// Runs `job` in a function that is compiled for `$features`.
+        #[cfg(target_arch = "x86_64")]
+        macro_rules! compiled_for {
+            ($features:literal, $wide:literal) => {{
+                #[target_feature(enable = $features)]
+                fn compiled(job: impl Job) {
+                    job.run::<true, $wide>();
+                }
+                // SAFETY: the features that `compiled` is compiled for are present.
+                #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
+                unsafe {
+                    compiled(job);
+                }
+            }};
+        }
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512bw,avx512vl")]
-                fn widest(job: impl Job) {
-                    job.run::<true, true>();
-                }
-                // SAFETY: the features that `widest` is compiled for are present.
-                #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
-                unsafe {
-                    widest(job);
-                }
-            }
+            Self::Avx512 => compiled_for!("avx2,fma,avx512f,avx512dq,avx512bw,avx512vl", true),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => {
-                #[target_feature(enable = "avx2,fma")]
-                fn wide(job: impl Job) {
-                    job.run::<true, false>();
-                }
-                // SAFETY: the features that `wide` is compiled for are present.
-                #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
-                unsafe {
-                    wide(job);
-                }
-            }
+            Self::Avx2 => compiled_for!("avx2,fma", false),
             _ if cfg!(target_arch = "aarch64") => job.run::<true, false>(),
             _ => job.run::<false, false>(),
         }

@@ -106,14 +106,9 @@ impl Traffic {
     pub fn now() -> Self {
         #[cfg(feature = "cube")]
         launches::observe();
-        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        Self {
-            uploads: count(&COUNTERS.uploads),
-            uploaded_bytes: count(&COUNTERS.uploaded_bytes),
-            reads: count(&COUNTERS.reads),
-            read_bytes: count(&COUNTERS.read_bytes),
-            launches: count(&COUNTERS.launches),
-        }
+        let [uploads, uploaded_bytes, reads, read_bytes, launches] =
+            COUNTERS.each_ref().map(|counter| counter.load(Ordering::Relaxed));
+        Self { uploads, uploaded_bytes, reads, read_bytes, launches }
     }
 
     /// Formats the traffic of `steps` as means per step.
@@ -161,32 +156,18 @@ impl Sub for Traffic {
     }
 }
 
-struct Counters {
-    uploads: AtomicU64,
-    uploaded_bytes: AtomicU64,
-    reads: AtomicU64,
-    read_bytes: AtomicU64,
-    launches: AtomicU64,
-}
-
-static COUNTERS: Counters = Counters {
-    uploads: AtomicU64::new(0),
-    uploaded_bytes: AtomicU64::new(0),
-    reads: AtomicU64::new(0),
-    read_bytes: AtomicU64::new(0),
-    launches: AtomicU64::new(0),
-};
+/// Uploads, uploaded bytes, reads, read bytes and launches.
+static COUNTERS: [AtomicU64; 5] = [const { AtomicU64::new(0) }; 5];
 
 /// Counts an upload that does not go through [`upload`].
 pub(crate) fn count_upload(bytes: usize) {
-    COUNTERS.uploads.fetch_add(1, Ordering::Relaxed);
-    COUNTERS.uploaded_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    COUNTERS[0].fetch_add(1, Ordering::Relaxed);
+    COUNTERS[1].fetch_add(bytes as u64, Ordering::Relaxed);
 }
 
-/// Counts a read.
 pub(crate) fn count_read(bytes: usize) {
-    COUNTERS.reads.fetch_add(1, Ordering::Relaxed);
-    COUNTERS.read_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    COUNTERS[2].fetch_add(1, Ordering::Relaxed);
+    COUNTERS[3].fetch_add(bytes as u64, Ordering::Relaxed);
 }
 
 #[cfg(feature = "cube")]
@@ -200,7 +181,7 @@ mod launches {
 
     impl LaunchObserver for Counter {
         fn launched(&self, _kernel: &'static str) {
-            super::COUNTERS.launches.fetch_add(1, Ordering::Relaxed);
+            super::COUNTERS[4].fetch_add(1, Ordering::Relaxed);
         }
     }
 

@@ -1,8 +1,8 @@
 //! Every body of compositing, also additive, of ray entropy, divergence and distortion against the oracle in `f64`: values and
-//! gradients of random and extreme rays. The oracle itself against finite differences and arbitrary precision.
+//! gradients of random and extreme rays. The oracle itself against arbitrary precision.
 
 use burn::tensor::Tensor;
-use infonerf_ops::{Intervals, RayDistribution, Segments, composite_over};
+use infonerf_ops::{Intervals, RayDistribution, Segments, composite, composite_over, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
@@ -18,8 +18,6 @@ const INFORMATION: f64 = 1e-5;
 const GRADIENT: f64 = 2e-5;
 /// Relative error of the oracle against arbitrary-precision arithmetic.
 const EXACT: f64 = 1e-12;
-/// Relative error of a central difference in `f64`.
-const DIFFERENCE: f64 = 1e-5;
 
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 1.0];
 /// The exact entropy and the released code's.
@@ -138,6 +136,12 @@ fn column(table: &Tensor<2>, index: usize) -> Tensor<1> {
 
 fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let (a, b) = (signed(draws, tau.len()), signed(draws, tau.len()));
+    let on_host = composite::weights(tau, segments);
+    for range in segments.ranges() {
+        for (got, want) in on_host[range.clone()].iter().zip(oracle::weights(&wide(&tau[range]))) {
+            close(f64::from(*got), want, UNIT, &|| "a weight on the host".to_owned());
+        }
+    }
     let evaluate = |[tau, a, b]: [Tensor<1>; 3]| {
         let out = body.composite(tau, stacked([a, b]), segments);
         vec![column(&out.values, 0), column(&out.values, 1), out.acc]
@@ -258,6 +262,16 @@ fn check_all(body: RayImplementation, rays: &Rays, draws: &mut Draws) {
     }
 }
 
+/// Otherwise `flex` would be slow, or the host kernels get tensors of other devices.
+#[test]
+fn flex_alone_has_host_kernels() {
+    for body in RayImplementation::ALL {
+        for device in [body.device(), body.device().autodiff()] {
+            assert_eq!(has_host_kernels(&device), body != RayImplementation::PlainNdarray);
+        }
+    }
+}
+
 #[test]
 fn bodies_agree_with_the_oracle() {
     // A moderate sample behind one that nothing passes, and before it: the sum of depths must not swallow either.
@@ -337,58 +351,6 @@ fn divergences_agree_with_the_oracle() {
     }
 }
 
-/// Central differences of `f` in each sample of a ray.
-fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
-    (0..tau.len())
-        .map(|i| {
-            let h = 1e-6 * tau[i];
-            let at = |step: f64| {
-                let mut moved = tau.to_vec();
-                moved[i] += step;
-                f(&moved)
-            };
-            (at(h) - at(-h)) / (2.0 * h)
-        })
-        .collect()
-}
-
-#[test]
-fn the_oracle_against_finite_differences() {
-    let mut draws = Draws(6);
-    let mut ray = |n: usize| -> Vec<f64> { (0..n).map(|_| 10f64.powf(draws.unit() * 3.0 - 2.0)).collect() };
-    let agree = |got: &[f64], want: &[f64], what: &str| {
-        let scale = want.iter().map(|g| g.abs()).fold(1e-2, f64::max);
-        for (got, want) in got.iter().zip(want) {
-            close(*got, *want, DIFFERENCE * scale, &|| what.to_owned());
-        }
-    };
-    for n in [1, 2, 3, 8, 24] {
-        let (tau, near, u) = (ray(n), ray(n), ray(n));
-        let integral = |tau: &[f64]| oracle::weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
-        agree(&oracle::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
-        let additive = |tau: &[f64]| oracle::additive_weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
-        agree(&oracle::additive_weights_vjp(&tau, &u), &differences(&tau, additive), "additive weights");
-        let (middle, length): (Vec<f64>, Vec<f64>) = (1..=n).map(|i| (i as f64 * 0.1, 0.1 + u[i - 1])).unzip();
-        let [dtau, dmiddle, dlength] = oracle::distortion_gradient(&tau, &middle, &length);
-        agree(&dtau, &differences(&tau, |tau| oracle::distortion(tau, &middle, &length)), "distortion");
-        agree(&dmiddle, &differences(&middle, |m| oracle::distortion(&tau, m, &length)), "distortion, middles");
-        agree(&dlength, &differences(&length, |d| oracle::distortion(&tau, &middle, d)), "distortion, lengths");
-        for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
-            let want = differences(&tau, |tau| oracle::entropy(tau, of, epsilon));
-            agree(&oracle::entropy_gradient(&tau, of, epsilon), &want, "entropy");
-        }
-        for epsilon in [1e-10, 1e-3] {
-            let (dp, dq) = oracle::divergence_gradient(&tau, &near, epsilon);
-            agree(&dp, &differences(&tau, |tau| oracle::divergence(tau, &near, epsilon)), "divergence, P");
-            agree(&dq, &differences(&near, |near| oracle::divergence(&tau, near, epsilon)), "divergence, Q");
-        }
-    }
-}
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("fixtures/losses.json")).unwrap()
-}
-
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
 }
@@ -409,7 +371,7 @@ fn hits(tau: &[f64]) -> bool {
 
 #[test]
 fn the_oracle_against_arbitrary_precision() {
-    let fixture = fixture();
+    let fixture: Value = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
     let mut rays = std::collections::BTreeMap::new();
     for ray in fixture["rays"].as_array().unwrap() {
         let (name, tau) = (ray["name"].as_str().unwrap(), numbers(&ray["tau"]));

@@ -1,5 +1,4 @@
-//! Encodings and their gradients with respect to positions and variances: every body against the oracle in `f64`, and the
-//! oracle against finite differences.
+//! Encodings and their gradients with respect to positions and variances: every body against the oracle in `f64`.
 
 use crate::common::{Draws, RayImplementation, floats, matrix, wide};
 use burn::tensor::Tensor;
@@ -59,23 +58,5 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
                 assert!((got - fading).abs() <= WAVE * highest * highest, "{body:?}, {x}: {got} against {fading}");
             }
         }
-    }
-}
-
-#[test]
-fn the_oracle_against_finite_differences() {
-    const STEP: f64 = 1e-6;
-    let (window, mut draws) = (wide(&WINDOW), Draws(9));
-    for _ in 0..50 {
-        let (x, variance) = (draws.signed().into(), 0.01 * draws.unit() + 1e-4);
-        let u: Vec<[f64; 2]> = window.iter().map(|_| [0, 1].map(|_| draws.signed().into())).collect();
-        let value = |x: f64, variance: f64| -> f64 {
-            infonerf_oracle::waves(x, variance, &window).iter().zip(&u).map(|(w, u)| w[0] * u[0] + w[1] * u[1]).sum()
-        };
-        let [along, fading] = infonerf_oracle::waves_gradient(x, variance, &window, &u);
-        let difference = (value(x + STEP, variance) - value(x - STEP, variance)) / (2.0 * STEP);
-        approx::assert_abs_diff_eq!(along, difference, epsilon = 1e-6);
-        let difference = (value(x, variance + STEP) - value(x, variance - STEP)) / (2.0 * STEP);
-        approx::assert_abs_diff_eq!(fading, difference, epsilon = 1e-4);
     }
 }

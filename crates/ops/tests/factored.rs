@@ -1,5 +1,5 @@
-//! The factored field and the planes' variation: host kernel against plain tensors on two backends, and gradients against
-//! finite differences.
+//! The factored field and the planes' variation: host kernel against plain tensors on two backends and the oracle in
+//! `f64`.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
@@ -9,13 +9,8 @@ use crate::common::{Draws, assert_close, matrix, vector, wide};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
 use infonerf_ops::to_host;
+use infonerf_oracle::factored as oracle;
 
-/// Largest difference between a directional derivative and a central difference of this step, relative to the sum of all
-/// gradients: hardly any ReLU or texel changes within the step.
-const DIFFERENCE: f64 = 1e-6;
-const STEP: f64 = 1e-7;
-
-/// Reproducible values in [−1, 1).
 fn numbers(count: usize, seed: u64) -> Vec<f32> {
     let mut draws = Draws(seed);
     (0..count).map(|_| draws.signed()).collect()
@@ -92,34 +87,17 @@ fn bodies_agree_in_value_and_gradient() {
 }
 
 #[test]
-fn gradients_match_the_oracle_and_its_differences() {
+fn values_and_gradients_match_the_oracle() {
     let case = case(64, true, true, 4);
     let [value, gradients @ ..] = run(&case, &Device::flex(), factored_field);
     let u = wide(&numbers(value.len(), 5));
-    let inputs = case.inputs.each_ref().map(|input| wide(input));
-    let of = |inputs: &[Vec<f64>; 3]| -> f64 {
-        let values = infonerf_oracle::factored::value(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query);
-        values.iter().zip(&u).map(|(y, u)| y * u).sum()
-    };
-    let oracle = infonerf_oracle::factored::gradient(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query, &u);
-    for (place, (kernel, oracle)) in gradients.iter().zip(&oracle).enumerate() {
-        assert_close(kernel, &oracle.iter().map(|g| *g as f32).collect::<Vec<f32>>(), INPUTS[place]);
-        for salt in 6..12 {
-            let along = wide(&numbers(oracle.len(), salt));
-            let moved = |by: f64| {
-                let mut inputs = inputs.clone();
-                inputs[place].iter_mut().zip(&along).for_each(|(x, d)| *x += by * d);
-                of(&inputs)
-            };
-            let difference = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
-            let derivative: f64 = oracle.iter().zip(&along).map(|(g, d)| g * d).sum();
-            let size: f64 = oracle.iter().map(|g| g.abs()).sum();
-            assert!(
-                (difference - derivative).abs() <= DIFFERENCE * size,
-                "{}: {difference} {derivative}",
-                INPUTS[place]
-            );
-        }
+    let [tables, weights, positions] = &case.inputs.each_ref().map(|input| wide(input));
+    let narrow = |values: &[f64]| values.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+    let exact = oracle::value(tables, weights, positions, &case.layout, &case.query);
+    assert_close(&value, &narrow(&exact), "value");
+    let exact = oracle::gradient(tables, weights, positions, &case.layout, &case.query, &u);
+    for ((kernel, exact), what) in gradients.iter().zip(&exact).zip(INPUTS) {
+        assert_close(kernel, &narrow(exact), what);
     }
 }
 
@@ -148,16 +126,7 @@ fn negligible_gradients_alone_are_left_out() {
 }
 
 #[test]
-fn levels_of_weight_zero_get_no_gradient() {
-    let case = case(100, true, true, 4);
-    let [_, dtables, ..] = run(&case, &Device::flex(), factored_field);
-    let faded = &case.layout.levels[2];
-    assert!(dtables[faded.offset..].iter().all(|g| *g == 0.0));
-    assert!(dtables[..faded.offset].iter().any(|g| *g != 0.0));
-}
-
-#[test]
-fn variation_agrees_between_bodies_and_ignores_lines() {
+fn variation_matches_the_oracle() {
     let case = case(1, true, false, 4);
     let of = |device: Device, host: bool| -> (f32, Vec<f32>) {
         let device = device.autodiff();
@@ -170,13 +139,11 @@ fn variation_agrees_between_bodies_and_ignores_lines() {
         let grads = sum.backward();
         (sum.into_scalar(), to_host(tables.grad(&grads).unwrap()))
     };
-    let (host, gradient) = of(Device::flex(), true);
-    for device in [Device::flex(), Device::ndarray()] {
-        let (plain, plain_gradient) = of(device, false);
-        assert_close(&[host], &[plain], "variation");
-        assert_close(&gradient, &plain_gradient, "gradient of the variation");
-    }
-    for level in &case.layout.levels {
-        assert!(gradient[level.line(0)..level.offset + level.len()].iter().all(|g| *g == 0.0));
+    let (exact, exact_gradient) = oracle::variation(&wide(&case.inputs[0]), &case.layout);
+    let exact_gradient: Vec<f32> = exact_gradient.into_iter().map(|g| g as f32).collect();
+    for (device, host) in [(Device::flex(), true), (Device::flex(), false), (Device::ndarray(), false)] {
+        let (sum, gradient) = of(device, host);
+        assert_close(&[sum], &[exact as f32], "variation");
+        assert_close(&gradient, &exact_gradient, "gradient of the variation");
     }
 }

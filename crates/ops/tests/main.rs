@@ -2,9 +2,6 @@
 
 mod agreement;
 mod common;
-mod dispatch;
 mod encodings;
 mod factored;
-mod gradients;
 mod mlp;
-mod properties;

@@ -1,17 +1,12 @@
-//! NeRF's network: host kernel against plain tensors on two backends, and against `f64` with finite differences.
+//! NeRF's network: host kernel against plain tensors on two backends.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
-use crate::common;
 use crate::common::{Draws, assert_close, matrix, vector};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
 
-/// Largest difference of a directional derivative of the `f64` network's values against the kernel's gradient.
-const DIFFERENCE: f64 = 1e-4;
-
-/// Network with its inputs.
 #[derive(Clone)]
 struct MlpCase {
     encoded: usize,
@@ -87,46 +82,6 @@ impl MlpCase {
         let draws = draws.map(|u| if self.whole { (1.6 * u).trunc() } else { u });
         draws.enumerate().map(|(i, u)| if (i / columns).is_multiple_of(self.reached) { u } else { 0.0 }).collect()
     }
-
-    /// Computes ⟨u, value⟩ in `f64`, after NeRF's Fig. 7.
-    fn value(&self) -> f64 {
-        let apply = |(size, w, b): &([usize; 2], Vec<f32>, Vec<f32>), x: &[f64]| -> Vec<f64> {
-            assert_eq!(x.len(), size[0]);
-            let sum = |o: usize| (0..size[0]).map(|i| x[i] * f64::from(w[i * size[1] + o])).sum::<f64>();
-            (0..size[1]).map(|o| sum(o) + f64::from(b[o])).collect()
-        };
-        let relu = |x: Vec<f64>| -> Vec<f64> { x.into_iter().map(|x| x.max(0.0)).collect() };
-        let (trunk, heads) = self.layers.split_at(self.layers.len() - 4);
-        let columns = if self.color { 4 } else { 1 };
-        let mut total = 0.0;
-        for (ray, range) in self.segments.ranges().enumerate() {
-            for sample in range {
-                let x = common::wide(&self.x[sample * self.encoded..][..self.encoded]);
-                let mut h = x.clone();
-                for (index, layer) in trunk.iter().enumerate() {
-                    if index > 0 && index == self.skip {
-                        h = [x.clone(), h].concat();
-                    }
-                    h = relu(apply(layer, &h));
-                }
-                let mut out = apply(&heads[0], &h);
-                if self.color {
-                    let d = common::wide(&self.directions[3 * ray..][..3]);
-                    let mut both = apply(&heads[1], &h);
-                    both.extend(&d);
-                    for frequency in 0..self.frequencies {
-                        let scale = 2f64.powi(frequency as i32);
-                        both.extend(d.iter().map(|d| (scale * d).sin()));
-                        both.extend(d.iter().map(|d| (scale * d).cos()));
-                    }
-                    out.extend(apply(&heads[3], &relu(apply(&heads[2], &both))));
-                }
-                let u = &self.u(columns)[sample * columns..][..columns];
-                total += out.iter().zip(u).map(|(y, u)| y * f64::from(*u)).sum::<f64>();
-            }
-        }
-        total
-    }
 }
 
 /// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
@@ -154,26 +109,6 @@ fn bodies_agree_in_value_and_gradient() {
                 let what = format!("{what}, {} samples, skip {}, {device:?}", case.segments.samples(), case.skip);
                 assert_close(host, plain, &what);
             }
-        }
-    }
-}
-
-#[test]
-fn bf16_results_are_close_to_single_precision() {
-    // Rounding errors grow from layer to layer, and in gradients some ReLUs switch sides, which many samples average out.
-    const NEAR: [f32; 3] = [0.05, 0.2, 0.2];
-    let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|x| x * x).sum::<f32>().sqrt();
-    for case in cases().into_iter().filter(|case| case.segments.samples() > 500) {
-        let exact = case.run(&Device::flex(), radiance_mlp);
-        let rounded = case.run(&Device::flex(), |encoded, network| {
-            radiance_mlp(encoded, &RadianceMlp { precision: Precision::Bf16, ..network.clone() })
-        });
-        let parts = exact.iter().zip(&rounded).zip(["value", "x", "weights"]);
-        for (((exact, rounded), what), near) in parts.zip(NEAR) {
-            let size = norm(&mut exact.iter().copied());
-            let apart = norm(&mut exact.iter().zip(rounded).map(|(a, b)| a - b));
-            assert!(apart <= near * size, "{what}: {apart} of {size}");
-            assert_ne!(exact, rounded, "{what}");
         }
     }
 }
@@ -208,39 +143,5 @@ fn gradients_without_samples_are_zero() {
         });
         assert!(value.is_empty() && dx.is_empty());
         assert!(!dweights.is_empty() && dweights.iter().all(|d| *d == 0.0));
-    }
-}
-
-#[test]
-fn gradients_match_differences_of_the_f64_network() {
-    for case in cases() {
-        let [value, dx, dweights] = case.run(&Device::flex(), radiance_mlp);
-        let u = case.u(value.len() / case.segments.samples());
-        let got: f64 = value.iter().zip(&u).map(|(y, u)| f64::from(*y) * f64::from(*u)).sum();
-        approx::assert_relative_eq!(got, case.value(), max_relative = 1e-5, epsilon = 1e-4);
-
-        let mut draws = Draws(7);
-        let mut along = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
-        let (along_x, along_weights) = (along(dx.len()), along(dweights.len()));
-        // So small that hardly any ReLU switches.
-        let step = 2f32.powi(-18);
-        let moved = |by: f32| {
-            let mut moved = case.clone();
-            moved.x.iter_mut().zip(&along_x).for_each(|(x, d)| *x += by * d);
-            let numbers = moved.layers.iter_mut().flat_map(|(_, w, b)| w.iter_mut().chain(b));
-            numbers.zip(&along_weights).for_each(|(x, d)| *x += by * d);
-            moved
-        };
-        let (up, down) = (moved(step), moved(-step));
-        let difference = up.value() - down.value();
-        // Along the displacement that single precision represents.
-        let flat = |case: &MlpCase| -> Vec<f32> {
-            let weights = case.layers.iter().flat_map(|(_, w, b)| w.iter().chain(b));
-            case.x.iter().chain(weights).copied().collect()
-        };
-        let way = flat(&up).into_iter().zip(flat(&down)).map(|(up, down)| f64::from(up) - f64::from(down));
-        let derivative: f64 = way.zip(dx.iter().chain(&dweights)).map(|(d, g)| d * f64::from(*g)).sum();
-        let size: f64 = dx.iter().chain(&dweights).map(|g| f64::from(g.abs())).sum::<f64>() * f64::from(step);
-        assert!((difference - derivative).abs() <= DIFFERENCE * size, "{difference} {derivative} of {size}");
     }
 }

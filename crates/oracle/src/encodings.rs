@@ -36,14 +36,3 @@ pub fn frustum_moments(t0: f64, t1: f64, radius: f64) -> [f64; 3] {
     let across = integral(&|t| t * t * (radius * t).powi(2) / 4.0) / volume;
     [mean, along, across]
 }
-
-/// Computes E[f(x)] for x ~ N(mean, deviation²): the trapezoidal rule over ±12 deviations, which converges geometrically.
-pub fn gaussian_mean(mean: f64, deviation: f64, f: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: i32 = 4000;
-    let points = (-STEPS..=STEPS).map(|i| 12.0 * f64::from(i) / f64::from(STEPS));
-    let (sum, weight) = points.fold((0.0, 0.0), |(sum, weight), x| {
-        let density = (-0.5 * x * x).exp();
-        (sum + density * f(mean + deviation * x), weight + density)
-    });
-    sum / weight
-}

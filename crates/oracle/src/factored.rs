@@ -3,7 +3,6 @@
 use infonerf_ops::factored::{FactoredLayout, Level, PLANES, Query};
 use infonerf_ops::to_host;
 
-/// Number of outputs: density and colour.
 const OUTPUTS: usize = 4;
 
 /// Evaluates [`factored_field`](infonerf_ops::factored_field) at `positions`, with everything else as in `query`.
@@ -125,7 +124,6 @@ impl FactoredOracle<'_> {
         trace
     }
 
-    /// Returns a component of the view direction.
     fn direction(&self, sample: usize, axis: usize) -> f64 {
         self.directions[3 * sample + axis]
     }

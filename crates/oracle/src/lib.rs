@@ -3,12 +3,12 @@
 //! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the running sums
 //! of the fast bodies, so that the two share no shortcut. Where the textbook formula is a difference of nearly equal
 //! values, another is used: an oracle that cancels could not decide which body is wrong. The tests of `infonerf-ops`
-//! compare the oracle with finite differences and values of arbitrary precision.
+//! compare the oracle with values of arbitrary precision.
 
 mod encodings;
 pub mod factored;
 
-pub use encodings::{frustum_moments, gaussian_mean, waves, waves_gradient};
+pub use encodings::{frustum_moments, waves, waves_gradient};
 use infonerf_ops::RayDistribution;
 use infonerf_ops::composite::MIN_ALPHA_SUM;
 

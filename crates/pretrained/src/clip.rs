@@ -1,11 +1,12 @@
 //! The image encoder of CLIP (Radford et al. 2021), a vision transformer (Dosovitskiy et al. 2021).
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use burn::tensor::activation::{sigmoid, softmax};
 use burn::tensor::module::{adaptive_avg_pool2d, conv2d, layer_norm};
 use burn::tensor::ops::ConvOptions;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::bilinear::{Taps, bilinear};
 
 use crate::file::{TensorShape, WeightFile};
@@ -73,66 +74,8 @@ const EPSILON: f64 = 1e-5;
 /// Image encoder of CLIP with fixed weights; gradients flow to the image alone.
 pub struct ClipVision {
     config: ClipConfig,
-    patch: Tensor<4>,
-    class: Tensor<2>,
-    position: Tensor<2>,
-    before: ClipNorm,
-    layers: Vec<TransformerLayer>,
-    after: ClipNorm,
-    projection: Tensor<2>,
-}
-
-struct ClipNorm {
-    gamma: Tensor<1>,
-    beta: Tensor<1>,
-}
-
-/// Dense layer, x W + b.
-struct ClipDense {
-    weight: Tensor<2>,
-    bias: Tensor<1>,
-}
-
-struct TransformerLayer {
-    norm1: ClipNorm,
-    query: ClipDense,
-    key: ClipDense,
-    value: ClipDense,
-    out: ClipDense,
-    norm2: ClipNorm,
-    up: ClipDense,
-    down: ClipDense,
-}
-
-impl ClipNorm {
-    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        layer_norm(x, self.gamma.clone(), Some(self.beta.clone()), EPSILON)
-    }
-}
-
-impl ClipDense {
-    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        x.matmul(self.weight.clone()) + self.bias.clone().unsqueeze::<2>()
-    }
-}
-
-impl TransformerLayer {
-    /// Computes x + attention(norm(x)), then x + MLP(norm(x)); `[T, width]`.
-    fn forward(&self, x: Tensor<2>, heads: usize) -> Tensor<2> {
-        let x = x.clone() + self.attention(self.norm1.forward(x), heads);
-        let h = self.up.forward(self.norm2.forward(x.clone()));
-        // CLIP was trained with the activation x·σ(1.702 x).
-        x + self.down.forward(h.clone() * sigmoid(h * 1.702))
-    }
-
-    fn attention(&self, x: Tensor<2>, heads: usize) -> Tensor<2> {
-        let [tokens, width] = x.dims();
-        let size = width / heads;
-        let split = |dense: &ClipDense| dense.forward(x.clone()).reshape([tokens, heads, size]).swap_dims(0, 1);
-        let scores = split(&self.query).matmul(split(&self.key).swap_dims(1, 2)) / (size as f32).sqrt();
-        let mixed = softmax(scores, 2).matmul(split(&self.value));
-        self.out.forward(mixed.swap_dims(0, 1).reshape([tokens, width]))
-    }
+    /// Tensors by their published name: `[1, n]` if they have one axis, `[first axis, all others]` else.
+    weights: HashMap<String, Tensor<2>>,
 }
 
 impl ClipVision {
@@ -142,42 +85,70 @@ impl ClipVision {
     /// # Errors
     /// One line if the file cannot be read, or a tensor is missing or has another shape.
     pub fn read(path: &Path, config: ClipConfig, device: &Device) -> Result<Self, String> {
-        let file = ClipReader { file: WeightFile::read(path)?, device };
-        let ClipConfig { image, patch, width, hidden, embedding, .. } = config;
-        let embeddings = "vision_model.embeddings";
-        let tokens = 1 + (image / patch).pow(2);
-        let projection = file.file.tensor::<2>("visual_projection.weight", [embedding, width], device)?;
-        Ok(Self {
-            patch: file.file.tensor(
-                &format!("{embeddings}.patch_embedding.weight"),
-                [width, 3, patch, patch],
-                device,
-            )?,
-            class: file.file.tensor::<1>(&format!("{embeddings}.class_embedding"), [width], device)?.unsqueeze(),
-            position: file.file.tensor(&format!("{embeddings}.position_embedding.weight"), [tokens, width], device)?,
-            // The published name has no "e" in it.
-            before: file.norm("vision_model.pre_layrnorm", width)?,
-            layers: (0..config.layers).map(|index| file.layer(index, width, hidden)).collect::<Result<_, _>>()?,
-            after: file.norm("vision_model.post_layernorm", width)?,
-            projection: projection.transpose(),
-            config,
-        })
+        let file = WeightFile::read(path)?;
+        let load = |(name, shape): TensorShape| {
+            let values = file.floats(&name, &shape)?;
+            let rows = if shape.len() == 1 { 1 } else { shape[0] };
+            let matrix = [rows, values.len() / rows];
+            Ok((name, Tensor::from_data(TensorData::new(values, matrix), device)))
+        };
+        let weights = config.tensors().into_iter().map(load).collect::<Result<_, String>>()?;
+        Ok(Self { config, weights })
+    }
+
+    fn weight(&self, name: &str) -> Tensor<2> {
+        self.weights[name].clone()
+    }
+
+    fn norm(&self, name: &str, x: Tensor<2>) -> Tensor<2> {
+        let [gamma, beta] = ["weight", "bias"].map(|part| self.weight(&format!("{name}.{part}")).squeeze_dim::<1>(0));
+        layer_norm(x, gamma, Some(beta), EPSILON)
+    }
+
+    /// Computes x Wᵀ + b.
+    fn dense(&self, name: &str, x: Tensor<2>) -> Tensor<2> {
+        x.matmul(self.weight(&format!("{name}.weight")).transpose()) + self.weight(&format!("{name}.bias"))
+    }
+
+    /// Computes x + attention(norm(x)), then x + MLP(norm(x)); `[T, width]`.
+    fn layer(&self, index: usize, x: Tensor<2>) -> Tensor<2> {
+        let part = |part: &str| format!("vision_model.encoder.layers.{index}.{part}");
+        let x = x.clone() + self.attention(&part("self_attn"), self.norm(&part("layer_norm1"), x));
+        let h = self.dense(&part("mlp.fc1"), self.norm(&part("layer_norm2"), x.clone()));
+        // CLIP was trained with the activation x·σ(1.702 x).
+        x + self.dense(&part("mlp.fc2"), h.clone() * sigmoid(h * 1.702))
+    }
+
+    fn attention(&self, name: &str, x: Tensor<2>) -> Tensor<2> {
+        let ([tokens, width], heads) = (x.dims(), self.config.heads);
+        let size = width / heads;
+        let [query, key, value] = ["q", "k", "v"].map(|part| {
+            let projection = self.dense(&format!("{name}.{part}_proj"), x.clone());
+            projection.reshape([tokens, heads, size]).swap_dims(0, 1)
+        });
+        let scores = query.matmul(key.swap_dims(1, 2)) / (size as f32).sqrt();
+        let mixed = softmax(scores, 2).matmul(value);
+        self.dense(&format!("{name}.out_proj"), mixed.swap_dims(0, 1).reshape([tokens, width]))
     }
 
     /// Computes the unit-length embedding, `[embedding]`, of an image of `size` = (height, width): colours in [0, 1], one pixel
     /// a row, `[height·width, 3]`. The image is resized first: averaged over areas if it is larger, else bilinear.
     pub fn embed(&self, picture: Tensor<2>, size: (usize, usize)) -> Tensor<1> {
-        let ClipConfig { image, patch, width, heads, .. } = self.config;
+        let ClipConfig { image, patch, width, layers, .. } = self.config;
+        let embeddings = |part: &str| self.weight(&format!("vision_model.embeddings.{part}"));
         let device = picture.device();
         let channels = |values: [f32; 3]| Tensor::<1>::from_floats(values, &device).reshape([1, 3, 1, 1]);
         let pixels = (self.resized(picture, size) - channels(MEAN)) / channels(DEVIATION);
         let options = ConvOptions::new([patch, patch], [0, 0], [1, 1], 1);
-        let patches = conv2d(pixels, self.patch.clone(), None, options);
-        let patches = patches.reshape([width, (image / patch).pow(2)]).transpose();
-        let tokens = Tensor::cat(vec![self.class.clone(), patches], 0) + self.position.clone();
-        let tokens = self.layers.iter().fold(self.before.forward(tokens), |tokens, layer| layer.forward(tokens, heads));
-        let class = self.after.forward(tokens.narrow(0, 0, 1));
-        let embedding = class.matmul(self.projection.clone()).squeeze_dim::<1>(0);
+        let kernel = embeddings("patch_embedding.weight").reshape([width, 3, patch, patch]);
+        let patches = conv2d(pixels, kernel, None, options).reshape([width, (image / patch).pow(2)]).transpose();
+        let position = embeddings("position_embedding.weight");
+        let tokens = Tensor::cat(vec![embeddings("class_embedding"), patches], 0) + position;
+        // The published name has no "e" in it.
+        let tokens = self.norm("vision_model.pre_layrnorm", tokens);
+        let tokens = (0..layers).fold(tokens, |tokens, index| self.layer(index, tokens));
+        let class = self.norm("vision_model.post_layernorm", tokens.narrow(0, 0, 1));
+        let embedding = class.matmul(self.weight("visual_projection.weight").transpose()).squeeze_dim::<1>(0);
         let length = embedding.clone().square().sum().sqrt();
         embedding / length
     }
@@ -190,40 +161,5 @@ impl ClipVision {
             return adaptive_avg_pool2d(planes(picture, height, width), [side, side]);
         }
         planes(bilinear(picture, &Taps::resize(1, (height, width), (side, side))), side, side)
-    }
-}
-
-struct ClipReader<'a> {
-    file: WeightFile,
-    device: &'a Device,
-}
-
-impl ClipReader<'_> {
-    fn norm(&self, name: &str, width: usize) -> Result<ClipNorm, String> {
-        Ok(ClipNorm {
-            gamma: self.file.tensor(&format!("{name}.weight"), [width], self.device)?,
-            beta: self.file.tensor(&format!("{name}.bias"), [width], self.device)?,
-        })
-    }
-
-    fn dense(&self, name: &str, inputs: usize, outputs: usize) -> Result<ClipDense, String> {
-        let weight = self.file.tensor::<2>(&format!("{name}.weight"), [outputs, inputs], self.device)?;
-        let bias = self.file.tensor(&format!("{name}.bias"), [outputs], self.device)?;
-        Ok(ClipDense { weight: weight.transpose(), bias })
-    }
-
-    fn layer(&self, index: usize, width: usize, hidden: usize) -> Result<TransformerLayer, String> {
-        let name = format!("vision_model.encoder.layers.{index}");
-        let projection = |part: &str| self.dense(&format!("{name}.self_attn.{part}_proj"), width, width);
-        Ok(TransformerLayer {
-            norm1: self.norm(&format!("{name}.layer_norm1"), width)?,
-            query: projection("q")?,
-            key: projection("k")?,
-            value: projection("v")?,
-            out: projection("out")?,
-            norm2: self.norm(&format!("{name}.layer_norm2"), width)?,
-            up: self.dense(&format!("{name}.mlp.fc1"), width, hidden)?,
-            down: self.dense(&format!("{name}.mlp.fc2"), hidden, width)?,
-        })
     }
 }

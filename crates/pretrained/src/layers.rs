@@ -40,9 +40,6 @@ pub(crate) struct Convolution {
 
 impl Convolution {
     /// Uploads `weight`, `[outputs, inputs, kh, kw]` as in PyTorch, and `bias` to `device`.
-    ///
-    /// # Panics
-    /// If their lengths are not those of `window` and `channels` (inputs and outputs).
     pub(crate) fn new(
         window: Window,
         [inputs, outputs]: [usize; 2],
@@ -61,7 +58,6 @@ impl Convolution {
     }
 }
 
-/// Takes the largest value of each window.
 pub(crate) fn max_pool(x: Tensor<4>, window: Window) -> Tensor<4> {
     let options = MaxPoolOptions::new(window.kernel).with_stride([window.stride; 2]).with_padding(window.padding);
     max_pool2d(x, options)
@@ -92,12 +88,5 @@ mod tests {
         assert_eq!(Window::square(3, 2, 0).output([3, 8]), Some([1, 3]));
         assert_eq!(Window { kernel: [1, 7], stride: 1, padding: [0, 3] }.output([17, 17]), Some([17, 17]));
         assert_eq!(Window::square(3, 2, 0).output([2, 8]), None);
-    }
-
-    #[test]
-    fn padding_does_not_count_in_means() {
-        let x = Tensor::<4>::ones([1, 1, 4, 4], &Device::flex());
-        let means = infonerf_ops::to_host(mean_pool(x, Window::square(3, 1, 1)));
-        assert_eq!(means, [1.0; 16]);
     }
 }

@@ -32,4 +32,4 @@ pub use inception::{Inception, InceptionConfig};
 pub use lpips::{Lpips, LpipsConfig};
 #[cfg(feature = "fetch")]
 pub use weights::DownloadProgress;
-pub use weights::{KNOWN_WEIGHTS, KnownWeights, Status, Store, WeightsError};
+pub use weights::{KNOWN_WEIGHTS, KnownWeights, Store, WeightsError};

@@ -1,15 +1,13 @@
-"""Features of a narrow Inception with weights by rule, in double precision by PyTorch, and Pillow's resizing.
+"""Features of a narrow Inception with weights by rule, in double precision by PyTorch.
 
-    pip install torch pillow
+    pip install torch
     python inception.py > inception.json
 """
 
 import json
 
-import numpy as np
 import torch
 import torch.nn.functional as F
-from PIL import Image
 from rule import pictures, tensor
 
 NARROWED = 16
@@ -97,12 +95,6 @@ def pytorch_fid(picture):
     return 2 * F.interpolate(picture, (299, 299), mode="bilinear", align_corners=False) - 1
 
 
-def clean_fid(picture):
-    channels = [Image.fromarray((255 * plane).numpy().astype(np.float32)) for plane in picture[0]]
-    resized = np.stack([np.asarray(channel.resize((299, 299), Image.BICUBIC)) for channel in channels])
-    return (torch.tensor(resized).double()[None] - 128) / 128
-
-
 def case(index, height, width):
     picture = pictures(2, height, width)[index : index + 1]
     return {
@@ -110,7 +102,6 @@ def case(index, height, width):
         "height": height,
         "width": width,
         "pytorch_fid": features(pytorch_fid(picture)).tolist(),
-        "clean_fid": features(clean_fid(picture)).tolist(),
     }
 
 

@@ -1,13 +1,10 @@
-//! Inception's features against PyTorch and Pillow: a narrow network with weights by rule (`inception.json`, made by
+//! Inception's features against PyTorch: a narrow network with weights by rule (`inception.json`, made by
 //! `inception.py`).
-
-use std::time::Instant;
 
 use crate::common::{devices, picture, write_weights};
 use approx::assert_abs_diff_eq;
 use burn::tensor::Device;
-use infonerf_metrics::protocol::InceptionInput;
-use infonerf_metrics::{INCEPTION_NETWORK, Networks, Pair, Protocol, evaluate};
+use infonerf_metrics::{INCEPTION_NETWORK, Networks, Pair, Picture, Protocol, evaluate};
 use infonerf_pretrained::{Inception, InceptionConfig};
 use serde_json::Value;
 
@@ -27,14 +24,12 @@ fn features_agree_with_pytorch_on_every_device() {
         for case in &cases {
             let number = |key: &str| case[key].as_u64().unwrap() as usize;
             let picture = picture(number("picture"), number("height"), number("width"));
-            for (key, input) in [("pytorch_fid", InceptionInput::PytorchFid), ("clean_fid", InceptionInput::CleanFid)] {
-                let expected = case[key].as_array().unwrap();
-                let found = &inception.features(&[&picture], input)[0];
-                assert_eq!(found.len(), expected.len());
-                // The largest feature is 0.7.
-                for (found, expected) in found.iter().zip(expected) {
-                    assert_abs_diff_eq!(f64::from(*found), expected.as_f64().unwrap(), epsilon = 2e-6);
-                }
+            let expected = case["pytorch_fid"].as_array().unwrap();
+            let found = &inception.features(&[&picture])[0];
+            assert_eq!(found.len(), expected.len());
+            // The largest feature is 0.7.
+            for (found, expected) in found.iter().zip(expected) {
+                assert_abs_diff_eq!(f64::from(*found), expected.as_f64().unwrap(), epsilon = 2e-6);
             }
         }
     }
@@ -42,11 +37,12 @@ fn features_agree_with_pytorch_on_every_device() {
 
 #[test]
 fn sets_of_views_have_a_fid_and_a_kid() {
-    let network = Box::new(inception(InceptionConfig::NARROW, &Device::flex()));
-    let networks = Networks::none().with_extractor(INCEPTION_NETWORK, network);
+    let inception = inception(InceptionConfig::NARROW, &Device::flex());
+    let features = move |pictures: &[&Picture]| inception.features(pictures);
+    let networks = Networks::none().with_extractor(INCEPTION_NETWORK, Box::new(features));
     let truths = [0, 1, 2].map(|index| picture(index, 60, 50));
     let renders = [3, 4, 5].map(|index| picture(index, 60, 50));
-    let measured = |count: usize, renders: &[infonerf_metrics::Picture]| {
+    let measured = |count: usize, renders: &[Picture]| {
         let pairs: Vec<Pair<'_>> = renders.iter().zip(&truths).map(|(x, y)| Pair::new(x, y)).take(count).collect();
         evaluate(&pairs, &networks, &Protocol::default()).unwrap()
     };
@@ -63,35 +59,8 @@ fn batches_and_single_images_agree() {
     let inception = inception(InceptionConfig::NARROW, &Device::flex());
     let pictures: Vec<_> = (0..9).map(|index| picture(index, 20 + index, 30)).collect();
     let all: Vec<_> = pictures.iter().collect();
-    let together = inception.features(&all, InceptionInput::PytorchFid);
+    let together = inception.features(&all);
     for (picture, together) in all.into_iter().zip(together) {
-        assert_eq!(inception.features(&[picture], InceptionInput::PytorchFid)[0], together);
+        assert_eq!(inception.features(&[picture])[0], together);
     }
-}
-
-#[test]
-fn inception_errors_name_file_tensor_and_shape() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("inception");
-    let mut tensors = InceptionConfig::NARROW.tensors();
-    let fault = || Inception::read(&path, InceptionConfig::NARROW, &Device::flex()).map(|_| ()).unwrap_err();
-    let (name, shape) = tensors.pop().unwrap();
-    write_weights(&path, &tensors);
-    assert_eq!(fault(), format!("{}: no tensor `{name}`, expected F32 {shape:?}", path.display()));
-    tensors.push((name.clone(), vec![5]));
-    write_weights(&path, &tensors);
-    assert_eq!(fault(), format!("{}: `{name}` is F32 [5], not F32 {shape:?}", path.display()));
-}
-
-#[test]
-#[ignore = "a timing, of the network's full width; run with --release -- --nocapture"]
-fn features_of_50_images_take_seconds() {
-    let inception = inception(InceptionConfig::FULL, &Device::flex());
-    let picture = picture(0, 400, 400);
-    let start = Instant::now();
-    let features = inception.features(&[&picture; 50], InceptionInput::PytorchFid);
-    let seconds = start.elapsed().as_secs_f64();
-    eprintln!("Inception's features of 50 pictures of 400²: {seconds:.1} s");
-    assert_eq!(features[0].len(), 2048);
-    assert!(seconds < 60.0, "took {seconds:.1} s");
 }

@@ -2,17 +2,15 @@
 //! weights on the images whose distances the authors publish.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use crate::common::{devices, picture, write_weights};
 use approx::assert_relative_eq;
 use burn::tensor::Device;
+use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
-use infonerf_metrics::{Picture, PictureDistance, Protocol};
-use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};
+use infonerf_pretrained::{Lpips, LpipsConfig};
 use serde_json::Value;
 
-/// Writes the backbone and the heads of a narrow network.
 fn files(folder: &Path, config: &LpipsConfig) -> [PathBuf; 2] {
     let files = ["backbone", "heads"].map(|name| folder.join(name));
     write_weights(&files[0], &config.backbone_tensors());
@@ -60,9 +58,10 @@ fn batches_and_single_pairs_agree() {
         let pairs = [(&a, &b), (&b, &c), (&a, &a)];
         let together = lpips.distances(&pairs, LpipsInput::Signed).unwrap();
         for ((x, y), together) in pairs.into_iter().zip(together) {
-            assert_relative_eq!(lpips.distance(x, y, &Protocol::default()).unwrap(), together, max_relative = 1e-5);
+            let alone = lpips.distances(&[(x, y)], LpipsInput::Signed).unwrap();
+            assert_relative_eq!(alone[0], together, max_relative = 1e-5);
         }
-        assert_eq!(lpips.distance(&a, &a, &Protocol::default()), Ok(0.0));
+        assert_eq!(lpips.distances(&[(&a, &a)], LpipsInput::Signed), Ok(vec![0.0]));
     }
 }
 
@@ -95,7 +94,6 @@ fn lpips_errors_name_file_tensor_and_shape() {
     assert!(fault(&absent, &heads, config).starts_with(&format!("{}: No such file", absent.display())));
 }
 
-/// Reads the published weights and images from the folder `INFONERF_DATA`.
 fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
     let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
     let backbones = data.join("lpips_backbones_v0.1");
@@ -118,30 +116,4 @@ fn published_distances_are_reproduced() {
             approx::assert_abs_diff_eq!(found, expected, epsilon = 1e-5);
         }
     }
-}
-
-#[test]
-#[ignore = "a timing; needs the published weights in INFONERF_DATA; run with --release -- --nocapture"]
-fn lpips_of_25_views_takes_seconds() {
-    let (render, truth) = (picture(0, 400, 400), picture(1, 400, 400));
-    for (name, config, limit) in [("alex", LpipsConfig::alex(), 5.0), ("vgg", LpipsConfig::vgg(), 60.0)] {
-        let (lpips, _) = published(name, config);
-        let start = Instant::now();
-        lpips.distances(&[(&render, &truth); 25], LpipsInput::Signed).unwrap();
-        let seconds = start.elapsed().as_secs_f64();
-        eprintln!("LPIPS of 25 pairs of 400² with {name}: {seconds:.1} s");
-        assert!(seconds < limit, "{name} took {seconds:.1} s");
-    }
-}
-
-#[test]
-#[ignore = "needs the published weights in INFONERF_DATA"]
-fn published_heads_hold_exactly_the_needed_tensors() {
-    let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
-    let file = WeightFile::read(&data.join("lpips_heads_v0.1/vgg.pth")).unwrap();
-    let mut expected = LpipsConfig::vgg().head_tensors();
-    expected.sort();
-    let found: Vec<(String, Vec<usize>)> =
-        file.shapes().map(|(name, shape)| (name.to_owned(), shape.to_vec())).collect();
-    assert_eq!(found, expected);
 }

@@ -53,7 +53,7 @@ pub fn turbo(t: f32) -> [f32; 3] {
 /// `near < far` does not hold, every hit has the middle colour.
 ///
 /// # Errors
-/// [`MetricError::Length`] when `depth` or `acc` does not hold `width × height` values.
+/// When `depth` or `acc` does not hold `width × height` values.
 pub fn depth_image(
     depth: &[f32],
     acc: &[f32],
@@ -86,7 +86,7 @@ pub fn depth_image(
 /// row-major `[height × width]`. A pixel without a normal is white.
 ///
 /// # Errors
-/// [`MetricError::Length`] when `normals` or `acc` does not hold `width × height` values.
+/// When `normals` or `acc` does not hold `width × height` values.
 pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) -> Result<RgbImage, MetricError> {
     check_length("normals", normals.len(), width, height)?;
     check_length("acc", acc.len(), width, height)?;
@@ -107,7 +107,7 @@ pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) 
 /// Images are row-major `[height × width]`, values in `[0, 1]`.
 ///
 /// # Errors
-/// [`MetricError::Length`] when an image does not hold `width × height` pixels.
+/// When an image does not hold `width × height` pixels.
 pub fn error_image(render: &[[f32; 3]], truth: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
     check_length("render", render.len(), width, height)?;
     check_length("truth", truth.len(), width, height)?;
@@ -140,7 +140,7 @@ pub(crate) fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
 
 fn check_length(what: &'static str, found: usize, width: u32, height: u32) -> Result<(), MetricError> {
     let expected = (width as usize).saturating_mul(height as usize);
-    if found == expected { Ok(()) } else { Err(MetricError::Length { what, found, expected }) }
+    if found == expected { Ok(()) } else { Err(MetricError::length(what, found, expected)) }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use infonerf_pretrained::{DownloadProgress, Status, Store};
+use infonerf_pretrained::{DownloadProgress, Store};
 
 use crate::print::outln;
 use crate::selection::NetworkArgs;
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
 
 /// Lists what each of the known weights is for, where it is published, and where it is here.
 fn list(store: &Store) {
-    for Status { weights, path } in store.status() {
+    for (weights, path) in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());
         let megabytes = weights.bytes as f64 / 1e6;
         outln!("{:17} {}", weights.name, weights.needed_by);

@@ -1,12 +1,10 @@
 //! Comparison of images that another program rendered: folders of PNG and JPEG.
 
-mod error;
 mod read;
 
 use std::path::{Path, PathBuf};
 
-pub use error::FolderError;
-
+use crate::error::MetricError;
 use crate::evaluate::Evaluator;
 use crate::measured::Measured;
 use crate::metric::Metric;
@@ -55,14 +53,14 @@ pub struct ComparedView {
 /// A metric without a value (such as FID of one image) has a note; [`Measured::require`] makes it an error.
 ///
 /// # Errors
-/// [`FolderError`] if a file cannot be read, has no partner, or does not fit its partner.
+/// If a file cannot be read, has no partner, or does not fit its partner; names the file.
 pub fn compare_folders(
     folders: Folders<'_>,
     metrics: &[&'static Metric],
     networks: &Networks,
     protocol: &Protocol,
     mut progress: impl FnMut(usize, usize),
-) -> Result<ComparedFolders, FolderError> {
+) -> Result<ComparedFolders, MetricError> {
     let views = partners(folders)?;
     let mut evaluator = Evaluator::new(metrics, networks, protocol);
     for (index, view) in views.iter().enumerate() {
@@ -71,22 +69,19 @@ pub fn compare_folders(
         let truth = read::picture(&view.truth, protocol.background)?;
         let mask = view.mask.as_deref().map(read::mask).transpose()?;
         let pair = Pair { mask: mask.as_ref(), ..Pair::new(&render, &truth) };
-        evaluator.add(pair).map_err(|error| FolderError::Pair { path: view.render.clone(), error })?;
+        evaluator.add(pair).map_err(|error| MetricError::file(&view.render, error))?;
     }
     progress(views.len(), views.len());
     Ok(ComparedFolders { measured: evaluator.finish(), views })
 }
 
-/// Finds truth and mask of each render, in the order of names.
-fn partners(folders: Folders<'_>) -> Result<Vec<ComparedView>, FolderError> {
+fn partners(folders: Folders<'_>) -> Result<Vec<ComparedView>, MetricError> {
     let renders = read::pictures(folders.renders)?;
     let truths = read::pictures(folders.truth)?;
     let masks = folders.masks.map(|folder| read::pictures(folder).map(|masks| (folder, masks))).transpose()?;
-    let missing = |what, path: &Path, folder: &Path, name: &str| FolderError::NoPartner {
-        path: path.to_owned(),
-        what,
-        folder: folder.to_owned(),
-        name: name.to_owned(),
+    let missing = |what, path: &Path, folder: &Path, name: &str| {
+        let (path, folder) = (path.display(), folder.display());
+        MetricError::other(format!("{path} has no {what} in {folder}: expected an image called `{name}`"))
     };
     if let Some((name, path)) = truths.iter().find(|(name, _)| !folders.partial && !renders.contains_key(*name)) {
         return Err(missing("render", path, folders.renders, name));

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ImageReader};
 
-use super::FolderError;
+use crate::error::MetricError;
 use crate::mask::Mask;
 use crate::picture::Picture;
 use crate::protocol::Background;
@@ -11,11 +11,8 @@ use crate::protocol::Background;
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Lists the images in `folder` by their names without extension.
-///
-/// # Errors
-/// [`FolderError::Read`], [`FolderError::Empty`], [`FolderError::Twice`].
-pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, FolderError> {
-    let of_folder = |error: std::io::Error| FolderError::Read { path: folder.to_owned(), cause: error.to_string() };
+pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, MetricError> {
+    let of_folder = |error: std::io::Error| MetricError::file(folder, error);
     let mut pictures = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(of_folder)? {
         let path = entry.map_err(of_folder)?.path();
@@ -25,18 +22,16 @@ pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Folde
             continue;
         }
         if let Some(other) = pictures.insert(name, path.clone()) {
-            let (first, second) = if other < path { (other, path) } else { (path, other) };
-            return Err(FolderError::Twice { first, second });
+            let [first, second] = if other < path { [&other, &path] } else { [&path, &other] };
+            let line = format!("{} and {} have the same name", first.display(), second.display());
+            return Err(MetricError::Other(line));
         }
     }
-    if pictures.is_empty() { Err(FolderError::Empty { folder: folder.to_owned() }) } else { Ok(pictures) }
+    if pictures.is_empty() { Err(MetricError::file(folder, "no PNG or JPEG images in it")) } else { Ok(pictures) }
 }
 
 /// Reads the image at `path` and composites it on `background`: `α c + (1 − α) b`.
-///
-/// # Errors
-/// [`FolderError::Read`].
-pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, FolderError> {
+pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, MetricError> {
     let image = decoded(path)?.into_rgba32f();
     let behind = background.color();
     let pixel = |[r, g, b, alpha]: [f32; 4]| {
@@ -45,27 +40,21 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Fo
     };
     let pixels = image.pixels().map(|rgba| pixel(rgba.0)).collect();
     Picture::new(pixels, image.width() as usize, image.height() as usize)
-        .map_err(|error| FolderError::Pair { path: path.to_owned(), error })
+        .map_err(|error| MetricError::file(path, error))
 }
 
 /// Reads the mask at `path`: a pixel is inside unless it is black, so that images of class indices are masks, too.
-///
-/// # Errors
-/// [`FolderError::Read`], also for JPEG, which does not keep black exactly.
-pub(super) fn mask(path: &Path) -> Result<Mask, FolderError> {
-    let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    if !is_png {
-        let cause = "a mask is a PNG: JPEG does not keep black exactly".to_owned();
-        return Err(FolderError::Read { path: path.to_owned(), cause });
+pub(super) fn mask(path: &Path) -> Result<Mask, MetricError> {
+    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        return Err(MetricError::file(path, "a mask is a PNG: JPEG does not keep black exactly"));
     }
     let image = decoded(path)?.into_rgb16();
     let inside = image.pixels().map(|pixel| pixel.0 != [0; 3]).collect();
     Mask::new(inside, image.width() as usize, image.height() as usize)
-        .map_err(|error| FolderError::Pair { path: path.to_owned(), error })
 }
 
-fn decoded(path: &Path) -> Result<DynamicImage, FolderError> {
-    let fault = |cause: String| FolderError::Read { path: path.to_owned(), cause };
+fn decoded(path: &Path) -> Result<DynamicImage, MetricError> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    reader.map_err(|error| fault(error.to_string()))?.decode().map_err(|error| fault(error.to_string()))
+    let reader = reader.map_err(|error| MetricError::file(path, error))?;
+    reader.decode().map_err(|error| MetricError::file(path, error))
 }

@@ -21,16 +21,12 @@ pub fn average(psnr: f64, ssim: f64, lpips: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// FreeNeRF reports 19.63, 0.612, 0.308 and 0.134 for LLFF with three views, each a mean over eight scenes.
     #[test]
     fn average_is_the_geometric_mean_of_three_errors() {
         // Errors 0.01, 0.5 and 0.2.
         approx::assert_relative_eq!(average(20.0, 0.75, 0.2), 0.1, epsilon = 1e-12);
         assert_eq!(average(f64::INFINITY, 1.0, 0.0), 0.0);
-    }
-
-    /// FreeNeRF reports 19.63, 0.612, 0.308 and 0.134 for LLFF with three views, each a mean over eight scenes.
-    #[test]
-    fn published_averages_are_nearly_reproduced() {
         approx::assert_abs_diff_eq!(average(19.63, 0.612, 0.308), 0.134, epsilon = 0.01);
     }
 }

@@ -35,11 +35,11 @@ pub(super) const LPIPS_VGG_MASKED: Metric = Metric {
     measure: Measure::Distance(LPIPS_VGG_NETWORK, masked),
 };
 
-fn whole(view: &PreparedView<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
-    network.distance(&view.render, &view.truth, view.protocol).map_err(MetricError::Network)
+fn whole(view: &PreparedView<'_>, network: &PictureDistance) -> Result<f64, MetricError> {
+    network(&view.render, &view.truth, view.protocol).map_err(MetricError::Other)
 }
 
-fn masked(view: &PreparedView<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
+fn masked(view: &PreparedView<'_>, network: &PictureDistance) -> Result<f64, MetricError> {
     let (render, truth) = view.masked()?;
-    network.distance(render, truth, view.protocol).map_err(MetricError::Network)
+    network(render, truth, view.protocol).map_err(MetricError::Other)
 }

@@ -60,7 +60,7 @@ pub enum Measure {
     /// Function of a view.
     View(fn(&PreparedView<'_>) -> Result<f64, MetricError>),
     /// Function of a view and the named distance of [`crate::Networks`].
-    Distance(&'static str, fn(&PreparedView<'_>, &dyn PictureDistance) -> Result<f64, MetricError>),
+    Distance(&'static str, fn(&PreparedView<'_>, &PictureDistance) -> Result<f64, MetricError>),
     /// Function of the view's values of these metrics.
     Values(&'static [&'static Metric], fn(&[f64]) -> f64),
     /// Function of the features of all renders and of all truths by the named extractor of [`crate::Networks`].
@@ -86,11 +86,11 @@ impl Metric {
 /// Finds the metrics with these keys, in the order given.
 ///
 /// # Errors
-/// [`MetricError::UnknownMetric`].
+/// If there is no metric of a key; lists all.
 pub fn select<'a>(keys: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Metric>, MetricError> {
     let find = |key: &str| {
         let known = || METRICS.iter().map(|metric| metric.key()).collect::<Vec<_>>().join(", ");
-        let unknown = || MetricError::UnknownMetric { key: key.to_owned(), known: known() };
+        let unknown = || MetricError::other(format!("no metric is called `{key}`; known: {}", known()));
         METRICS.iter().copied().find(|metric| metric.key() == key).ok_or_else(unknown)
     };
     keys.into_iter().map(find).collect()

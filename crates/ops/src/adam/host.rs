@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use super::{AdamOps, AdamStep};
 use crate::simd::{self, Job};
 
-/// Elements per task: fewer are not worth a thread.
 const CHUNK: usize = 1 << 14;
 
 type Host = FloatTensor<Flex>;

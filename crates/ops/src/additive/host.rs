@@ -26,10 +26,6 @@ impl AdditiveKernel {
 }
 
 impl Kernel for AdditiveKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![self.segments.samples()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let tau = inputs[0];
         let mut out = vec![0.0; tau.len()];

@@ -45,7 +45,10 @@ pub fn additive_depth(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one value per packed sample");
     dispatch! {
         &tau.device();
-        host => crate::kernel::apply(host::AdditiveKernel { segments: segments.clone() }, tau),
+        host => {
+            let kernel = host::AdditiveKernel { segments: segments.clone() };
+            crate::kernel::apply(kernel, tau.dims(), tau)
+        },
         plain => plain(tau, segments),
     }
 }

@@ -12,7 +12,6 @@ use crate::kernel::{Kernel, Pass};
 use crate::mlp::{Dense, RadianceMlp, first_layer};
 use crate::simd::{self, Job};
 
-/// Samples in a block.
 const BLOCK: usize = 256;
 /// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
 const GROUPS: usize = 16;
@@ -44,15 +43,12 @@ struct MlpStage {
     /// First column of the matrix before that the layer reads.
     reads: usize,
     relu: bool,
-    /// Pieces of its weights `[inputs, outputs]`.
     weights: Vec<Piece>,
-    /// Pieces of its biases `[1, outputs]`.
     biases: Vec<Piece>,
     /// Input of the network that is copied into this matrix, and its first column.
     outside: Option<(Outside, usize)>,
 }
 
-/// Input of the network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outside {
     Encoded = 0,
@@ -157,12 +153,10 @@ impl RoundedMlpKernel {
         Self { stages, widths: [width, directions], owners, outputs }
     }
 
-    /// Returns the number of columns of the result.
     fn width(&self) -> usize {
         self.outputs.iter().map(|(_, columns)| columns).sum()
     }
 
-    /// Returns the parameters among the inputs.
     fn parameters<'a>(&self, inputs: &'a [&'a [f32]]) -> &'a [&'a [f32]] {
         &inputs[first_layer(self.outputs.len() > 1)..]
     }
@@ -192,7 +186,6 @@ impl RoundedMlpKernel {
         (1..self.stages.len()).into_par_iter().map(layer).collect()
     }
 
-    /// Computes the activations of samples `rows`, and their results.
     fn forward_block(
         &self,
         layers: &[(Factor, Vec<f32>)],
@@ -327,7 +320,6 @@ impl RoundedMlpKernel {
     }
 }
 
-/// Buffers of a block of samples.
 struct BlockBuffers {
     /// 32 rows of the current matrix, before they are rounded.
     strip: Vec<f32>,
@@ -351,12 +343,10 @@ impl BlockBuffers {
     }
 }
 
-/// Gradients of a group of samples.
 struct Gradients {
     /// Gradient of each layer's weights, `[outputs, inputs]`.
     weights: Vec<Vec<f32>>,
     biases: Vec<Vec<f32>>,
-    /// Gradient with respect to x, if that is wanted.
     dencoded: Option<Vec<f32>>,
 }
 
@@ -425,10 +415,6 @@ impl Job for ReluGradient<'_> {
 }
 
 impl Kernel for RoundedMlpKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.width()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         saved.into_iter().for_each(Vec::clear);
         let samples = inputs[0].len() / self.widths[0];

@@ -49,19 +49,16 @@ pub(crate) struct Factor {
     right: Vec<Pair>,
 }
 
-/// Pairs of a tile.
 const TILE: usize = HALF * HALF;
 /// Pairs of the two tiles that hold 32 × 32 elements.
 const BOTH: usize = 2 * TILE;
 
 impl Factor {
-    /// Creates a factor of zeros for the given sides.
     pub(crate) fn new(rows: usize, columns: usize, left: bool, right: bool) -> Self {
         let pairs = |wanted: bool| vec![0; if wanted { rows * columns / 2 } else { 0 }];
         Self { columns, left: pairs(left), right: pairs(right) }
     }
 
-    /// Creates a factor from all rows of `matrix`.
     pub(crate) fn of(matrix: &[f32], columns: usize, left: bool, right: bool) -> Self {
         let mut factor = Self::new(matrix.len() / columns, columns, left, right);
         for (index, strip) in matrix.chunks_exact(GRAIN * columns).enumerate() {
@@ -102,7 +99,6 @@ pub(crate) struct FactorSide<'a> {
 }
 
 impl FactorSide<'_> {
-    /// Returns whether it holds `rows` × `columns` elements.
     fn has(self, rows: usize, columns: usize) -> bool {
         (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
     }
@@ -140,9 +136,6 @@ impl Job for RoundStrip<'_> {
 }
 
 /// Computes y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y comes with the distance of its rows.
-///
-/// # Panics
-/// If a size is no multiple of 32, or a matrix reaches beyond its slice.
 pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: FactorSide<'_>, b: FactorSide<'_>) {
     static FASTEST: OnceLock<PairInstructions> = OnceLock::new();
     let fastest = || PairInstructions::ALL.into_iter().find(|instructions| instructions.present());
@@ -150,7 +143,6 @@ pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: F
     instructions.run(RoundedProduct { sizes, add, y, a, b });
 }
 
-/// Instruction set that multiplies pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum PairInstructions {
     /// Tiles of 16 rows (AMX).
@@ -162,10 +154,8 @@ enum PairInstructions {
 }
 
 impl PairInstructions {
-    /// All sets, fastest first.
     const ALL: [Self; 3] = [Self::Tiles, Self::Pairs, Self::Singles];
 
-    /// Returns whether this machine has them.
     fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

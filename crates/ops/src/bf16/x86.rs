@@ -37,9 +37,6 @@ pub(super) fn has_pairs() -> bool {
 }
 
 /// Multiplies 32 × 32 elements of y at a time, in four tiles, which belong to this thread until it returns.
-///
-/// # Panics
-/// If the machine has none.
 pub(super) fn tiles(product: RoundedProduct<'_>) {
     /// Palette 1: eight tiles of 16 rows of 64 bytes.
     #[repr(C, align(64))]
@@ -114,9 +111,6 @@ pub(super) fn tiles(product: RoundedProduct<'_>) {
 }
 
 /// Multiplies 8 × 32 elements of y at a time, in registers.
-///
-/// # Panics
-/// If the processor does not have the instructions.
 pub(super) fn pairs(product: RoundedProduct<'_>) {
     const ROWS: usize = 8;
     #[target_feature(enable = "avx512f,avx512bf16")]

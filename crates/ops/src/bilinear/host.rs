@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use super::Taps;
 use crate::kernel::{Kernel, Pass};
 
-/// Rows that a thread takes at a time.
 const CHUNK: usize = 256;
 
 #[derive(Debug)]
@@ -47,21 +46,16 @@ impl BilinearKernel {
 }
 
 impl Kernel for BilinearKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![self.taps.len(), self.channels]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[table] = inputs else { unreachable!("bilinear reading has one input") };
         let channels = self.channels;
         let mut out = vec![0.0; self.taps.len() * channels];
-        let taps = self.taps.rows.par_chunks(CHUNK).zip(self.taps.weights.par_chunks(CHUNK));
-        out.par_chunks_mut(CHUNK * channels).zip(taps).for_each(|(out, (rows, weights))| {
-            for ((out, rows), weights) in out.chunks_exact_mut(channels).zip(rows).zip(weights) {
-                for (row, weight) in rows.iter().zip(weights) {
-                    let start = *row as usize * channels;
-                    add(out, &table[start..start + channels], *weight);
-                }
+        let taps = self.taps.rows.par_iter().zip(self.taps.weights.par_iter());
+        let rows = out.par_chunks_exact_mut(channels).zip(taps).with_min_len(CHUNK);
+        rows.for_each(|(out, (rows, weights))| {
+            for (row, weight) in rows.iter().zip(weights) {
+                let start = *row as usize * channels;
+                add(out, &table[start..start + channels], *weight);
             }
         });
         out
@@ -74,13 +68,10 @@ impl Kernel for BilinearKernel {
         let (channels, grad) = (self.channels, pass.grad);
         let (ends, readers) = self.readers();
         let mut table = vec![0.0; self.rows * channels];
-        table.par_chunks_mut(CHUNK * channels).enumerate().for_each(|(chunk, part)| {
-            for (index, sum) in part.chunks_exact_mut(channels).enumerate() {
-                let row = chunk * CHUNK + index;
-                for (place, weight) in &readers[ends[row] as usize..ends[row + 1] as usize] {
-                    let start = *place as usize * channels;
-                    add(sum, &grad[start..start + channels], *weight);
-                }
+        table.par_chunks_exact_mut(channels).enumerate().with_min_len(CHUNK).for_each(|(row, sum)| {
+            for (place, weight) in &readers[ends[row] as usize..ends[row + 1] as usize] {
+                let start = *place as usize * channels;
+                add(sum, &grad[start..start + channels], *weight);
             }
         });
         vec![Some(table)]

@@ -75,7 +75,7 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
         &table.device();
         host => {
             let [rows, channels] = table.dims();
-            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, table)
+            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, [taps.len(), channels], table)
         },
         plain => plain(table, taps),
     }

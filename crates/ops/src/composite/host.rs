@@ -1,23 +1,13 @@
-use crate::Segments;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
 
 /// Inputs: τ and values. Output: the integrated values and Σw of each ray, `[R, C + 1]`.
 #[derive(Debug)]
 pub(super) struct CompositeKernel {
-    pub(super) segments: Segments,
     pub(super) channels: usize,
 }
 
 impl RayKernel<2> for CompositeKernel {
-    fn segments(&self) -> &Segments {
-        &self.segments
-    }
-
-    fn shape(&self) -> Vec<usize> {
-        vec![self.segments.rays(), self.channels + 1]
-    }
-
     fn widths(&self) -> [usize; 2] {
         [1, self.channels]
     }

@@ -48,8 +48,8 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Comp
     dispatch! {
         &tau.device();
         host => {
-            let kernel = host::CompositeKernel { segments: segments.clone(), channels };
-            let packed: Tensor<2> = crate::ray_kernel::apply(kernel, (tau, values));
+            let (kernel, shape) = (host::CompositeKernel { channels }, [segments.rays(), channels + 1]);
+            let packed = crate::ray_kernel::apply(kernel, segments, shape, (tau, values));
             Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
         },
         cube if samples > 0 => {
@@ -87,7 +87,6 @@ pub fn composite_over(
     assert_eq!([tau.dims(), distances.dims()], [[samples]; 2], "τ and distance are one value per packed sample");
     dispatch! {
         &tau.device();
-        host => over(tau, color, distances, background, segments),
         cube if samples > 0 => {
             let background = color.is_some().then_some(background);
             let (color, depth, acc) = gpu::composite(tau, color, Some(distances), background, segments);
@@ -97,7 +96,6 @@ pub fn composite_over(
     }
 }
 
-/// Computes [`composite_over`] by way of [`composite`].
 fn over(
     tau: Tensor<1>,
     color: Option<Tensor<2>>,

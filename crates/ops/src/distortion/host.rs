@@ -1,12 +1,9 @@
-use crate::Segments;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
 
 /// Inputs: τ, m and δ. Output: the distortion of each ray, `[R]`.
 #[derive(Debug)]
-pub(super) struct DistortionKernel {
-    pub(super) segments: Segments,
-}
+pub(super) struct DistortionKernel;
 
 #[derive(Clone, Copy)]
 struct Sample {
@@ -17,7 +14,6 @@ struct Sample {
     behind: f64,
 }
 
-/// Lists the samples of one ray.
 #[inline(always)]
 fn samples<'a>(
     opacity: &'a SampleOpacity,
@@ -33,14 +29,6 @@ fn samples<'a>(
 }
 
 impl RayKernel<3> for DistortionKernel {
-    fn segments(&self) -> &Segments {
-        &self.segments
-    }
-
-    fn shape(&self) -> Vec<usize> {
-        vec![self.segments.rays()]
-    }
-
     #[inline(always)]
     fn forward<const FMA: bool>(&self, group: Group<'_>, [tau, middle, length]: [&[f32]; 3], out: &mut [f32]) {
         let opacity = SampleOpacity::new::<FMA>(tau);

@@ -62,7 +62,7 @@ pub fn ray_distortion(tau: Tensor<1>, intervals: Intervals, segments: &Segments)
         &tau.device();
         host => {
             let inputs = (tau, intervals.middle, intervals.length);
-            crate::ray_kernel::apply(host::DistortionKernel { segments: segments.clone() }, inputs)
+            crate::ray_kernel::apply(host::DistortionKernel, segments, [segments.rays()], inputs)
         },
         plain => plain(tau, intervals, segments),
     }

@@ -1,26 +1,17 @@
+use crate::RayDistribution;
 use crate::distribution::Distributions;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
-use crate::{RayDistribution, Segments};
 
 const ALPHA: RayDistribution = RayDistribution::Alpha;
 
 /// Inputs: τ and τ̃. Output: the divergence of each pair of rays, `[R]`.
 #[derive(Debug)]
 pub(super) struct DivergenceKernel {
-    pub(super) segments: Segments,
     pub(super) epsilon: f32,
 }
 
 impl RayKernel<2> for DivergenceKernel {
-    fn segments(&self) -> &Segments {
-        &self.segments
-    }
-
-    fn shape(&self) -> Vec<usize> {
-        vec![self.segments.rays()]
-    }
-
     #[inline(always)]
     fn forward<const FMA: bool>(&self, group: Group<'_>, inputs: [&[f32]; 2], out: &mut [f32]) {
         let [tau, near] = [SampleOpacity::new::<FMA>(inputs[0]), SampleOpacity::new::<FMA>(inputs[1])];

@@ -31,7 +31,8 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
     dispatch! {
         &tau.device();
         host => {
-            crate::ray_kernel::apply(host::DivergenceKernel { segments: segments.clone(), epsilon }, (tau, near))
+            let kernel = host::DivergenceKernel { epsilon };
+            crate::ray_kernel::apply(kernel, segments, [segments.rays()], (tau, near))
         },
         cube if segments.samples() > 0 => gpu::divergence(tau, near, segments, epsilon),
         plain => plain(tau, near, segments, epsilon),

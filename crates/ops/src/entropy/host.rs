@@ -1,29 +1,19 @@
 use super::RayDistribution;
-use crate::Segments;
 use crate::distribution::Distributions;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
 
 /// Entropy in bits, and Σα.
-const COLUMNS: usize = 2;
+pub(super) const COLUMNS: usize = 2;
 
 /// Input: τ. Output: entropy and Σα of each ray, `[R, 2]`.
 #[derive(Debug)]
 pub(super) struct EntropyKernel {
-    pub(super) segments: Segments,
     pub(super) distribution: RayDistribution,
     pub(super) epsilon: f32,
 }
 
 impl RayKernel<1> for EntropyKernel {
-    fn segments(&self) -> &Segments {
-        &self.segments
-    }
-
-    fn shape(&self) -> Vec<usize> {
-        vec![self.segments.rays(), COLUMNS]
-    }
-
     #[inline(always)]
     fn forward<const FMA: bool>(&self, group: Group<'_>, [tau]: [&[f32]; 1], out: &mut [f32]) {
         let opacity = SampleOpacity::new::<FMA>(tau);

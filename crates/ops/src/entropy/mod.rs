@@ -70,8 +70,8 @@ pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, distribution: RayDistrib
     dispatch! {
         &tau.device();
         host => {
-            let kernel = host::EntropyKernel { segments: segments.clone(), distribution, epsilon };
-            let packed: Tensor<2> = crate::ray_kernel::apply(kernel, tau);
+            let kernel = host::EntropyKernel { distribution, epsilon };
+            let packed = crate::ray_kernel::apply(kernel, segments, [segments.rays(), host::COLUMNS], tau);
             let column = |i: usize| packed.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
             RayEntropy { bits: column(0), alpha_sum: column(1) }
         },

@@ -5,7 +5,6 @@
 use super::layout::Layer;
 use crate::matmul::{COLUMNS, Matrix, Onto, product};
 
-/// Samples in a block.
 pub(super) const BLOCK: usize = 240;
 
 /// Returns the length of a row of `columns` elements.

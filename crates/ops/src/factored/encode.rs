@@ -6,7 +6,6 @@ use super::layout::{Level, PLANES};
 /// Positions of a block, one row per axis.
 pub(super) type Block = [[f32; BLOCK]; 3];
 
-/// Transposes the positions of a block to one row per axis.
 pub(super) fn block<'a>(positions: impl Iterator<Item = &'a [f32]>) -> Block {
     let mut block = [[0.0; BLOCK]; 3];
     for (s, u) in positions.enumerate() {
@@ -108,7 +107,6 @@ pub(super) struct Places {
     behind: Block,
 }
 
-/// Finds the places of a block on a level of this resolution.
 #[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the instruction set chosen at run time")]
 #[inline(always)]
 pub(super) fn places(positions: &Block, resolution: usize) -> Places {
@@ -189,7 +187,6 @@ fn bilinear<const C: usize>(plane: &[f32], resolution: usize, (i, a): Place, (j,
     mixed(columns.as_flattened(), a)
 }
 
-/// Returns the tables of plane `p` of a level and of its line.
 #[inline(always)]
 pub(super) fn tables_of<'a>(tables: &'a [f32], level: &Level, p: usize) -> (&'a [f32], &'a [f32]) {
     let plane = &tables[level.plane(p)..level.plane(p) + level.plane_len()];

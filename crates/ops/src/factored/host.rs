@@ -29,7 +29,6 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    /// Returns whether directions are an input.
     pub(super) fn sees_directions(&self) -> bool {
         self.query.color && self.layout.view_dependent
     }
@@ -46,10 +45,6 @@ impl FactoredKernel {
 }
 
 impl Kernel for FactoredKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[2][0], self.outputs()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
@@ -203,7 +198,6 @@ fn activations(layout: &FactoredLayout) -> usize {
     layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
 }
 
-/// Packs each layer.
 fn packed(layout: &FactoredLayout, weights: &[f32]) -> Vec<Vec<f32>> {
     layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect()
 }
@@ -236,12 +230,10 @@ pub(super) fn field(
     })
 }
 
-/// Parameters of a field.
 #[derive(Clone, Copy)]
 struct FieldParameters<'a> {
     layout: &'a FactoredLayout,
     tables: &'a [f32],
-    /// Packed layers.
     layers: &'a [Vec<f32>],
     /// Weights of frequencies and of levels.
     detail: (&'a [f32], &'a [f32]),
@@ -249,7 +241,6 @@ struct FieldParameters<'a> {
 
 struct BlockForward<'a> {
     field: FieldParameters<'a>,
-    /// Whether to compute colour in addition to density.
     color: bool,
     /// Positions of this block, `[samples, 3]`.
     positions: &'a [f32],
@@ -354,7 +345,6 @@ struct GatheredSamples {
 }
 
 impl GatheredSamples {
-    /// Gathers the samples `rows`, at most [`BLOCK`].
     fn gather(&mut self, kernel: &FactoredKernel, pass: Pass<'_>, rows: &[usize]) {
         let of_block = activations(&kernel.layout);
         self.samples = rows.len();
@@ -381,7 +371,6 @@ impl GatheredSamples {
 
 struct BlockBackward<'a> {
     kernel: &'a FactoredKernel,
-    /// Rows of each layer's weights.
     layers: &'a [Vec<f32>],
     gathered: &'a GatheredSamples,
     /// The first feature whose gradient is needed.
@@ -463,7 +452,6 @@ struct PlaneGradient<'a> {
     /// Axes of the plane, then of its line.
     axes: [usize; 3],
     weight: f32,
-    /// Tables of the plane and of its line.
     tables: (&'a [f32], &'a [f32]),
     blocks: &'a [Block],
     samples: usize,

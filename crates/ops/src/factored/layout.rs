@@ -28,13 +28,8 @@ impl Level {
     }
 
     /// Returns the number of elements of all planes and lines.
-    pub fn len(&self) -> usize {
+    fn elements(&self) -> usize {
         3 * (self.plane_len() + self.line_len())
-    }
-
-    /// Returns `false`: a level has at least two texels along each axis.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Returns the start of plane `p`.
@@ -109,7 +104,7 @@ impl FactoredLayout {
             .iter()
             .map(|&(resolution, channels)| {
                 let level = Level { resolution, channels, offset, feature };
-                offset += level.len();
+                offset += level.elements();
                 feature += 3 * channels;
                 level
             })
@@ -130,7 +125,7 @@ impl FactoredLayout {
 
     /// Returns the number of elements of all planes and lines.
     pub fn table_len(&self) -> usize {
-        self.levels.iter().map(Level::len).sum()
+        self.levels.iter().map(Level::elements).sum()
     }
 
     /// Iterates over the lengths of planes and lines: three planes of a level, then its three lines.

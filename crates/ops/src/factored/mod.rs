@@ -52,7 +52,6 @@ pub struct Query {
 }
 
 impl Query {
-    /// Returns the number of positions.
     pub(crate) fn samples(&self) -> usize {
         self.positions.dims()[0]
     }
@@ -72,10 +71,11 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Factor
         &tables.device();
         host => {
             let (positions, directions) = (query.positions.clone(), query.directions.clone());
+            let shape = [query.samples(), if query.color { layout::OUTPUTS } else { 1 }];
             let kernel = host::FactoredKernel { layout: layout.clone(), query };
             match directions.filter(|_| kernel.sees_directions()) {
-                Some(directions) => crate::kernel::apply(kernel, (tables, weights, positions, directions)),
-                None => crate::kernel::apply(kernel, (tables, weights, positions)),
+                Some(directions) => crate::kernel::apply(kernel, shape, (tables, weights, positions, directions)),
+                None => crate::kernel::apply(kernel, shape, (tables, weights, positions)),
             }
         },
         plain => plain::packed(plain::heads(features(tables, layout, &query), weights, layout, &query)),

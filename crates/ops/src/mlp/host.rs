@@ -23,15 +23,11 @@ const GROUPS: usize = 16;
 #[derive(Debug)]
 pub(super) struct MlpKernel {
     layers: Vec<PlacedLayer>,
-    /// Columns of x.
     encoded: Vec<Columns>,
-    /// Columns of the encoded directions.
     direction: Option<Columns>,
     /// Ray of each sample, if directions are an input.
     owners: Vec<i32>,
-    /// Columns of the result.
     output: Columns,
-    /// Matrices of a block.
     matrices: Vec<Columns>,
     /// Elements of a block.
     activations: usize,
@@ -82,7 +78,6 @@ impl PlacedLayer {
     }
 }
 
-/// Layers and matrices in the order of their construction.
 #[derive(Default)]
 struct LayerBuilder {
     layers: Vec<PlacedLayer>,
@@ -273,11 +268,8 @@ impl MlpKernel {
     }
 }
 
-/// Gradients of a group of blocks.
 struct GroupGradients {
-    /// Gradients with respect to each layer's weights and biases.
     dparameters: Vec<[Vec<f32>; 2]>,
-    /// Gradient with respect to x, if that is wanted.
     dencoded: Option<Vec<f32>>,
     /// Gradient with respect to the activations of the current block.
     dactivations: Vec<f32>,
@@ -286,7 +278,6 @@ struct GroupGradients {
 /// Block of samples with a gradient, gathered from several blocks.
 struct GatheredBlock {
     block: Vec<f32>,
-    /// Gradient of the output of each sample.
     grad: Vec<f32>,
     /// Index of each sample in the group.
     rows: Vec<usize>,
@@ -310,10 +301,6 @@ impl GatheredBlock {
 }
 
 impl Kernel for MlpKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[0][0], self.output.columns]
-    }
-
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let encoded = inputs[0];
         let (width, outputs) = (self.encoded[0].columns, self.output.columns);

@@ -36,12 +36,13 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
 /// Applies a kernel of x, the encoded direction of each ray if the network has colour, and weights and biases of each layer.
 #[cfg(feature = "flex")]
 fn on_host(kernel: impl crate::kernel::Kernel, encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
+    let shape = [encoded.dims()[0], if network.color.is_some() { 4 } else { 1 }];
     let directions = network.color.as_ref().map(|branch| branch.encoded_directions().into_dispatch());
     let parameters =
         network.layers().flat_map(|layer| [layer.weight.clone().into_dispatch(), layer.bias.clone().into_dispatch()]);
     let inputs: Inputs<burn::backend::Dispatch> =
         std::iter::once(encoded.into_dispatch()).chain(directions).chain(parameters).collect();
-    crate::kernel::apply(kernel, inputs)
+    crate::kernel::apply(kernel, shape, inputs)
 }
 
 /// Returns the index of the first layer's weights among the inputs of a host kernel.

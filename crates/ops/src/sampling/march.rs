@@ -60,7 +60,6 @@ pub fn march(
     let on_host = || pack(count, device, &walk);
     dispatch! {
         device;
-        host => on_host(),
         cube if count > 0 => match on_gpu() {
             Some((rays, cells)) => crate::cube::march(&rays, cells.as_ref(), march),
             None => on_host(),

@@ -82,7 +82,6 @@ impl Streams {
 pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &ends.device();
-        host => stratified_on_host(ends, [rays, count], rule, jitter),
         cube => crate::cube::stratified(ends, [rays, rule.columns(count)], rule, jitter),
         plain => stratified_on_host(ends, [rays, count], rule, jitter),
     }
@@ -110,7 +109,6 @@ fn stratified_on_host(
 pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &t.device();
-        host => drawn_on_host(t, tau, jitter, |t, weights, stream| distances::importance(t, weights, count, stream)),
         cube => crate::cube::importance(t, tau, count, jitter),
         plain => drawn_on_host(t, tau, jitter, |t, weights, stream| distances::importance(t, weights, count, stream)),
     }
@@ -124,7 +122,6 @@ pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&
     };
     dispatch! {
         &edges.device();
-        host => drawn_on_host(edges, tau, jitter, one),
         cube => crate::cube::resample(edges, tau, count, jitter),
         plain => drawn_on_host(edges, tau, jitter, one),
     }
@@ -152,7 +149,6 @@ fn drawn_on_host(
 pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
         &t.device();
-        host => intervals_on_host(t, ends, rule, last),
         cube => crate::cube::intervals(t, ends, rule, last),
         plain => intervals_on_host(t, ends, rule, last),
     }
@@ -176,13 +172,11 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
         |origins, directions, t: Tensor<1>| segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1);
     dispatch! {
         &t.device();
-        host => plain(origins, directions, t),
         cube if segments.samples() > 0 => crate::cube::points(origins, directions, t, segments),
         plain => plain(origins, directions, t),
     }
 }
 
-/// Uploads a row for each of `count` rays.
 fn rows(count: usize, device: &Device, row: impl Fn(usize) -> Vec<f32> + Sync + Send) -> Tensor<2> {
     let rows: Vec<Vec<f32>> = (0..count).into_par_iter().map(row).collect();
     let columns = rows.first().map_or(0, Vec::len);

@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use super::{Beyond, Voxels};
 use crate::kernel::{Kernel, Pass};
 
-/// Places that a thread takes at a time.
 const CHUNK: usize = 1024;
 
 #[derive(Debug)]
@@ -87,16 +86,13 @@ impl TrilinearKernel {
 
     fn place_gradient(&self, table: &[f32], places: &[f32], grad: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; places.len()];
-        let chunks = places.par_chunks(3 * CHUNK).zip(grad.par_chunks(self.channels * CHUNK));
-        out.par_chunks_mut(3 * CHUNK).zip(chunks).enumerate().for_each(|(chunk, (out, (places, grad)))| {
-            let rows = out.chunks_exact_mut(3).zip(places.chunks_exact(3)).zip(grad.chunks_exact(self.channels));
-            for (index, ((out, place), grad)) in rows.enumerate() {
-                for corner in self.corners(chunk * CHUNK + index, place) {
-                    let voxel = self.voxel(table, corner.row);
-                    let d: f32 = voxel.iter().zip(grad).map(|(value, g)| value * g).sum();
-                    for (out, derivative) in out.iter_mut().zip(corner.derivative) {
-                        *out += derivative * d;
-                    }
+        let rows = places.par_chunks_exact(3).zip(grad.par_chunks_exact(self.channels)).with_min_len(CHUNK);
+        rows.zip(out.par_chunks_exact_mut(3)).enumerate().for_each(|(index, ((place, grad), out))| {
+            for corner in self.corners(index, place) {
+                let voxel = self.voxel(table, corner.row);
+                let d: f32 = voxel.iter().zip(grad).map(|(value, g)| value * g).sum();
+                for (out, derivative) in out.iter_mut().zip(corner.derivative) {
+                    *out += derivative * d;
                 }
             }
         });
@@ -105,20 +101,14 @@ impl TrilinearKernel {
 }
 
 impl Kernel for TrilinearKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![inputs[1][0], self.channels]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[table, places] = inputs else { unreachable!("trilinear reading has two inputs") };
         let mut out = vec![0.0; places.len() / 3 * self.channels];
-        let chunks = out.par_chunks_mut(CHUNK * self.channels).zip(places.par_chunks(3 * CHUNK));
-        chunks.enumerate().for_each(|(chunk, (out, places))| {
-            for (index, (out, place)) in out.chunks_exact_mut(self.channels).zip(places.chunks_exact(3)).enumerate() {
-                for corner in self.corners(chunk * CHUNK + index, place) {
-                    for (sum, value) in out.iter_mut().zip(self.voxel(table, corner.row)) {
-                        *sum += corner.weight * value;
-                    }
+        let rows = out.par_chunks_exact_mut(self.channels).zip(places.par_chunks_exact(3)).with_min_len(CHUNK);
+        rows.enumerate().for_each(|(index, (out, place))| {
+            for corner in self.corners(index, place) {
+                for (sum, value) in out.iter_mut().zip(self.voxel(table, corner.row)) {
+                    *sum += corner.weight * value;
                 }
             }
         });

@@ -62,7 +62,11 @@ pub fn trilinear(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<
     assert_eq!(places.dims()[1], 3, "a place has three coordinates");
     dispatch! {
         &table.device();
-        host => crate::kernel::apply(host::TrilinearKernel { voxels, channels: table.dims()[1] }, (table, places)),
+        host => {
+            let channels = table.dims()[1];
+            let shape = [places.dims()[0], channels];
+            crate::kernel::apply(host::TrilinearKernel { voxels, channels }, shape, (table, places))
+        },
         plain => plain(table, places, voxels),
     }
 }

@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use crate::kernel::{Kernel, Pass};
 
-/// Coordinates that a thread takes at a time.
 const CHUNK: usize = 3 << 12;
 
 #[derive(Debug)]
@@ -31,10 +30,6 @@ impl UnitBoxKernel {
 }
 
 impl Kernel for UnitBoxKernel {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        inputs[0].clone()
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         self.each(inputs[0], |share, _, _| share.clamp(0.0, 1.0))
     }

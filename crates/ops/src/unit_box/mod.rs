@@ -14,7 +14,7 @@ pub fn unit_box(positions: Tensor<2>, [low, high]: [[f32; 3]; 2]) -> Tensor<2> {
     let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
     dispatch! {
         &positions.device();
-        host => crate::kernel::apply(host::UnitBoxKernel { low, scale }, positions),
+        host => crate::kernel::apply(host::UnitBoxKernel { low, scale }, positions.dims(), positions),
         plain => plain(positions, low, scale),
     }
 }

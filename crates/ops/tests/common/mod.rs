@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::random::mix;
 use infonerf_ops::{
     Composite, Intervals, RayDistribution, RayEntropy, Segments, additive, composite, distortion, divergence, entropy,
     to_host,
@@ -11,11 +12,8 @@ use infonerf_ops::{
 /// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RayImplementation {
-    /// The host kernels on flex.
     Kernel,
-    /// Plain tensor operations on flex.
     PlainFlex,
-    /// Plain tensor operations on ndarray.
     PlainNdarray,
 }
 
@@ -28,37 +26,34 @@ impl RayImplementation {
     }
 
     pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
-        match self {
-            Self::Kernel => composite(tau, values, segments),
-            _ => composite::plain(tau, values, segments),
-        }
+        if self == Self::Kernel { composite(tau, values, segments) } else { composite::plain(tau, values, segments) }
     }
 
     pub fn additive_depth(self, tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
-        match self {
-            Self::Kernel => additive::additive_depth(tau, segments),
-            _ => additive::plain(tau, segments),
-        }
+        if self == Self::Kernel { additive::additive_depth(tau, segments) } else { additive::plain(tau, segments) }
     }
 
     pub fn entropy(self, tau: Tensor<1>, segments: &Segments, of: RayDistribution, epsilon: f32) -> RayEntropy {
-        match self {
-            Self::Kernel => entropy::ray_entropy(tau, segments, of, epsilon),
-            _ => entropy::plain(tau, segments, of, epsilon),
+        if self == Self::Kernel {
+            entropy::ray_entropy(tau, segments, of, epsilon)
+        } else {
+            entropy::plain(tau, segments, of, epsilon)
         }
     }
 
     pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
-        match self {
-            Self::Kernel => divergence::ray_divergence(tau, near, segments, epsilon),
-            _ => divergence::plain(tau, near, segments, epsilon),
+        if self == Self::Kernel {
+            divergence::ray_divergence(tau, near, segments, epsilon)
+        } else {
+            divergence::plain(tau, near, segments, epsilon)
         }
     }
 
     pub fn distortion(self, tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
-        match self {
-            Self::Kernel => distortion::ray_distortion(tau, intervals, segments),
-            _ => distortion::plain(tau, intervals, segments),
+        if self == Self::Kernel {
+            distortion::ray_distortion(tau, intervals, segments)
+        } else {
+            distortion::plain(tau, intervals, segments)
         }
     }
 }
@@ -96,11 +91,9 @@ pub struct Draws(pub u64);
 
 impl Draws {
     pub fn unit(&mut self) -> f64 {
+        let bits = mix(self.0);
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        (bits >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Draws uniformly from [−1, 1).

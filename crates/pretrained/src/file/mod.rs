@@ -4,8 +4,6 @@ mod safetensors;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use burn::tensor::{Device, Tensor, TensorData};
-
 /// Name and shape of a tensor.
 pub type TensorShape = (String, Vec<usize>);
 
@@ -18,7 +16,6 @@ pub struct WeightFile {
 /// Tensor whose values stay in the file until they are read.
 struct WeightEntry {
     shape: Vec<usize>,
-    /// Name such as `F32`.
     dtype: String,
     /// Reads the values of a tensor of single precision.
     read: Box<dyn Fn() -> Result<Vec<f32>, String> + Send + Sync>,
@@ -33,11 +30,6 @@ impl WeightFile {
         let is_safetensors = safetensors::is_safetensors(path).map_err(|error| error.to_string())?;
         let tensors = if is_safetensors { safetensors::entries(path)? } else { pytorch::entries(path)? };
         Ok(Self { tensors })
-    }
-
-    /// Iterates over names and shapes of all tensors.
-    pub fn shapes(&self) -> impl Iterator<Item = (&str, &[usize])> {
-        self.tensors.iter().map(|(name, entry)| (name.as_str(), entry.shape.as_slice()))
     }
 
     /// Checks that there is a tensor `name` of that `shape` in single precision.
@@ -58,14 +50,6 @@ impl WeightFile {
             Some(index) => Err(format!("`{name}` is not finite at index {index}")),
             None => Ok(values),
         }
-    }
-
-    /// Reads the tensor `name` to `device`.
-    ///
-    /// # Errors
-    /// As [`Self::floats`].
-    pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D], device: &Device) -> Result<Tensor<D>, String> {
-        Ok(Tensor::from_data(TensorData::new(self.floats(name, &shape)?, shape), device))
     }
 
     fn entry(&self, name: &str, shape: &[usize]) -> Result<&WeightEntry, String> {

@@ -7,7 +7,6 @@ use pytorch_reader::{PytorchReader, Tensor};
 
 use super::WeightEntry;
 
-/// Lists the tensors of a PyTorch file.
 pub(super) fn entries(path: &Path) -> Result<BTreeMap<String, WeightEntry>, String> {
     let reader = PytorchReader::new(path)
         .map_err(|error| one_line(&format!("no safetensors file, and no PyTorch file either: {error}")))?;

@@ -19,7 +19,6 @@ pub(super) fn is_safetensors(path: &Path) -> io::Result<bool> {
     Ok(start.len() == 9 && start[8] == b'{')
 }
 
-/// Lists the tensors of a safetensors file.
 pub(super) fn entries(path: &Path) -> Result<BTreeMap<String, WeightEntry>, String> {
     let fault = |cause: &dyn std::fmt::Display| format!("no safetensors file: {cause}");
     let mut file = File::open(path).map_err(|error| error.to_string())?;

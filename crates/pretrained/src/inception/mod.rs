@@ -1,23 +1,19 @@
 //! Inception v3 (Szegedy et al. 2016) as in pytorch-fid, whose features FID and KID compare.
 
 mod network;
-mod resize;
 
-use std::convert::Infallible;
+use std::collections::HashMap;
 use std::path::Path;
 
 use burn::tensor::{Device, Tensor};
-use infonerf_metrics::protocol::InceptionInput;
-use infonerf_metrics::{FeatureExtractor, Picture, Protocol};
+use infonerf_metrics::Picture;
 use infonerf_ops::to_host;
 
 use crate::file::{NamedFile, TensorShape};
 use crate::layers::{Convolution, maps_of_pixels, max_pool, mean_pool};
-use network::{InceptionLayer, UnitShape, inception};
+use network::{InceptionLayer, UnitShape, inception, units};
 
-/// Side of the network's input in pixels.
 const SIDE: usize = 299;
-/// Images in one pass.
 const BATCH: usize = 8;
 /// ε of the batch normalisations.
 const EPSILON: f32 = 1e-3;
@@ -37,16 +33,8 @@ impl InceptionConfig {
 
     /// Returns names and shapes of the network's tensors, as in pytorch-fid.
     pub fn tensors(self) -> Vec<TensorShape> {
-        self.units().iter().flat_map(|unit| [unit.weight()].into_iter().chain(unit.normalisation())).collect()
-    }
-
-    fn units(self) -> Vec<UnitShape> {
-        let mut units = Vec::new();
-        let Ok(_) = inception::<(), Infallible>(self.divisor, &mut |unit| {
-            units.push(unit);
-            Ok(())
-        });
-        units
+        let layers = inception(self.divisor);
+        units(&layers).into_iter().flat_map(|unit| [unit.weight()].into_iter().chain(unit.normalisation())).collect()
     }
 }
 
@@ -55,7 +43,9 @@ impl InceptionConfig {
 /// Three things differ from the usual network, as in the original TensorFlow graph: 1008 classes (which are not computed),
 /// mean pooling that leaves out padding, and max pooling in the last block. Weights are fixed, and there is no gradient.
 pub struct Inception {
-    layers: Vec<InceptionLayer<Convolution>>,
+    layers: Vec<InceptionLayer>,
+    /// Convolutions by the name of their unit.
+    convolutions: HashMap<String, Convolution>,
     device: Device,
 }
 
@@ -67,32 +57,57 @@ impl Inception {
     pub fn read(path: &Path, config: InceptionConfig, device: &Device) -> Result<Self, String> {
         let device = device.clone().inner();
         let file = NamedFile::open(path)?;
-        let layers = inception(config.divisor, &mut |unit| folded(&unit, &file, &device))?;
-        Ok(Self { layers, device })
+        let layers = inception(config.divisor);
+        let convolution = |unit: &UnitShape| Ok((unit.name.clone(), folded(unit, &file, &device)?));
+        let convolutions = units(&layers).into_iter().map(convolution).collect::<Result<_, String>>()?;
+        Ok(Self { layers, convolutions, device })
     }
 
-    /// Computes the features of each picture, resized as `input` says, eight pictures at a time.
-    pub fn features(&self, pictures: &[&Picture], input: InceptionInput) -> Vec<Vec<f32>> {
+    /// Computes the features of each picture, eight pictures at a time.
+    pub fn features(&self, pictures: &[&Picture]) -> Vec<Vec<f32>> {
         let batch = |pictures: &[&Picture]| {
-            let values = pictures.iter().flat_map(|picture| resize::resized(picture, SIDE, input)).collect();
-            let maps = forward(&self.layers, maps_of_pixels(values, [pictures.len(), SIDE, SIDE], &self.device));
+            let values = pictures.iter().flat_map(|picture| resized(picture)).collect();
+            let maps = self.forward(&self.layers, maps_of_pixels(values, [pictures.len(), SIDE, SIDE], &self.device));
             let means = maps.flatten::<3>(2, 3).mean_dim(2);
             let features = means.dims()[1];
             to_host(means).chunks_exact(features).map(<[f32]>::to_vec).collect::<Vec<_>>()
         };
         pictures.chunks(BATCH).flat_map(batch).collect()
     }
+
+    fn forward(&self, layers: &[InceptionLayer], x: Tensor<4>) -> Tensor<4> {
+        layers.iter().fold(x, |x, layer| match layer {
+            InceptionLayer::Unit(unit) => self.convolutions[&unit.name].forward(x),
+            InceptionLayer::MaxPool(window) => max_pool(x, *window),
+            InceptionLayer::MeanPool(window) => mean_pool(x, *window),
+            InceptionLayer::Branches(branches) => {
+                Tensor::cat(branches.iter().map(|branch| self.forward(branch, x.clone())).collect(), 1)
+            }
+        })
+    }
 }
 
-fn forward(layers: &[InceptionLayer<Convolution>], x: Tensor<4>) -> Tensor<4> {
-    layers.iter().fold(x, |x, layer| match layer {
-        InceptionLayer::Unit(convolution) => convolution.forward(x),
-        InceptionLayer::MaxPool(window) => max_pool(x, *window),
-        InceptionLayer::MeanPool(window) => mean_pool(x, *window),
-        InceptionLayer::Branches(branches) => {
-            Tensor::cat(branches.iter().map(|branch| forward(branch, x.clone())).collect(), 1)
+/// Resizes a picture to the network's input, row-major with channels innermost: bilinear without a low-pass filter, as PyTorch's
+/// `interpolate(mode="bilinear", align_corners=False)`, and then 2x − 1.
+fn resized(picture: &Picture) -> Vec<f32> {
+    let ([width, height], pixels) = (picture.size(), picture.pixels());
+    let place = |at: usize, from: usize| {
+        let at = ((at as f64 + 0.5) * (from as f64 / SIDE as f64) - 0.5).clamp(0.0, (from - 1) as f64);
+        let before = at as usize;
+        (before, (before + 1).min(from - 1), (at - before as f64) as f32)
+    };
+    let [columns, rows] = [width, height].map(|from| (0..SIDE).map(|at| place(at, from)).collect::<Vec<_>>());
+    let mix = |a: f32, b: f32, share: f32| (1.0 - share) * a + share * b;
+    let mut values = Vec::with_capacity(3 * SIDE * SIDE);
+    for &(upper, lower, down) in &rows {
+        for &(left, right, across) in &columns {
+            let row = |y: usize, channel: usize| {
+                mix(pixels[y * width + left][channel], pixels[y * width + right][channel], across)
+            };
+            values.extend([0, 1, 2].map(|channel| 2.0 * mix(row(upper, channel), row(lower, channel), down) - 1.0));
         }
-    })
+    }
+    values
 }
 
 /// Reads a convolution with the batch normalisation after it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
@@ -109,19 +124,14 @@ fn folded(unit: &UnitShape, file: &NamedFile<'_>, device: &Device) -> Result<Con
     Ok(Convolution::new(unit.window, unit.channels, (weight, bias), device))
 }
 
-impl FeatureExtractor for Inception {
-    fn features(&self, pictures: &[&Picture], protocol: &Protocol) -> Result<Vec<Vec<f32>>, String> {
-        Ok(self.features(pictures, protocol.inception_input))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn full_width_has_the_published_number_of_parameters() {
-        let units = InceptionConfig::FULL.units();
+        let layers = inception(1);
+        let units = units(&layers);
         assert_eq!(units.len(), 94);
         let weights: usize = units.iter().map(|unit| unit.weight().1.iter().product::<usize>()).sum();
         let normalisation: usize = units.iter().map(|unit| 2 * unit.channels[1]).sum();

@@ -3,27 +3,23 @@ use InceptionLayer::{Branches, MaxPool, MeanPool, Unit};
 use crate::file::TensorShape;
 use crate::layers::Window;
 
-/// Layers of Inception v3; `T` is a convolution with its batch normalisation and rectifier.
-pub(super) enum InceptionLayer<T> {
-    Unit(T),
+pub(super) enum InceptionLayer {
+    Unit(UnitShape),
     MaxPool(Window),
     MeanPool(Window),
     /// Parallel branches, whose outputs are concatenated.
     Branches(Vec<Vec<Self>>),
 }
 
-/// Convolution of Inception with its batch normalisation.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Convolution of Inception with its batch normalisation and rectifier.
 pub(super) struct UnitShape {
     /// Name in pytorch-fid, such as `Mixed_5b.branch1x1`.
-    name: String,
-    /// Inputs and outputs.
+    pub(super) name: String,
     pub(super) channels: [usize; 2],
     pub(super) window: Window,
 }
 
 impl UnitShape {
-    /// Returns the name and shape of the convolution's weight.
     pub(super) fn weight(&self) -> TensorShape {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
         (format!("{}.conv.weight", self.name), vec![outputs, inputs, height, width])
@@ -36,57 +32,62 @@ impl UnitShape {
     }
 }
 
-/// Builds Inception v3 as in pytorch-fid with channels divided by `divisor`; `make` turns each unit's shape into a unit.
-///
-/// # Errors
-/// The first error of `make`.
-pub(super) fn inception<T, E>(
-    divisor: usize,
-    make: &mut impl FnMut(UnitShape) -> Result<T, E>,
-) -> Result<Vec<InceptionLayer<T>>, E> {
+/// Builds Inception v3 as in pytorch-fid with channels divided by `divisor`.
+pub(super) fn inception(divisor: usize) -> Vec<InceptionLayer> {
     let mut channels = 3;
-    let mut network = Vec::new();
-    for (block, layers) in blocks() {
-        network.extend(chain(block, layers, &mut channels, divisor, make)?);
-    }
-    Ok(network)
+    let connected = |(block, mut layers): (&str, Vec<InceptionLayer>)| {
+        connect(block, &mut layers, &mut channels, divisor);
+        layers
+    };
+    blocks().into_iter().flat_map(connected).collect()
 }
 
-/// Gives the units of `layers` their inputs; `channels` goes from those of the input to those of the output.
-fn chain<T, E>(
-    block: &str,
-    layers: Vec<InceptionLayer<Planned>>,
-    channels: &mut usize,
-    divisor: usize,
-    make: &mut impl FnMut(UnitShape) -> Result<T, E>,
-) -> Result<Vec<InceptionLayer<T>>, E> {
-    let mut place = |layer: InceptionLayer<Planned>| {
-        Ok(match layer {
-            MaxPool(window) => MaxPool(window),
-            MeanPool(window) => MeanPool(window),
-            Unit((name, outputs, window)) => {
-                let inputs = std::mem::replace(channels, outputs / divisor);
-                Unit(make(UnitShape { name: format!("{block}{name}"), channels: [inputs, *channels], window })?)
+/// Completes the names and channels of the units of `layers`; `channels` goes from those of the input to those of the output.
+fn connect(block: &str, layers: &mut [InceptionLayer], channels: &mut usize, divisor: usize) {
+    for layer in layers {
+        match layer {
+            MaxPool(_) | MeanPool(_) => {}
+            Unit(unit) => {
+                unit.name.insert_str(0, block);
+                unit.channels[0] = *channels;
+                unit.channels[1] /= divisor;
+                *channels = unit.channels[1];
             }
             Branches(branches) => {
-                let (inputs, mut outputs) = (*channels, 0);
-                let branch = |layers| {
-                    let mut channels = inputs;
-                    let branch = chain(block, layers, &mut channels, divisor, make)?;
-                    outputs += channels;
-                    Ok(branch)
-                };
-                let branches = branches.into_iter().map(branch).collect::<Result<_, E>>()?;
-                *channels = outputs;
-                Branches(branches)
+                let inputs = std::mem::take(channels);
+                for branch in branches {
+                    let mut outputs = inputs;
+                    connect(block, branch, &mut outputs, divisor);
+                    *channels += outputs;
+                }
             }
-        })
-    };
-    layers.into_iter().map(&mut place).collect()
+        }
+    }
 }
 
-/// Name within its block, outputs and window of a unit.
-type Planned = (&'static str, usize, Window);
+pub(super) fn units(layers: &[InceptionLayer]) -> Vec<&UnitShape> {
+    let mut all = Vec::new();
+    for layer in layers {
+        match layer {
+            Unit(unit) => all.push(unit),
+            MaxPool(_) | MeanPool(_) => {}
+            Branches(branches) => all.extend(branches.iter().flat_map(|branch| units(branch))),
+        }
+    }
+    all
+}
+
+/// Creates a unit that is not connected yet.
+fn unit(name: &str, outputs: usize, window: Window) -> InceptionLayer {
+    Unit(UnitShape { name: name.to_owned(), channels: [0, outputs], window })
+}
+
+/// Creates units of these outputs and windows in a row, whose names are numbered from 1.
+fn branch<const N: usize>(name: &str, units: [(usize, Window); N]) -> Vec<InceptionLayer> {
+    let numbered =
+        (1..).zip(units).map(|(number, (outputs, window))| unit(&format!("{name}{number}"), outputs, window));
+    numbered.collect()
+}
 
 const POINT: Window = Window::square(1, 1, 0);
 const SQUARE: Window = Window::square(3, 1, 1);
@@ -102,14 +103,14 @@ const fn column(height: usize) -> Window {
 }
 
 /// Layers of each block, with the prefix of their names.
-fn blocks() -> Vec<(&'static str, Vec<InceptionLayer<Planned>>)> {
+fn blocks() -> Vec<(&'static str, Vec<InceptionLayer>)> {
     let stem = vec![
-        Unit(("Conv2d_1a_3x3", 32, HALVING)),
-        Unit(("Conv2d_2a_3x3", 32, VALID)),
-        Unit(("Conv2d_2b_3x3", 64, SQUARE)),
+        unit("Conv2d_1a_3x3", 32, HALVING),
+        unit("Conv2d_2a_3x3", 32, VALID),
+        unit("Conv2d_2b_3x3", 64, SQUARE),
         MaxPool(HALVING),
-        Unit(("Conv2d_3b_1x1", 80, POINT)),
-        Unit(("Conv2d_4a_3x3", 192, VALID)),
+        unit("Conv2d_3b_1x1", 80, POINT),
+        unit("Conv2d_4a_3x3", 192, VALID),
         MaxPool(HALVING),
     ];
     vec![
@@ -128,75 +129,52 @@ fn blocks() -> Vec<(&'static str, Vec<InceptionLayer<Planned>>)> {
     ]
 }
 
-fn block_a(pool: usize) -> Vec<InceptionLayer<Planned>> {
+fn block_a(pool: usize) -> Vec<InceptionLayer> {
     vec![Branches(vec![
-        vec![Unit(("branch1x1", 64, POINT))],
-        vec![Unit(("branch5x5_1", 48, POINT)), Unit(("branch5x5_2", 64, Window::square(5, 1, 2)))],
-        vec![
-            Unit(("branch3x3dbl_1", 64, POINT)),
-            Unit(("branch3x3dbl_2", 96, SQUARE)),
-            Unit(("branch3x3dbl_3", 96, SQUARE)),
-        ],
-        vec![MeanPool(SQUARE), Unit(("branch_pool", pool, POINT))],
+        vec![unit("branch1x1", 64, POINT)],
+        branch("branch5x5_", [(48, POINT), (64, Window::square(5, 1, 2))]),
+        branch("branch3x3dbl_", [(64, POINT), (96, SQUARE), (96, SQUARE)]),
+        vec![MeanPool(SQUARE), unit("branch_pool", pool, POINT)],
     ])]
 }
 
-fn block_b() -> Vec<InceptionLayer<Planned>> {
+fn block_b() -> Vec<InceptionLayer> {
     vec![Branches(vec![
-        vec![Unit(("branch3x3", 384, HALVING))],
-        vec![
-            Unit(("branch3x3dbl_1", 64, POINT)),
-            Unit(("branch3x3dbl_2", 96, SQUARE)),
-            Unit(("branch3x3dbl_3", 96, HALVING)),
-        ],
+        vec![unit("branch3x3", 384, HALVING)],
+        branch("branch3x3dbl_", [(64, POINT), (96, SQUARE), (96, HALVING)]),
         vec![MaxPool(HALVING)],
     ])]
 }
 
-fn block_c(inner: usize) -> Vec<InceptionLayer<Planned>> {
+fn block_c(inner: usize) -> Vec<InceptionLayer> {
+    let (row, column) = (row(7), column(7));
+    let double = [(inner, POINT), (inner, column), (inner, row), (inner, column), (192, row)];
     vec![Branches(vec![
-        vec![Unit(("branch1x1", 192, POINT))],
-        vec![
-            Unit(("branch7x7_1", inner, POINT)),
-            Unit(("branch7x7_2", inner, row(7))),
-            Unit(("branch7x7_3", 192, column(7))),
-        ],
-        vec![
-            Unit(("branch7x7dbl_1", inner, POINT)),
-            Unit(("branch7x7dbl_2", inner, column(7))),
-            Unit(("branch7x7dbl_3", inner, row(7))),
-            Unit(("branch7x7dbl_4", inner, column(7))),
-            Unit(("branch7x7dbl_5", 192, row(7))),
-        ],
-        vec![MeanPool(SQUARE), Unit(("branch_pool", 192, POINT))],
+        vec![unit("branch1x1", 192, POINT)],
+        branch("branch7x7_", [(inner, POINT), (inner, row), (192, column)]),
+        branch("branch7x7dbl_", double),
+        vec![MeanPool(SQUARE), unit("branch_pool", 192, POINT)],
     ])]
 }
 
-fn block_d() -> Vec<InceptionLayer<Planned>> {
+fn block_d() -> Vec<InceptionLayer> {
     vec![Branches(vec![
-        vec![Unit(("branch3x3_1", 192, POINT)), Unit(("branch3x3_2", 320, HALVING))],
-        vec![
-            Unit(("branch7x7x3_1", 192, POINT)),
-            Unit(("branch7x7x3_2", 192, row(7))),
-            Unit(("branch7x7x3_3", 192, column(7))),
-            Unit(("branch7x7x3_4", 192, HALVING)),
-        ],
+        branch("branch3x3_", [(192, POINT), (320, HALVING)]),
+        branch("branch7x7x3_", [(192, POINT), (192, row(7)), (192, column(7)), (192, HALVING)]),
         vec![MaxPool(HALVING)],
     ])]
 }
 
-fn block_e(pool: InceptionLayer<Planned>) -> Vec<InceptionLayer<Planned>> {
+fn block_e(pool: InceptionLayer) -> Vec<InceptionLayer> {
     let both = |row_name, column_name| {
-        Branches(vec![vec![Unit((row_name, 384, row(3)))], vec![Unit((column_name, 384, column(3)))]])
+        Branches(vec![vec![unit(row_name, 384, row(3))], vec![unit(column_name, 384, column(3))]])
     };
+    let mut double = branch("branch3x3dbl_", [(448, POINT), (384, SQUARE)]);
+    double.push(both("branch3x3dbl_3a", "branch3x3dbl_3b"));
     vec![Branches(vec![
-        vec![Unit(("branch1x1", 320, POINT))],
-        vec![Unit(("branch3x3_1", 384, POINT)), both("branch3x3_2a", "branch3x3_2b")],
-        vec![
-            Unit(("branch3x3dbl_1", 448, POINT)),
-            Unit(("branch3x3dbl_2", 384, SQUARE)),
-            both("branch3x3dbl_3a", "branch3x3dbl_3b"),
-        ],
-        vec![pool, Unit(("branch_pool", 192, POINT))],
+        vec![unit("branch1x1", 320, POINT)],
+        vec![unit("branch3x3_1", 384, POINT), both("branch3x3_2a", "branch3x3_2b")],
+        double,
+        vec![pool, unit("branch_pool", 192, POINT)],
     ])]
 }

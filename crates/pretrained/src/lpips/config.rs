@@ -2,23 +2,20 @@ use crate::file::TensorShape;
 use crate::layers::Window;
 
 /// Layers of the backbone of LPIPS.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LpipsConfig {
     pub(super) layers: Vec<LpipsLayer>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LpipsLayer {
-    /// Convolution and rectifier.
     Convolution(ConvolutionShape),
-    /// Max pooling.
     Pool(Window),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ConvolutionShape {
     pub(super) window: Window,
-    /// Inputs and outputs.
     pub(super) channels: [usize; 2],
     /// Index among the layers of torchvision's `features`, which counts rectifiers.
     index: usize,
@@ -30,44 +27,41 @@ impl LpipsConfig {
     /// Returns AlexNet (Krizhevsky 2014), compared after each of its five convolutions.
     #[must_use]
     pub fn alex() -> Self {
-        Self::default()
-            .convolution(Window::square(11, 4, 2), 64, true)
-            .pool(Window::square(3, 2, 0))
-            .convolution(Window::square(5, 1, 2), 192, true)
-            .pool(Window::square(3, 2, 0))
-            .convolution(Window::square(3, 1, 1), 384, true)
-            .convolution(Window::square(3, 1, 1), 256, true)
-            .convolution(Window::square(3, 1, 1), 256, true)
+        let convolution =
+            |kernel, stride, padding, outputs| Some((Window::square(kernel, stride, padding), outputs, true));
+        let first = [convolution(11, 4, 2, 64), None, convolution(5, 1, 2, 192), None];
+        let last = [384, 256, 256].map(|outputs| convolution(3, 1, 1, outputs));
+        Self::new(Window::square(3, 2, 0), first.into_iter().chain(last))
     }
 
     /// Returns VGG-16 (Simonyan and Zisserman 2015), compared after the last convolution at each size.
     #[must_use]
     pub fn vgg() -> Self {
-        let mut config = Self::default();
-        for (channels, count) in [(64, 2), (128, 2), (256, 3), (512, 3), (512, 3)] {
-            if !config.layers.is_empty() {
-                config = config.pool(Window::square(2, 2, 0));
-            }
-            for index in 1..=count {
-                config = config.convolution(Window::square(3, 1, 1), channels, index == count);
-            }
-        }
-        config
+        let blocks = [(64, 2), (128, 2), (256, 3), (512, 3), (512, 3)].into_iter().enumerate();
+        let layers = blocks.flat_map(|(block, (outputs, count))| {
+            let convolution = move |index| Some((Window::square(3, 1, 1), outputs, index == count));
+            (block > 0).then_some(None).into_iter().chain((1..=count).map(convolution))
+        });
+        Self::new(Window::square(2, 2, 0), layers)
     }
 
-    fn convolution(mut self, window: Window, outputs: usize, is_compared: bool) -> Self {
-        let torchvision_layers = |layer: &LpipsLayer| if matches!(layer, LpipsLayer::Pool(_)) { 1 } else { 2 };
-        let index = self.layers.iter().map(torchvision_layers).sum();
-        let inputs = self.convolutions().last().map_or(3, |before| before.channels[1]);
-        let heads = self.convolutions().filter(|before| before.head.is_some()).count();
-        let shape = ConvolutionShape { window, channels: [inputs, outputs], index, head: is_compared.then_some(heads) };
-        self.layers.push(LpipsLayer::Convolution(shape));
-        self
-    }
-
-    fn pool(mut self, window: Window) -> Self {
-        self.layers.push(LpipsLayer::Pool(window));
-        self
+    /// Numbers the layers: convolutions of a window with a number of outputs, and whether images are compared after them, or
+    /// `None` where `pool` follows.
+    fn new(pool: Window, layers: impl Iterator<Item = Option<(Window, usize, bool)>>) -> Self {
+        let (mut inputs, mut index, mut heads) = (3, 0, 0);
+        let number = |layer: Option<(Window, usize, bool)>| match layer {
+            None => {
+                index += 1;
+                LpipsLayer::Pool(pool)
+            }
+            Some((window, outputs, is_compared)) => {
+                let head = is_compared.then_some(heads);
+                let shape = ConvolutionShape { window, channels: [inputs, outputs], index, head };
+                (inputs, index, heads) = (outputs, index + 2, heads + usize::from(is_compared));
+                LpipsLayer::Convolution(shape)
+            }
+        };
+        Self { layers: layers.map(number).collect() }
     }
 
     /// Divides all numbers of channels but the image's by `divisor`, for tests.
@@ -91,7 +85,7 @@ impl LpipsConfig {
         self.convolutions().filter_map(ConvolutionShape::head_tensor).collect()
     }
 
-    fn convolutions(&self) -> impl Iterator<Item = &ConvolutionShape> {
+    pub(super) fn convolutions(&self) -> impl Iterator<Item = &ConvolutionShape> {
         self.layers.iter().filter_map(|layer| match layer {
             LpipsLayer::Convolution(convolution) => Some(convolution),
             LpipsLayer::Pool(_) => None,
@@ -108,7 +102,6 @@ impl LpipsConfig {
 }
 
 impl ConvolutionShape {
-    /// Returns names and shapes of weight and bias.
     pub(super) fn tensors(&self) -> [TensorShape; 2] {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
         let name = |part: &str| format!("features.{}.{part}", self.index);

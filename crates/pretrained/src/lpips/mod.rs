@@ -7,13 +7,13 @@ pub use config::LpipsConfig;
 use std::path::Path;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
-use infonerf_metrics::{Picture, PictureDistance, Protocol};
 use infonerf_ops::to_host;
 
 use crate::file::{NamedFile, TensorShape};
-use crate::layers::{Convolution, Window, maps_of_pixels, max_pool};
-use config::LpipsLayer;
+use crate::layers::{Convolution, maps_of_pixels, max_pool};
+use config::{ConvolutionShape, LpipsLayer};
 
 /// Mean and standard deviation of each channel, for images in [−1, 1].
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -31,15 +31,9 @@ const EPSILON: f32 = 1e-10;
 /// weight `w` per channel. Weights are fixed, and there is no gradient.
 pub struct Lpips {
     config: LpipsConfig,
-    layers: Vec<LpipsStage>,
+    /// Convolutions, and the weights `w`, `[1, channels, 1, 1]`, of those after which images are compared.
+    convolutions: Vec<(Convolution, Option<Tensor<4>>)>,
     device: Device,
-}
-
-#[allow(clippy::large_enum_variant, reason = "a network has few stages")]
-enum LpipsStage {
-    /// A convolution, and the weights `w`, `[1, channels, 1, 1]`, if images are compared after it.
-    Convolution(Convolution, Option<Tensor<4>>),
-    Pool(Window),
 }
 
 impl Lpips {
@@ -56,18 +50,14 @@ impl Lpips {
             let shape = [1, weights.len(), 1, 1];
             Ok::<_, String>(Tensor::from_data(TensorData::new(weights, shape), &device))
         };
-        let stage = |layer: &LpipsLayer| match layer {
-            LpipsLayer::Pool(window) => Ok(LpipsStage::Pool(*window)),
-            LpipsLayer::Convolution(convolution) => {
-                let [weight, bias] = convolution.tensors().map(|tensor| backbone.floats(&tensor));
-                let head = convolution.head_tensor().map(head).transpose();
-                let weights = (weight?, bias?);
-                let convolution = Convolution::new(convolution.window, convolution.channels, weights, &device);
-                Ok(LpipsStage::Convolution(convolution, head?))
-            }
+        let convolution = |shape: &ConvolutionShape| {
+            let [weight, bias] = shape.tensors().map(|tensor| backbone.floats(&tensor));
+            let head = shape.head_tensor().map(head).transpose();
+            let convolution = Convolution::new(shape.window, shape.channels, (weight?, bias?), &device);
+            Ok((convolution, head?))
         };
-        let layers = config.layers.iter().map(stage).collect::<Result<_, String>>()?;
-        Ok(Self { config, layers, device })
+        let convolutions = config.convolutions().map(convolution).collect::<Result<_, String>>()?;
+        Ok(Self { config, convolutions, device })
     }
 
     /// Computes the distance of each pair. Neighbours of one size share a pass while they are small together; with VGG-16 a
@@ -95,10 +85,12 @@ impl Lpips {
         let pictures: Vec<&Picture> = pairs.iter().map(|pair| pair.0).chain(pairs.iter().map(|pair| pair.1)).collect();
         let mut maps = self.input(&pictures, input);
         let mut distances = vec![0.0; pairs.len()];
-        for layer in &self.layers {
+        let mut convolutions = self.convolutions.iter();
+        for layer in &self.config.layers {
             match layer {
-                LpipsStage::Pool(window) => maps = max_pool(maps, *window),
-                LpipsStage::Convolution(convolution, weights) => {
+                LpipsLayer::Pool(window) => maps = max_pool(maps, *window),
+                LpipsLayer::Convolution(_) => {
+                    let (convolution, weights) = convolutions.next().expect("each shape was read");
                     maps = convolution.forward(maps);
                     if let Some(weights) = weights {
                         let differences = differences(&maps, weights);
@@ -135,12 +127,6 @@ fn differences(maps: &Tensor<4>, weights: &Tensor<4>) -> Vec<f64> {
         ((x - y).square() * weights.clone()).sum_dim(1).mean()
     };
     to_host(Tensor::cat((0..pairs).map(difference).collect(), 0)).into_iter().map(f64::from).collect()
-}
-
-impl PictureDistance for Lpips {
-    fn distance(&self, render: &Picture, truth: &Picture, protocol: &Protocol) -> Result<f64, String> {
-        Ok(self.distances(&[(render, truth)], protocol.lpips_input)?[0])
-    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ impl Store {
     /// # Errors
     /// If the file cannot be read, holds none of [`KNOWN_WEIGHTS`] in full, or the folder cannot be written.
     pub fn import(&self, file: &Path) -> Result<Vec<(&'static KnownWeights, PathBuf)>, WeightsError> {
-        let of_file = |cause| WeightsError::File { path: file.to_owned(), cause };
+        let of_file = |cause: String| WeightsError::file(file, cause);
         let tensors = WeightFile::read(file).map_err(of_file)?;
         let found = recognised(&tensors).map_err(of_file)?;
         found.into_iter().map(|weights| Ok((weights, self.keep(weights, &tensors, file)?))).collect()
@@ -32,7 +32,7 @@ impl Store {
             Ok((name, shape, values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()))
         };
         let needed = (weights.tensors)().into_iter().map(read).collect::<Result<Vec<_>, String>>();
-        let needed = needed.map_err(|cause| WeightsError::File { path: source.to_owned(), cause })?;
+        let needed = needed.map_err(|cause| WeightsError::file(source, cause))?;
         let views = needed.iter().map(|(name, shape, bytes)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytes).expect("bytes of that shape were read");
             (name.as_str(), view)
@@ -45,7 +45,7 @@ impl Store {
         let written = serialize_to_file(views, &None, &temporary)
             .map_err(|error| match error {
                 safetensors::SafeTensorError::IoError(error) => WeightsError::io(&path, &error),
-                error => WeightsError::File { path: path.clone(), cause: format!("{error:?}") },
+                error => WeightsError::file(&path, format!("{error:?}")),
             })
             .and_then(|()| std::fs::rename(&temporary, &path).map_err(|error| WeightsError::io(&path, &error)));
         if let Err(error) = written {
@@ -57,10 +57,7 @@ impl Store {
     }
 }
 
-/// Returns the weights that a file holds in full.
-///
-/// # Errors
-/// If there are none; names what the most similar ones lack.
+/// Returns the weights that a file holds in full; the error names what the most similar ones lack.
 pub(super) fn recognised(file: &WeightFile) -> Result<Vec<&'static KnownWeights>, String> {
     let mut nearest = (0.0, "it has no tensor that a known network has".to_owned());
     let mut found = Vec::new();

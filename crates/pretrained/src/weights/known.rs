@@ -21,7 +21,6 @@ pub struct KnownWeights {
     pub sha256: &'static str,
     /// Size of the published file.
     pub bytes: u64,
-    /// Lists the tensors of the file that are needed.
     pub(super) tensors: fn() -> Vec<TensorShape>,
 }
 

@@ -13,4 +13,4 @@ pub use error::WeightsError;
 #[cfg(feature = "fetch")]
 pub use fetch::DownloadProgress;
 pub use known::{KNOWN_WEIGHTS, KnownWeights};
-pub use store::{Status, Store};
+pub use store::Store;

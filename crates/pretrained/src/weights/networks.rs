@@ -1,5 +1,5 @@
 use burn::tensor::Device;
-use infonerf_metrics::{INCEPTION_NETWORK, LPIPS_ALEX_NETWORK, LPIPS_VGG_NETWORK, Metric, Networks};
+use infonerf_metrics::{INCEPTION_NETWORK, LPIPS_ALEX_NETWORK, LPIPS_VGG_NETWORK, Metric, Networks, Picture, Protocol};
 
 use super::{KnownWeights, Store, WeightsError};
 use crate::inception::{Inception, InceptionConfig};
@@ -20,16 +20,20 @@ impl Store {
         for (name, heads, config) in lpips.into_iter().filter(|(name, ..)| is_needed(name)) {
             match (self.path(name), self.path(heads)) {
                 (Some(backbone), Some(heads)) => {
-                    let lpips = Lpips::read(&backbone, &heads, config, device).map_err(WeightsError::Network)?;
-                    networks = networks.with_distance(name, Box::new(lpips));
+                    let lpips = Lpips::read(&backbone, &heads, config, device).map_err(WeightsError)?;
+                    let distance = move |render: &Picture, truth: &Picture, protocol: &Protocol| {
+                        Ok(lpips.distances(&[(render, truth)], protocol.lpips_input)?[0])
+                    };
+                    networks = networks.with_distance(name, Box::new(distance));
                 }
                 (Some(_), None) => networks = networks.with_missing(name, heads),
                 (None, _) => {}
             }
         }
         if let (Some(path), true) = (self.path(INCEPTION_NETWORK), is_needed(INCEPTION_NETWORK)) {
-            let inception = Inception::read(&path, InceptionConfig::FULL, device).map_err(WeightsError::Network)?;
-            networks = networks.with_extractor(INCEPTION_NETWORK, Box::new(inception));
+            let inception = Inception::read(&path, InceptionConfig::FULL, device).map_err(WeightsError)?;
+            let features = move |pictures: &[&Picture]| inception.features(pictures);
+            networks = networks.with_extractor(INCEPTION_NETWORK, Box::new(features));
         }
         Ok(networks)
     }

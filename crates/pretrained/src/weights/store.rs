@@ -7,19 +7,9 @@ use crate::file::WeightFile;
 /// Files and folders in which weights are searched.
 #[derive(Debug, Clone)]
 pub struct Store {
-    /// Explicitly given files with their content.
     files: Vec<(&'static KnownWeights, PathBuf)>,
     /// Folders in order of search; imports go to the first.
     folders: Vec<PathBuf>,
-}
-
-/// Weights and their file, if present.
-#[derive(Debug, Clone)]
-pub struct Status {
-    /// The weights.
-    pub weights: &'static KnownWeights,
-    /// File that would be used.
-    pub path: Option<PathBuf>,
 }
 
 impl Store {
@@ -33,7 +23,7 @@ impl Store {
         match explicit {
             Some(path) if path.is_dir() => folders.push(path.to_owned()),
             Some(path) => {
-                let of_file = |cause| WeightsError::File { path: path.to_owned(), cause };
+                let of_file = |cause: String| WeightsError::file(path, cause);
                 let file = WeightFile::read(path).map_err(of_file)?;
                 files.extend(recognised(&file).map_err(of_file)?.into_iter().map(|weights| (weights, path.to_owned())));
             }
@@ -41,7 +31,10 @@ impl Store {
         }
         folders.extend(std::env::var_os("INFONERF_WEIGHTS").filter(|folder| !folder.is_empty()).map(PathBuf::from));
         folders.extend(dirs::cache_dir().map(|cache| cache.join("infonerf").join("weights")));
-        if folders.is_empty() { Err(WeightsError::NoFolder) } else { Ok(Self { files, folders }) }
+        if folders.is_empty() {
+            return Err(WeightsError("no folder to keep weights in: set INFONERF_WEIGHTS to one".to_owned()));
+        }
+        Ok(Self { files, folders })
     }
 
     /// Searches `folder` alone.
@@ -55,7 +48,6 @@ impl Store {
         &self.folders
     }
 
-    /// Returns the folder of imports and downloads.
     pub(super) fn target(&self) -> &Path {
         &self.folders[0]
     }
@@ -68,8 +60,8 @@ impl Store {
         named.or_else(|| places.into_iter().find(|path| path.is_file()))
     }
 
-    /// Finds the files of all [`KNOWN_WEIGHTS`].
-    pub fn status(&self) -> Vec<Status> {
-        KNOWN_WEIGHTS.iter().map(|weights| Status { weights, path: self.find(weights) }).collect()
+    /// Finds the file of each of [`KNOWN_WEIGHTS`], if present.
+    pub fn status(&self) -> impl Iterator<Item = (&'static KnownWeights, Option<PathBuf>)> {
+        KNOWN_WEIGHTS.iter().map(|weights| (weights, self.find(weights)))
     }
 }

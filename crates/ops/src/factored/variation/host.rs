@@ -15,7 +15,6 @@ pub(super) struct VariationKernel {
 }
 
 impl VariationKernel {
-    /// Lists `(first element, resolution, channels)` of every plane.
     fn planes(&self) -> Vec<(usize, usize, usize)> {
         let of_level =
             |level: &crate::factored::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
@@ -101,10 +100,6 @@ impl Job for DifferenceGradient<'_> {
 }
 
 impl Kernel for VariationKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![1]
-    }
-
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let parts: Vec<f64> = self
             .planes()

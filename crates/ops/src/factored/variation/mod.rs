@@ -22,13 +22,12 @@ pub fn plane_variation(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tenso
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     dispatch! {
         &tables.device();
-        host => crate::kernel::apply(host::VariationKernel { layout: layout.clone() }, tables),
+        host => crate::kernel::apply(host::VariationKernel { layout: layout.clone() }, [1], tables),
         cube => gpu::variation(tables, layout),
         plain => plain(tables, layout),
     }
 }
 
-/// Returns the weight of a level's squared differences.
 fn weight(resolution: usize) -> f32 {
     1.0 / (64.0 * 3.0 * resolution as f32)
 }

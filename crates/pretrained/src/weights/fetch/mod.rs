@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 use ureq::http::StatusCode;
 use ureq::{Agent, Body, http::Response};
 
-use super::{KnownWeights, Store, WeightsError};
+use super::{KNOWN_WEIGHTS, KnownWeights, Store, WeightsError};
 use crate::file::WeightFile;
 
 /// Progress of a download.
@@ -31,10 +31,13 @@ impl Store {
     /// it ended. Returns the files.
     ///
     /// # Errors
-    /// [`WeightsError::Unknown`], and as [`Store::fetch_file`].
+    /// If no weights are called so, and as [`Store::fetch_file`].
     pub fn fetch(&self, name: &str, progress: &mut dyn FnMut(DownloadProgress)) -> Result<Vec<PathBuf>, WeightsError> {
-        let named =
-            |name: &str| KnownWeights::named(name).ok_or_else(|| WeightsError::Unknown { name: name.to_owned() });
+        let unknown = |name: &str| {
+            let known = KNOWN_WEIGHTS.iter().map(|weights| weights.name).collect::<Vec<_>>().join(", ");
+            WeightsError(format!("no weights are called `{name}`; known: {known}"))
+        };
+        let named = |name: &str| KnownWeights::named(name).ok_or_else(|| unknown(name));
         let companions = named(name)?.companions;
         let fetched = |name: &&str| {
             let weights = named(name)?;
@@ -46,8 +49,7 @@ impl Store {
     /// Downloads the file of `weights`.
     ///
     /// # Errors
-    /// [`WeightsError::Download`] if the file does not arrive or is another one, [`WeightsError::NoSpace`], or
-    /// [`WeightsError::File`] if the folder cannot be written.
+    /// If the file does not arrive or is another one, or the folder cannot be written.
     pub fn fetch_file(
         &self,
         weights: &KnownWeights,
@@ -62,9 +64,9 @@ impl Store {
             remove(&part)?;
             let (url, expected) = (weights.url, weights.sha256);
             let fault = format!("{url}: wrong checksum: SHA-256 is {found}, expected {expected}; nothing was kept");
-            return Err(WeightsError::Download(fault));
+            return Err(WeightsError(fault));
         }
-        let tensors = WeightFile::read(&part).map_err(|cause| WeightsError::File { path: part.clone(), cause })?;
+        let tensors = WeightFile::read(&part).map_err(|cause| WeightsError::file(&part, cause))?;
         let path = self.keep(weights, &tensors, &part)?;
         drop(tensors);
         remove(&part)?;
@@ -87,7 +89,7 @@ fn download(
     let (response, mut done) = open(url, if kept < total { kept } else { 0 })?;
     if let Some(found) = response.body().content_length().map(|rest| done + rest).filter(|all| *all != total) {
         let fault = format!("{url}: the server offers {found} bytes, expected {total}");
-        return Err(WeightsError::Download(fault));
+        return Err(WeightsError(fault));
     }
 
     let file = OpenOptions::new().create(true).write(true).append(done > 0).truncate(done == 0).open(part);
@@ -102,7 +104,7 @@ fn download(
             let fault = format!(
                 "{url}: the connection ended after {done} of {total} bytes; what has arrived is kept; try again to resume"
             );
-            return Err(WeightsError::Download(fault));
+            return Err(WeightsError(fault));
         }
         file.write_all(&chunk[..count]).map_err(|error| WeightsError::io(part, &error))?;
         done += count as u64;
@@ -123,7 +125,7 @@ fn open(url: &str, start: u64) -> Result<(Response<Body>, u64), WeightsError> {
     }
     let connection = |cause: ureq::Error| {
         let way_out = "without a network, `infonerf weights import FILE` takes a copy";
-        WeightsError::Download(format!("no connection to {url}: {cause}; {way_out}"))
+        WeightsError(format!("no connection to {url}: {cause}; {way_out}"))
     };
     let response = request.call().map_err(connection)?;
     let range = response.headers().get("content-range").and_then(|range| range.to_str().ok());
@@ -134,22 +136,15 @@ fn open(url: &str, start: u64) -> Result<(Response<Body>, u64), WeightsError> {
         _ if start > 0 => open(url, 0),
         status => {
             let fault = format!("{url}: the server answered with HTTP status {}", status.as_u16());
-            Err(WeightsError::Download(fault))
+            Err(WeightsError(fault))
         }
     }
 }
 
-/// Computes the SHA-256 of a file, in hexadecimal digits.
 fn sha256(path: &Path) -> Result<String, WeightsError> {
-    let io = |error: std::io::Error| WeightsError::io(path, &error);
-    let mut file = File::open(path).map_err(io)?;
-    let (mut sum, mut chunk) = (Sha256::new(), vec![0; CHUNK]);
-    loop {
-        match file.read(&mut chunk).map_err(io)? {
-            0 => break,
-            count => sum.update(&chunk[..count]),
-        }
-    }
+    let mut sum = Sha256::new();
+    let copied = File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut sum));
+    copied.map_err(|error| WeightsError::io(path, &error))?;
     Ok(sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 

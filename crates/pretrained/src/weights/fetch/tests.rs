@@ -9,19 +9,14 @@ use super::*;
 /// LPIPS heads by rule; `tests/files.py` made them.
 const FILE: &[u8] = include_bytes!("../../../tests/heads.pth");
 
-/// Behaviour of the server at a request.
 enum Answer {
-    /// Sends the requested part of the file.
     File,
     /// Sends the requested part, but closes the connection after this number of bytes.
     Cut(usize),
-    /// Sends the whole file, whatever was requested.
     Whole,
     /// Sends the rest of the file from another byte than requested.
     Elsewhere,
-    /// Sends other content.
     Other(&'static [u8]),
-    /// Sends a status without content.
     Status(&'static str),
 }
 
@@ -62,15 +57,17 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
     (url, std::thread::spawn(move || answers.into_iter().map(answer).collect()))
 }
 
+fn sum(file: &[u8]) -> String {
+    Sha256::digest(file).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Describes the heads of LPIPS as if `file` were published at `url`.
 fn published(url: String, file: &[u8]) -> KnownWeights {
-    let sha256: String = Sha256::digest(file).iter().map(|byte| format!("{byte:02x}")).collect();
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
-    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(sha256.into_boxed_str()));
+    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(sum(file).into_boxed_str()));
     KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
 }
 
-/// Temporary folder for weights.
 struct WeightFolder(tempfile::TempDir);
 
 impl WeightFolder {
@@ -148,28 +145,20 @@ fn partial_files_are_completed_or_replaced() {
 }
 
 #[test]
-fn wrong_checksum_keeps_nothing() {
-    let (url, server) = serve(vec![Answer::File]);
-    let (mut weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
-    let found = weights.sha256;
-    weights.sha256 = "00ff";
-    let expected = format!("{url}: wrong checksum: SHA-256 is {found}, expected 00ff; nothing was kept");
-    assert_eq!(folder.fetch(&weights), Err(expected));
-    assert_eq!(folder.files(), [""; 0]);
-    server.join().unwrap();
-}
-
-#[test]
-fn refusals_are_one_line() {
-    let (url, server) =
-        serve(vec![Answer::Status("404 Not Found"), Answer::Status("503 Busy"), Answer::Other(b"<html>")]);
-    let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
-    assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 404")));
-    assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 503")));
-    let expected = format!("{url}: the server offers 6 bytes, expected {}", FILE.len());
-    assert_eq!(folder.fetch(&weights), Err(expected));
-    assert_eq!(folder.files(), [""; 0]);
-    server.join().unwrap();
+fn refusals_are_one_line_and_keep_nothing() {
+    let length = FILE.len();
+    let checksum = format!("wrong checksum: SHA-256 is {}, expected 00ff; nothing was kept", sum(FILE));
+    for (answer, expected) in [
+        (Answer::File, checksum),
+        (Answer::Status("404 Not Found"), "the server answered with HTTP status 404".to_owned()),
+        (Answer::Other(b"<html>"), format!("the server offers 6 bytes, expected {length}")),
+    ] {
+        let (url, server) = serve(vec![answer]);
+        let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
+        assert_eq!(folder.fetch(&KnownWeights { sha256: "00ff", ..weights }), Err(format!("{url}: {expected}")));
+        assert_eq!(folder.files(), [""; 0]);
+        server.join().unwrap();
+    }
 }
 
 #[test]
