@@ -151,16 +151,12 @@ mod tests {
     }
 
     #[test]
-    fn one_camera_is_centred_on_its_axis_near_the_origin() {
+    fn one_camera_or_parallel_ones_get_a_centre_in_front() {
         let position = DVec3::new(0.0, -4.0, 3.0);
-        let focus = scene_focus(&[camera(position, -position)]);
-        assert!(focus.centre.length() < 1e-6 && focus.inward);
-    }
-
-    #[test]
-    fn parallel_cameras_get_a_centre_in_front() {
-        let cameras: Vec<_> = (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
-        let focus = scene_focus(&cameras);
+        let one = scene_focus(&[camera(position, -position)]);
+        assert!(one.centre.length() < 1e-6 && one.inward);
+        let row: Vec<_> = (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
+        let focus = scene_focus(&row);
         assert!(focus.inward && focus.centre.z < -1.0 && focus.centre.is_finite());
     }
 

@@ -210,31 +210,10 @@ mod tests {
             assert!((pose - train[0].to_world).abs_diff_eq(DMat4::ZERO, 1e-6));
         }
         assert_rigid(unseen_pose(&[], &mut ChaCha8Rng::seed_from_u64(0)));
-    }
-
-    #[test]
-    fn straight_up_and_opposite_cameras_work() {
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
-        assert_rigid(unseen_pose(&[camera(DVec3::Z, DVec3::NEG_Z)], &mut rng));
-        let facing = [camera(DVec3::X, DVec3::NEG_X), camera(DVec3::NEG_X, DVec3::X)];
-        assert_rigid(unseen_pose(&facing, &mut rng));
-        let apart = [camera(DVec3::X, DVec3::X), camera(DVec3::NEG_X, DVec3::NEG_X)];
-        assert_rigid(unseen_pose(&apart, &mut rng));
-    }
-
-    #[test]
-    fn forward_facing_stays_near_the_cameras() {
-        let train: Vec<_> = (0..5)
-            .map(|i| {
-                let p = DVec3::new(f64::from(i % 3) * 0.2, f64::from(i / 3) * 0.2, 0.0);
-                camera(p, DVec3::new(-0.03 * p.x, -0.03 * p.y, -1.0))
-            })
-            .collect();
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
-        for _ in 0..50 {
-            let pose = unseen_pose(&train, &mut rng);
-            assert_rigid(pose);
-            assert!(pose.z_axis.z > 0.9 && pose.w_axis.truncate().length() < 3.0, "{pose}");
+        // Straight down, and two cameras that face each other or look away from each other.
+        let pair = |sign: f64| vec![camera(DVec3::X, DVec3::X * sign), camera(DVec3::NEG_X, DVec3::X * -sign)];
+        for cameras in [vec![camera(DVec3::Z, DVec3::NEG_Z)], pair(-1.0), pair(1.0)] {
+            assert_rigid(unseen_pose(&cameras, &mut ChaCha8Rng::seed_from_u64(0)));
         }
     }
 
