@@ -32,8 +32,8 @@ use infonerf_field::{FieldConfig, FieldSpec};
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits};
+use crate::package::Subjects;
 use crate::shader::{FieldMarch, integers3, vector4};
-use crate::subjects::Subjects;
 use bricks::Bricks;
 use colors::{Colors, MAX_COLOR};
 use domain::Domain;
