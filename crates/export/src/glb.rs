@@ -3,9 +3,9 @@
 use glam::{Quat, Vec3};
 use serde_json::{Value, json};
 
-use crate::encode::{linear, push};
 use crate::error::ExportError;
 use crate::mesh::Mesh;
+use crate::ply::push;
 
 /// Component types and buffer targets of the specification.
 const UNSIGNED_SHORT: u32 = 5123;
@@ -90,6 +90,12 @@ fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
     colors.iter().flat_map(of_color).flat_map(u16::to_le_bytes).collect()
 }
 
+/// Returns the linear value of a display-encoded channel (sRGB, IEC 61966-2-1).
+fn linear(channel: f32) -> f32 {
+    let channel = channel.clamp(0.0, 1.0);
+    if channel <= 0.040_45 { channel / 12.92 } else { ((channel + 0.055) / 1.055).powf(2.4) }
+}
+
 /// Returns the corner of the box around `points` that `pick` chooses.
 fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
     points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
@@ -120,8 +126,7 @@ fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, Expo
     document.resize(document.len().next_multiple_of(4), b' ');
     buffer.resize(buffer.len().next_multiple_of(4), 0);
     let length = 12 + 8 + document.len() + 8 + buffer.len();
-    let length = u32::try_from(length)
-        .map_err(|_| ExportError::Encoding { format: "glb", cause: "expected at most 4 GB".into() })?;
+    let length = u32::try_from(length).map_err(|_| ExportError("glb: expected at most 4 GB".into()))?;
     let mut file = Vec::with_capacity(length as usize);
     file.extend(b"glTF");
     file.extend(2u32.to_le_bytes());

@@ -192,7 +192,7 @@ fn light_from_behind_passes_glass_and_water() {
     let red = model::matt(DVec3::new(0.8, 0.0, 0.0));
     let blue = model::Material { reflectance: 0.0, ..model::glass(DVec3::new(0.0, 0.0, 0.8), 0.25) };
     let line = |y: f64| convex::HalfLine { origin: DVec3::new(3.0, y, 0.0), direction: DVec3::NEG_X };
-    let mut scene = model::Builder::default();
+    let mut scene = Builder::default();
     // From y 0 to 2 a wall, from −2 to 1 a pane before it; below y = −2 water two units thick.
     scene.solid(Convex::block(DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.2, 2.0, 2.0)), red);
     scene.solid(Convex::block(DVec3::new(1.0, -0.5, 0.0), DVec3::new(0.2, 3.0, 2.0)), blue);
