@@ -8,10 +8,10 @@ use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use infonerf_experiment::Trained;
 use infonerf_field::RadianceField;
+use infonerf_metrics::to_rgb8;
 use infonerf_render::{RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::{Layout, Range, Scene, View, resized_dimensions};
 use serde_json::{Value, json};
-use to_rgb8;
 
 use crate::{baked, factored};
 

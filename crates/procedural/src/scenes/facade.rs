@@ -57,10 +57,8 @@ fn front(scene: &mut Builder, side: u32) {
     let block = |centre: DVec3, x: f64, y: f64, z: f64| Convex::block(centre, v(x, y, z)).turned(turn);
     // Cornices over every storey.
     for (floor, deep, high) in [(1.0, 0.07, 0.05), (2.0, 0.045, 0.03), (3.0, 0.13, 0.08)] {
-        scene.solid(
-            block(out * (HALF + 0.2 * deep) + DVec3::Z * (LOW + floor * STOREY), 2.0 * HALF + deep, deep, high),
-            stone(),
-        );
+        let part = block(out * (HALF + 0.2 * deep) + DVec3::Z * (LOW + floor * STOREY), 2.0 * HALF + deep, deep, high);
+        scene.solid(part, stone());
     }
     let dentil = |i: i32| out * (HALF + 0.03) + along * (0.094 * f64::from(i)) + DVec3::Z * (LOW + 3.0 * STOREY - 0.07);
     for i in -10..=10 {

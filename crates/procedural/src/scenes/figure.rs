@@ -20,11 +20,8 @@ pub(super) fn figure(scene: &mut Builder) {
     scene.ring(LocalFrame { origin: hip + trunk.rotation.z_axis * 0.06, ..trunk }, 0.15, 0.018, ink);
     limb(scene, neck, v(0.04, -0.03, 0.66), 0.058, 0.055, skin);
     let head = v(0.05, -0.05, 0.80);
-    scene.lathe(
-        LocalFrame::along(head, v(0.06, -0.08, 1.0)),
-        &[0.02, -0.165, 0.075, -0.13, 0.115, -0.03, 0.12, 0.05, 0.08, 0.13, 0.01, 0.16],
-        skin,
-    );
+    let outline = [0.02, -0.165, 0.075, -0.13, 0.115, -0.03, 0.12, 0.05, 0.08, 0.13, 0.01, 0.16];
+    scene.lathe(LocalFrame::along(head, v(0.06, -0.08, 1.0)), &outline, skin);
     scene.sphere(head + v(0.005, 0.022, 0.065), 0.126, hair);
     scene.sphere(head + v(0.02, 0.14, 0.12), 0.07, hair);
     for x in [-0.045, 0.045] {

@@ -72,11 +72,8 @@ fn company(scene: &mut Builder) {
     scene.sphere(v(0.58, -0.50, TOP + 0.17), 0.17, steel());
     let lemon = Plain(rgb(0xfad028));
     let along = LocalFrame::along(v(0.20, -0.74, TOP + 0.10), v(1.0, 0.5, 0.1));
-    scene.lathe(
-        along,
-        &[0.01, -0.17, 0.03, -0.14, 0.085, -0.08, 0.10, 0.0, 0.085, 0.08, 0.03, 0.14, 0.01, 0.16],
-        glossy(lemon),
-    );
+    let outline = [0.01, -0.17, 0.03, -0.14, 0.085, -0.08, 0.10, 0.0, 0.085, 0.08, 0.03, 0.14, 0.01, 0.16];
+    scene.lathe(along, &outline, glossy(lemon));
     let leaf = glossy(rgb(0x328232));
     scene.solid(Convex::block(v(0.36, -0.62, TOP + 0.13), v(0.14, 0.07, 0.012)).turned(40.0), leaf);
     let mug = v(-0.62, 0.52, TOP);

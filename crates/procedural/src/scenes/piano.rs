@@ -92,11 +92,8 @@ fn legs(scene: &mut Builder) {
     let brass = metal(rgb(0xb0863c));
     for at in [v(-0.54, -0.50, RUG), v(0.54, -0.50, RUG), v(-0.28, 0.66, RUG)] {
         scene.sphere(at + DVec3::Z * 0.035, 0.035, brass);
-        scene.lathe(
-            at,
-            &[0.035, 0.06, 0.05, 0.12, 0.04, 0.20, 0.07, 0.46, 0.09, 0.54, 0.07, 0.58, 0.09, 0.66],
-            lacquer(),
-        );
+        let outline = [0.035, 0.06, 0.05, 0.12, 0.04, 0.20, 0.07, 0.46, 0.09, 0.54, 0.07, 0.58, 0.09, 0.66];
+        scene.lathe(at, &outline, lacquer());
     }
     for x in [-0.04, 0.04] {
         scene.rod(v(x, -0.25, RUG + 0.05), v(0.5 * x, -0.20, TOP - 0.2), 0.014, lacquer());

@@ -92,14 +92,12 @@ fn sofa(scene: &mut Builder) {
     }
     let gold = matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false));
     let red = matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0)));
-    scene.solid(
-        Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40)).swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0),
-        gold,
-    );
-    scene.solid(
-        Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38)).swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0),
-        red,
-    );
+    let part =
+        Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40)).swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0);
+    scene.solid(part, gold);
+    let part =
+        Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38)).swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0);
+    scene.solid(part, red);
 }
 
 fn low_table(scene: &mut Builder) {
@@ -124,10 +122,8 @@ fn low_table(scene: &mut Builder) {
     }
     for (k, colour) in [rgb(0x1e6042), rgb(0xe2d8be), rgb(0x961e24)].into_iter().enumerate() {
         let at = c + v(0.20, 0.04, top + 0.022 + 0.042 * k as f64);
-        scene.solid(
-            Convex::block(at, v(0.30 - 0.03 * k as f64, 0.21, 0.040)).turned(18.0 * k as f64 - 8.0),
-            satin(colour),
-        );
+        let part = Convex::block(at, v(0.30 - 0.03 * k as f64, 0.21, 0.040)).turned(18.0 * k as f64 - 8.0);
+        scene.solid(part, satin(colour));
     }
     let cup = c + v(-0.02, -0.16, top);
     scene.cylinder(cup, 0.085, 0.012, glossy(rgb(0xf0eee8)));
@@ -153,11 +149,8 @@ fn dresser(scene: &mut Builder) {
     }
     let lamp = v(-SIDE + 0.24, 2.45, 0.865);
     scene.lathe(lamp, &[0.09, 0.0, 0.10, 0.06, 0.05, 0.16, 0.02, 0.24, 0.02, 0.30], glossy(rgb(0x1e606e)));
-    scene.lathe(
-        lamp,
-        &[0.20, 0.28, 0.17, 0.38, 0.12, 0.50],
-        matt(Stripes(rgb(0xfae8be), rgb(0xf0ce96), v(9.0, 0.0, 0.0))),
-    );
+    let outline = [0.20, 0.28, 0.17, 0.38, 0.12, 0.50];
+    scene.lathe(lamp, &outline, matt(Stripes(rgb(0xfae8be), rgb(0xf0ce96), v(9.0, 0.0, 0.0))));
     let globe = Patches(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95);
     scene.cylinder(v(-SIDE + 0.24, 3.25, 0.865), 0.08, 0.04, metal(rgb(0xcea656)));
     scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(globe));
@@ -166,11 +159,8 @@ fn dresser(scene: &mut Builder) {
 /// Adds an armchair to the right and a plant behind it.
 fn corner(scene: &mut Builder) {
     let pot = v(1.55, 4.0, 0.0);
-    scene.lathe(
-        pot,
-        &[0.15, 0.0, 0.20, 0.20, 0.22, 0.36],
-        matt(Bands(rgb(0xc46e46), rgb(0xa05032), rgb(0xdc9664), 6.0)),
-    );
+    let outline = [0.15, 0.0, 0.20, 0.20, 0.22, 0.36];
+    scene.lathe(pot, &outline, matt(Bands(rgb(0xc46e46), rgb(0xa05032), rgb(0xdc9664), 6.0)));
     let leaf = satin(Stripes(rgb(0x46963c), rgb(0x286830), v(9.0, 0.0, 0.0)));
     for k in 0..16u32 {
         let angle = f64::from(k) * 137.5;
@@ -180,20 +170,16 @@ fn corner(scene: &mut Builder) {
         let curve = |s: f64| start + polar(reach * s * s, angle, tall * s * (1.35 - 0.35 * s));
         scene.closed_tube(curve, 8, 0.016, leaf);
         let tip = curve(1.0);
-        scene.lathe(
-            LocalFrame::along(tip, curve(1.0) - curve(0.8)),
-            &[0.012, -0.12, 0.05, -0.02, 0.045, 0.06, 0.004, 0.16],
-            leaf,
-        );
+        let outline = [0.012, -0.12, 0.05, -0.02, 0.045, 0.06, 0.004, 0.16];
+        scene.lathe(LocalFrame::along(tip, curve(1.0) - curve(0.8)), &outline, leaf);
     }
     let cloth = matt(Flowers(rgb(0xcec4a0), rgb(0x789664), 6.0, false));
     let (x, y) = (1.32, 2.75);
     let turn = |c: Convex| c.swung(v(x, y, 0.0), DVec3::Z, 58.0);
     scene.solid(turn(Convex::block(v(x, y, 0.30), v(0.62, 0.60, 0.26))), cloth);
-    scene.solid(
-        turn(Convex::block(v(x, y - 0.27, 0.62), v(0.62, 0.14, 0.66)).swung(v(x, y - 0.27, 0.3), DVec3::X, 10.0)),
-        cloth,
-    );
+    let part =
+        turn(Convex::block(v(x, y - 0.27, 0.62), v(0.62, 0.14, 0.66)).swung(v(x, y - 0.27, 0.3), DVec3::X, 10.0));
+    scene.solid(part, cloth);
     for side in [-0.33, 0.33] {
         scene.solid(turn(Convex::block(v(x + side, y, 0.40), v(0.12, 0.62, 0.36))), cloth);
         scene.solid(turn(Convex::rod(v(x + side, y - 0.3, 0.58), v(x + side, y + 0.32, 0.58), 0.075)), cloth);

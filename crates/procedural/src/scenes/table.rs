@@ -99,9 +99,6 @@ fn radio(scene: &mut Builder) {
     scene.rod(c + along * 0.28 + DVec3::Z * 0.2, c + along * 0.46 + DVec3::Z * 0.72, 0.010, brass);
     scene.sphere(c + along * 0.46 + DVec3::Z * 0.72, 0.02, brass);
     let pear = glossy(Patches(rgb(0xdcc846), rgb(0xbeaa32), 20.0, 9.0));
-    scene.lathe(
-        v(0.36, -0.48, TOP + 0.006),
-        &[0.05, 0.0, 0.11, 0.06, 0.11, 0.13, 0.055, 0.23, 0.04, 0.27, 0.004, 0.29],
-        pear,
-    );
+    let outline = [0.05, 0.0, 0.11, 0.06, 0.11, 0.13, 0.055, 0.23, 0.04, 0.27, 0.004, 0.29];
+    scene.lathe(v(0.36, -0.48, TOP + 0.006), &outline, pear);
 }
