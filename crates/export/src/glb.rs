@@ -31,36 +31,15 @@ pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
         bytes
     };
     let count = surface.positions.len();
-    let position = buffer.add(
-        &vectors(&surface.positions),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC3", "componentType": FLOAT,
-            "min": corner(&surface.positions, Vec3::min), "max": corner(&surface.positions, Vec3::max),
-        }),
-    );
-    let normal = buffer.add(
-        &vectors(&surface.normals),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC3", "componentType": FLOAT,
-        }),
-    );
-    let color = buffer.add(
-        &colors(&mesh.colors),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC4", "componentType": UNSIGNED_SHORT, "normalized": true,
-        }),
-    );
-    let corners = surface.triangles.iter().flatten();
-    let indices = buffer.add(
-        &corners.flat_map(|vertex| vertex.to_le_bytes()).collect::<Vec<_>>(),
-        ELEMENT_ARRAY_BUFFER,
-        json!({
-            "count": 3 * surface.triangles.len(), "type": "SCALAR", "componentType": UNSIGNED_INT,
-        }),
-    );
+    let position = buffer.add(&vectors(&surface.positions), ARRAY_BUFFER, count, "VEC3", FLOAT);
+    buffer.accessors[position]["min"] = json!(corner(&surface.positions, Vec3::min));
+    buffer.accessors[position]["max"] = json!(corner(&surface.positions, Vec3::max));
+    let normal = buffer.add(&vectors(&surface.normals), ARRAY_BUFFER, count, "VEC3", FLOAT);
+    let color = buffer.add(&colors(&mesh.colors), ARRAY_BUFFER, count, "VEC4", UNSIGNED_SHORT);
+    buffer.accessors[color]["normalized"] = json!(true);
+    let corners: Vec<u8> = surface.triangles.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()).collect();
+    let count = 3 * surface.triangles.len();
+    let indices = buffer.add(&corners, ELEMENT_ARRAY_BUFFER, count, "SCALAR", UNSIGNED_INT);
     let turn = Quat::from_rotation_arc(up.normalize_or(Vec3::Y), Vec3::Y);
     let document = json!({
         "asset": {"version": "2.0", "generator": "infonerf"},
@@ -110,10 +89,11 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Appends `bytes` with their accessor, and returns its index.
-    fn add(&mut self, bytes: &[u8], target: u32, mut accessor: Value) -> usize {
+    /// Appends `bytes`, `count` elements of a `shape` of `component`s, and returns the index of their accessor.
+    fn add(&mut self, bytes: &[u8], target: u32, count: usize, shape: &str, component: u32) -> usize {
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(), "target": target});
-        accessor["bufferView"] = json!(self.views.len());
+        let accessor =
+            json!({"bufferView": self.views.len(), "count": count, "type": shape, "componentType": component});
         self.bytes.extend(bytes);
         self.views.push(view);
         self.accessors.push(accessor);

@@ -48,17 +48,17 @@ pub(super) fn glossy(texture: impl Into<Texture>) -> Material {
 }
 
 /// Builds metal polished to a mirror.
-pub(super) fn mirror(colour: DVec3) -> Material {
+pub(super) fn mirror(colour: impl Into<Texture>) -> Material {
     opaque(colour, 0.82, 160.0, true)
 }
 
 /// Builds polished metal of the given colour.
-pub(super) fn metal(colour: DVec3) -> Material {
+pub(super) fn metal(colour: impl Into<Texture>) -> Material {
     opaque(colour, 0.6, 70.0, true)
 }
 
 /// Builds thin glass that stops `opacity` of the light from behind.
-pub(super) fn glass(colour: DVec3, opacity: f64) -> Material {
+pub(super) fn glass(colour: impl Into<Texture>, opacity: f64) -> Material {
     Material { opacity, ..opaque(colour, 0.05, 300.0, false) }
 }
 
@@ -94,6 +94,13 @@ impl Builder {
     /// Adds a convex solid.
     pub fn solid(&mut self, base: Convex, material: Material) -> &mut Self {
         self.carved(base, Vec::new(), material)
+    }
+
+    /// Adds a convex solid for each of some values.
+    pub fn each<T>(&mut self, values: impl IntoIterator<Item = T>, solid: impl Fn(T) -> Convex, material: Material) {
+        for value in values {
+            self.solid(solid(value), material);
+        }
     }
 
     /// Adds a convex solid with others cut out of it.

@@ -31,6 +31,19 @@ pub(super) enum Texture {
     Flowers(DVec3, DVec3, f64, bool),
 }
 
+/// Converts a display colour, `0xRRGGBB`, to linear RGB.
+pub(super) fn rgb(colour: u32) -> DVec3 {
+    let [_, r, g, b] = colour.to_be_bytes();
+    DVec3::new(f64::from(r), f64::from(g), f64::from(b)).map(|c| (c / 255.0).powf(2.2))
+}
+
+impl From<u32> for Texture {
+    /// Returns one display colour, `0xRRGGBB`.
+    fn from(colour: u32) -> Self {
+        Self::Plain(rgb(colour))
+    }
+}
+
 impl From<DVec3> for Texture {
     fn from(colour: DVec3) -> Self {
         Self::Plain(colour)

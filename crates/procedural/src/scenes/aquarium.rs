@@ -22,29 +22,27 @@ pub(super) fn aquarium(scene: &mut Builder) {
 fn stand(scene: &mut Builder) {
     let wood = Planks(rgb(0x966238), rgb(0x5c361c), 0.13, 0.8);
     scene.block(v(0.0, 0.0, BASE - 0.16), v(1.78, 1.06, 0.30), satin(wood));
-    scene.block(v(0.0, 0.0, BASE - 0.34), v(1.66, 0.94, 0.06), matt(rgb(0x322218)));
-    let knob = metal(rgb(0xc8c8c8));
+    scene.block(v(0.0, 0.0, BASE - 0.34), v(1.66, 0.94, 0.06), matt(0x322218));
+    let knob = metal(0xc8c8c8);
     for x in [-0.44, 0.44] {
-        for y in [-0.54, 0.54] {
-            scene.sphere(v(x, y, BASE - 0.16), 0.035, knob);
-        }
+        scene.each([-0.54, 0.54], |y| Convex::sphere(v(x, y, BASE - 0.16), 0.035), knob);
     }
     for x in [-1.0, 0.0, 1.0] {
         for y in [-0.531, 0.531] {
-            let gap = matt(rgb(0x2e1e14));
+            let gap = matt(0x2e1e14);
             scene.block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28), gap);
         }
     }
 }
 
 fn tank(scene: &mut Builder) {
-    let pane = glass(rgb(0x96c8be), 0.05);
+    let pane = glass(0x96c8be, 0.05);
     let (z, h) = (0.5 * (BASE + RIM), RIM - BASE);
     for side in [-1.0, 1.0] {
         scene.block(v(0.0, side * HALF.y, z), v(2.0 * HALF.x, 0.012, h), pane);
         scene.block(v(side * HALF.x, 0.0, z), v(0.012, 2.0 * HALF.y, h), pane);
     }
-    let steel = metal(rgb(0x464a50));
+    let steel = metal(0x464a50);
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let edge = v(x * HALF.x, y * HALF.y, 0.0);
         scene.rod(edge + DVec3::Z * BASE, edge + DVec3::Z * RIM, 0.020, steel);
@@ -62,7 +60,7 @@ fn tank(scene: &mut Builder) {
         Convex::block(v(0.0, 0.0, 0.5 * (low + high)), v(2.0 * HALF.x - 0.014, 2.0 * HALF.y - 0.014, high - low));
     scene.fill(water, v(0.10, 0.52, 0.62), 0.42);
     let surface = Convex::block(v(0.0, 0.0, high), v(2.0 * HALF.x - 0.02, 2.0 * HALF.y - 0.02, 0.004));
-    scene.solid(surface, glass(rgb(0x78d2dc), 0.10));
+    scene.solid(surface, glass(0x78d2dc, 0.10));
 }
 
 /// Adds sand, rocks, an arch, weeds and corals.
@@ -77,9 +75,7 @@ fn bottom(scene: &mut Builder) {
         Convex::rod(arch - DVec3::Y, arch + DVec3::Y, 0.10),
     ];
     scene.carved(Convex::block(arch, v(0.40, 0.18, 0.40)), hole, matt(brick));
-    for x in [-0.13, 0.0, 0.13] {
-        scene.block(arch + v(x, 0.0, 0.23), v(0.08, 0.18, 0.07), matt(brick));
-    }
+    scene.each([-0.13, 0.0, 0.13], |x| Convex::block(arch + v(x, 0.0, 0.23), v(0.08, 0.18, 0.07)), matt(brick));
     let rock = Marble(rgb(0x78747c), rgb(0x3c3e48), 6.0);
     for (x, y, r) in
         [(-0.58, 0.22, 0.17), (-0.40, 0.30, 0.11), (-0.66, 0.0, 0.10), (0.68, 0.28, 0.12), (0.1, -0.36, 0.07)]
@@ -98,11 +94,11 @@ fn bottom(scene: &mut Builder) {
         let angle = f64::from(k) * 51.0;
         let foot = v(-0.34, -0.30, SAND - 0.02);
         let tip = foot + polar(0.14, angle, 0.20 + 0.03 * f64::from(k % 3));
-        let pink = matt(rgb(0xec5a82));
+        let pink = matt(0xec5a82);
         scene.solid(Convex::taper(foot, tip, 0.034, 0.020), pink);
-        scene.sphere(tip, 0.032, matt(rgb(0xfcb4be)));
+        scene.sphere(tip, 0.032, matt(0xfcb4be));
     }
-    let bubble = glass(rgb(0xe6faff), 0.22);
+    let bubble = glass(0xe6faff, 0.22);
     for k in 0..11 {
         let s = f64::from(k);
         let at = v(-0.60 + 0.03 * (2.1 * s).sin(), -0.18 + 0.03 * (1.7 * s).cos(), SAND + 0.10 + 0.085 * s);
@@ -126,15 +122,15 @@ fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin
     scene.solid(blade(place(-0.01, 0.0, 0.10), 0.15, 0.05, 12.0), fin);
     scene.solid(blade(place(-0.02, 0.0, -0.09), 0.09, 0.04, -15.0), fin);
     for s in [-1.0, 1.0] {
-        scene.sphere(place(0.115, s * 0.055, 0.025), 0.023 * size, matt(rgb(0xfafafa)));
-        scene.sphere(place(0.122, s * 0.069, 0.026), 0.013 * size, matt(rgb(0x08080a)));
+        scene.sphere(place(0.115, s * 0.055, 0.025), 0.023 * size, matt(0xfafafa));
+        scene.sphere(place(0.122, s * 0.069, 0.026), 0.013 * size, matt(0x08080a));
     }
 }
 
 /// Adds a bell that can be looked through, with threads.
 fn jellyfish(scene: &mut Builder) {
     let foot = v(-0.10, 0.02, 0.16) + v(-0.52, 0.20, 0.0);
-    let bell = Material { reflectance: 0.02, ..glass(rgb(0xe682dc), 0.34) };
+    let bell = Material { reflectance: 0.02, ..glass(0xe682dc, 0.34) };
     scene.lathe(foot, &[0.13, 0.0, 0.14, 0.04, 0.11, 0.11, 0.06, 0.15, 0.004, 0.165], bell);
     for k in 0..8 {
         let angle = f64::from(k) * 45.0;
@@ -142,6 +138,6 @@ fn jellyfish(scene: &mut Builder) {
             let wave = 0.02 * (9.0 * s + f64::from(k)).sin();
             foot + polar(0.10 - 0.03 * s + wave, angle, -0.32 * s)
         };
-        scene.closed_tube(curve, 10, 0.009, Material { reflectance: 0.02, ..glass(rgb(0xf0b4e6), 0.5) });
+        scene.closed_tube(curve, 10, 0.009, Material { reflectance: 0.02, ..glass(0xf0b4e6, 0.5) });
     }
 }

@@ -8,6 +8,7 @@ const FLOOR: f64 = -0.86;
 const SPRING: f64 = 0.22;
 const RADIUS: f64 = 0.74;
 const WIRES: usize = 26;
+const BRASS: u32 = 0xcea04a;
 
 pub(super) fn birdcage(scene: &mut Builder) {
     tray(scene);
@@ -16,23 +17,19 @@ pub(super) fn birdcage(scene: &mut Builder) {
     parrot(scene);
 }
 
-fn brass() -> Material {
-    metal(rgb(0xcea04a))
-}
-
 fn tray(scene: &mut Builder) {
     let enamel = Flowers(rgb(0x22545c), rgb(0xecd696), 6.0, true);
     let hollow = vec![Convex::cylinder(v(0.0, 0.0, FLOOR - 0.12), RADIUS - 0.03, 0.4)];
     scene.carved(Convex::cylinder(v(0.0, 0.0, FLOOR - 0.16), RADIUS + 0.03, 0.17), hollow, glossy(enamel));
     for z in [FLOOR - 0.16, FLOOR + 0.01] {
-        scene.ring(v(0.0, 0.0, z), RADIUS + 0.03, 0.022, brass());
+        scene.ring(v(0.0, 0.0, z), RADIUS + 0.03, 0.022, metal(BRASS));
     }
     for k in 0..4 {
         let foot = polar(RADIUS - 0.06, f64::from(k) * 90.0 + 45.0, FLOOR - 0.21);
-        scene.sphere(foot, 0.05, brass());
+        scene.sphere(foot, 0.05, metal(BRASS));
     }
     // The mesh over the tray.
-    let steel = metal(rgb(0xb0b6be));
+    let steel = metal(0xb0b6be);
     for i in -9..=9 {
         let x = f64::from(i) * 0.075;
         let y = (RADIUS * RADIUS - x * x).sqrt();
@@ -49,22 +46,22 @@ fn wires(scene: &mut Builder) {
     };
     for k in 0..WIRES {
         let angle = 360.0 * k as f64 / WIRES as f64;
-        scene.rod(polar(RADIUS, angle, FLOOR), polar(RADIUS, angle, SPRING), 0.010, brass());
+        scene.rod(polar(RADIUS, angle, FLOOR), polar(RADIUS, angle, SPRING), 0.010, metal(BRASS));
         let arc = |s: f64| {
             let (radius, z) = dome(s);
             polar(radius, angle, z)
         };
-        scene.closed_tube(arc, 12, 0.010, brass());
+        scene.closed_tube(arc, 12, 0.010, metal(BRASS));
     }
     for (z, tube) in [(-0.58, 0.012), (-0.32, 0.012), (-0.05, 0.012), (SPRING, 0.020)] {
-        scene.ring(v(0.0, 0.0, z), RADIUS, tube, brass());
+        scene.ring(v(0.0, 0.0, z), RADIUS, tube, metal(BRASS));
     }
     for s in [0.35, 0.65] {
         let (radius, z) = dome(s);
-        scene.ring(v(0.0, 0.0, z), radius, 0.013, brass());
+        scene.ring(v(0.0, 0.0, z), radius, 0.013, metal(BRASS));
     }
-    scene.sphere(v(0.0, 0.0, 1.09), 0.055, brass());
-    scene.ring(LocalFrame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, brass());
+    scene.sphere(v(0.0, 0.0, 1.09), 0.055, metal(BRASS));
+    scene.ring(LocalFrame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, metal(BRASS));
 }
 
 /// Adds perches, two bowls, and a swing.
@@ -79,9 +76,7 @@ fn furniture(scene: &mut Builder) {
         let seed = Checker(rgb(0xd8b460), rgb(0x966830), v(40.0, 40.0, 1.0));
         scene.cylinder(at + DVec3::Z * 0.05, 0.085, 0.04, matt(seed));
     }
-    for x in [-0.17, 0.17] {
-        scene.rod(v(x, 0.0, -0.28), v(0.3 * x, 0.0, 0.98), 0.008, brass());
-    }
+    scene.each([-0.17, 0.17], |x| Convex::rod(v(x, 0.0, -0.28), v(0.3 * x, 0.0, 0.98), 0.008), metal(BRASS));
     scene.rod(v(-0.20, 0.0, -0.28), v(0.20, 0.0, -0.28), 0.022, matt(wood));
 }
 
@@ -96,11 +91,11 @@ fn parrot(scene: &mut Builder) {
         let frame = LocalFrame::along(v(side * 0.115, 0.20, -0.36), v(side * 0.05, -0.30, 1.0));
         let feather = [0.004, -0.16, 0.03, -0.05, 0.055, 0.12, 0.06, 0.26, 0.03, 0.35, 0.004, 0.38];
         scene.lathe(frame, &feather, matt(wing));
-        scene.sphere(v(side * 0.062, -0.085, 0.14), 0.024, matt(rgb(0xfafaf0)));
-        scene.sphere(v(side * 0.078, -0.093, 0.14), 0.013, glossy(rgb(0x0a0a0c)));
+        scene.sphere(v(side * 0.062, -0.085, 0.14), 0.024, matt(0xfafaf0));
+        scene.sphere(v(side * 0.078, -0.093, 0.14), 0.013, glossy(0x0a0a0c));
     }
     let tail = Stripes(rgb(0x1e5abe), rgb(0xe24224), v(0.0, 0.0, 6.0));
     scene.solid(Convex::taper(v(0.0, 0.10, -0.28), v(0.0, 0.26, -0.72), 0.07, 0.02), matt(tail));
-    let beak = glossy(rgb(0x282424));
+    let beak = glossy(0x282424);
     scene.solid(Convex::taper(v(0.0, -0.11, 0.12), v(0.0, -0.20, 0.05), 0.045, 0.004), beak);
 }

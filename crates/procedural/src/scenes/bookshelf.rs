@@ -33,9 +33,7 @@ fn floor(shelf: usize) -> f64 {
 }
 
 fn carcass(scene: &mut Builder) {
-    for shelf in 0..=SHELVES {
-        scene.block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035), oak());
-    }
+    scene.each(0..=SHELVES, |shelf| Convex::block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035)), oak());
     let height = RISE * SHELVES as f64 + 0.05;
     let board = |x: f64| Convex::block(v(x * (0.5 * WIDE - 0.02), 0.0, LOW + 0.5 * height), v(0.04, DEEP, height));
     scene.solid(board(0.0), oak());
@@ -55,7 +53,7 @@ fn carcass(scene: &mut Builder) {
     scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), matt(back));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let foot = v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
-        scene.sphere(foot, 0.06, glossy(rgb(0x462614)));
+        scene.sphere(foot, 0.06, glossy(0x462614));
     }
 }
 
@@ -112,17 +110,17 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         }
         1 => {
             let globe = Patches(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95);
-            scene.lathe(at, &[0.07, 0.0, 0.05, 0.03, 0.015, 0.06, 0.012, 0.10], metal(rgb(0xc89c4c)));
+            scene.lathe(at, &[0.07, 0.0, 0.05, 0.03, 0.015, 0.06, 0.012, 0.10], metal(0xc89c4c));
             scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(globe));
-            scene.ring(LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)), 0.11, 0.008, metal(rgb(0xc89c4c)));
+            scene.ring(LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)), 0.11, 0.008, metal(0xc89c4c));
         }
         2 => {
             let box_ = Checker(rgb(0xecbe3c), rgb(0xbe3228), v(16.0, 16.0, 16.0));
             scene.solid(Convex::block(at + DVec3::Z * 0.08, v(0.19, 0.16, 0.16)).turned(12.0), satin(box_));
-            scene.sphere(at + DVec3::Z * 0.23, 0.07, metal(rgb(0xdee2e8)));
+            scene.sphere(at + DVec3::Z * 0.23, 0.07, metal(0xdee2e8));
         }
         3 => {
-            scene.lathe(at, &[0.05, 0.0, 0.075, 0.10, 0.08, 0.13], matt(rgb(0xbe603c)));
+            scene.lathe(at, &[0.05, 0.0, 0.075, 0.10, 0.08, 0.13], matt(0xbe603c));
             let leaf = matt(Patches(rgb(0x5aaa3c), rgb(0x286e32), 24.0, 9.0));
             for k in 0..9 {
                 let tip = at + polar(0.085, f64::from(k) * 40.0, 0.24 + 0.05 * f64::from(k % 3));
@@ -130,7 +128,7 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
             }
         }
         _ => {
-            let frame = metal(rgb(0xcea656));
+            let frame = metal(0xcea656);
             let side = at.y.signum();
             scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), frame);
             let picture = Patches(rgb(0xe6965a), rgb(0x3c6e96), 11.0, 9.0);
@@ -149,12 +147,12 @@ fn on_top(scene: &mut Builder) {
         scene.solid(Convex::block(at, size).turned(14.0 * k as f64 - 10.0), satin(colour));
         at.z += 0.028;
     }
-    let cat = matt(rgb(0x343236));
+    let cat = matt(0x343236);
     scene.lathe(at, &[0.10, -0.005, 0.11, 0.04, 0.07, 0.12, 0.03, 0.155], cat);
     scene.sphere(at + v(-0.03, 0.0, 0.17), 0.05, cat);
     let lamp = v(-0.48, 0.02, z);
-    scene.lathe(lamp, &[0.10, 0.0, 0.09, 0.02, 0.02, 0.05], metal(rgb(0xcea656)));
+    scene.lathe(lamp, &[0.10, 0.0, 0.09, 0.02, 0.02, 0.05], metal(0xcea656));
     let shade = Stripes(rgb(0xfadc96), rgb(0xe29646), v(14.0, 0.0, 0.0));
-    scene.lathe(lamp, &[0.018, 0.05, 0.018, 0.09], metal(rgb(0xcea656)));
+    scene.lathe(lamp, &[0.018, 0.05, 0.018, 0.09], metal(0xcea656));
     scene.lathe(lamp, &[0.16, 0.08, 0.13, 0.14, 0.085, 0.21], matt(shade));
 }

@@ -52,7 +52,7 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
     scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
     scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));
     let tip = foot + DVec3::Z * (height + 0.36);
-    let pole = metal(rgb(0xc8c8be));
+    let pole = metal(0xc8c8be);
     scene.rod(tip, tip + DVec3::Z * 0.26, 0.010, pole);
     let flag = Stripes(rgb(0xfafaf5), rgb(colour), v(0.0, 0.0, 18.0));
     scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), matt(flag));
@@ -83,14 +83,12 @@ fn walls(scene: &mut Builder) {
 
 /// Adds the portcullis and the drawbridge on its chains.
 fn gate(scene: &mut Builder) {
-    let iron = metal(rgb(0x787a82));
+    let iron = metal(0x787a82);
     for i in -2..=2 {
         let x = f64::from(i) * 0.06;
         scene.rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010, iron);
     }
-    for z in [0.12, 0.20, 0.28] {
-        scene.rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009, iron);
-    }
+    scene.each([0.12, 0.20, 0.28], |z| Convex::rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009), iron);
     let plank = Stripes(rgb(0x8e5c30), rgb(0x603a1c), v(16.0, 0.0, 0.0));
     scene.block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03), matt(plank));
     for side in [-0.14, 0.14] {
@@ -123,7 +121,7 @@ fn keep(scene: &mut Builder) {
         scene.cylinder(at + DVec3::Z * 0.10, 0.09, 0.22, stone(true));
         scene.cone(at + DVec3::Z * 0.32, 0.11, 0.0, 0.20, roof(0x6e3c82));
     }
-    let gold = metal(rgb(0xe2b246));
+    let gold = metal(0xe2b246);
     scene.sphere(foot + DVec3::Z * height, 0.23, gold);
     scene.rod(foot + DVec3::Z * (height + 0.2), foot + DVec3::Z * (height + 0.52), 0.014, gold);
     scene.sphere(foot + DVec3::Z * (height + 0.54), 0.035, gold);
@@ -134,7 +132,7 @@ fn yard(scene: &mut Builder) {
     let well = v(-0.42, -0.40, FLOOR);
     let bore = vec![Convex::cylinder(well + DVec3::Z * 0.02, 0.09, 0.3)];
     scene.carved(Convex::cylinder(well, 0.13, 0.15), bore, stone(true));
-    let wood = matt(rgb(0x6e4624));
+    let wood = matt(0x6e4624);
     for side in [-0.11, 0.11] {
         let post = well + DVec3::X * side;
         scene.rod(post, post + DVec3::Z * 0.34, 0.014, wood);

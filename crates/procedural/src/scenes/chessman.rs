@@ -6,8 +6,8 @@ pub(super) fn chessman(scene: &mut Builder) {
     let foot = v(0.10, -0.08, -0.42);
     let at = |z: f64| foot + v(0.0, 0.0, z);
     let wood = Bands(rgb(0xbe5428), rgb(0x782814), rgb(0xe28c46), 11.0);
-    let gold = metal(rgb(0xe8ba54));
-    scene.cylinder(at(-0.01), 0.165, 0.02, matt(rgb(0x145432)));
+    let gold = metal(0xe8ba54);
+    scene.cylinder(at(-0.01), 0.165, 0.02, matt(0x145432));
     let body = [
         0.165, 0.01, 0.175, 0.035, 0.165, 0.07, 0.13, 0.09, 0.135, 0.115, 0.105, 0.15, 0.065, 0.24, 0.05, 0.36, 0.055,
         0.46, 0.10, 0.485, 0.10, 0.505, 0.06, 0.525, 0.065, 0.56, 0.10, 0.66,

@@ -8,7 +8,7 @@ const BRACE: f64 = 0.012;
 
 pub(super) fn crane(scene: &mut Builder) {
     base(scene);
-    let yellow = glossy(rgb(0xf2b21c));
+    let yellow = glossy(0xf2b21c);
     mast(scene, yellow);
     jib(scene, yellow);
     cabin(scene);
@@ -40,10 +40,6 @@ fn base(scene: &mut Builder) {
     }
 }
 
-fn strut(scene: &mut Builder, a: DVec3, b: DVec3, radius: f64, material: Material) {
-    scene.rod(a, b, radius, material);
-}
-
 /// Adds a square lattice mast on the block.
 fn mast(scene: &mut Builder, paint: Material) {
     let (low, high, half, bays) = (-0.68, 0.62, 0.13, 6);
@@ -51,16 +47,14 @@ fn mast(scene: &mut Builder, paint: Material) {
         let (x, y) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][k % 4];
         v(-0.25 + half * x, half * y, z)
     };
-    for k in 0..4 {
-        strut(scene, corner(k, low), corner(k, high), MEMBER, paint);
-    }
+    scene.each(0..4, |k| Convex::rod(corner(k, low), corner(k, high), MEMBER), paint);
     let step = (high - low) / f64::from(bays);
     for bay in 0..bays {
         let (z, top) = (low + step * f64::from(bay), low + step * f64::from(bay + 1));
         for k in 0..4 {
             let (from, to) = if bay % 2 == 0 { (k, k + 1) } else { (k + 1, k) };
-            strut(scene, corner(from, z), corner(to, top), BRACE, paint);
-            strut(scene, corner(k, top), corner(k + 1, top), BRACE, paint);
+            scene.rod(corner(from, z), corner(to, top), BRACE, paint);
+            scene.rod(corner(k, top), corner(k + 1, top), BRACE, paint);
         }
     }
 }
@@ -70,29 +64,27 @@ fn jib(scene: &mut Builder, paint: Material) {
     let (back, tip, z) = (-1.02, 1.12, 0.66);
     let lower = |x: f64, side: f64| v(x, side * 0.10, z);
     let upper = |x: f64| v(x, 0.0, z + 0.17);
-    for side in [-1.0, 1.0] {
-        strut(scene, lower(back, side), lower(tip, side), MEMBER, paint);
-    }
-    strut(scene, upper(-0.3), upper(tip - 0.08), MEMBER, paint);
+    scene.each([-1.0, 1.0], |side| Convex::rod(lower(back, side), lower(tip, side), MEMBER), paint);
+    scene.rod(upper(-0.3), upper(tip - 0.08), MEMBER, paint);
     let bays = 9;
     let step = (tip - 0.08 + 0.2) / f64::from(bays);
     for bay in 0..bays {
         let x = -0.2 + step * f64::from(bay);
         let middle = (x + 0.5 * step).min(tip - 0.08);
         for side in [-1.0, 1.0] {
-            strut(scene, lower(x, side), upper(middle), BRACE, paint);
-            strut(scene, upper(middle), lower(x + step, side), BRACE, paint);
+            scene.rod(lower(x, side), upper(middle), BRACE, paint);
+            scene.rod(upper(middle), lower(x + step, side), BRACE, paint);
         }
-        strut(scene, lower(x, -1.0), lower(x, 1.0), BRACE, paint);
+        scene.rod(lower(x, -1.0), lower(x, 1.0), BRACE, paint);
     }
-    let steel = metal(rgb(0xaab0b8));
+    let steel = metal(0xaab0b8);
     let peak = v(-0.25, 0.0, 1.13);
     for side in [-1.0, 1.0] {
-        strut(scene, v(-0.25, side * 0.10, z), peak, MEMBER, paint);
-        strut(scene, peak, lower(back + 0.08, side), 0.009, steel);
+        scene.rod(v(-0.25, side * 0.10, z), peak, MEMBER, paint);
+        scene.rod(peak, lower(back + 0.08, side), 0.009, steel);
     }
-    strut(scene, peak, upper(0.85), 0.009, steel);
-    strut(scene, peak, upper(0.40), 0.009, steel);
+    scene.rod(peak, upper(0.85), 0.009, steel);
+    scene.rod(peak, upper(0.40), 0.009, steel);
     let warning = Stripes(rgb(0xecbe14), rgb(0x18181a), v(4.5, 0.0, 4.5));
     scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), glossy(warning));
 }
@@ -100,25 +92,23 @@ fn jib(scene: &mut Builder, paint: Material) {
 /// Adds the driver's cabin, with windows cut out, next to the mast.
 fn cabin(scene: &mut Builder) {
     let centre = v(-0.03, -0.21, 0.47);
-    let red = glossy(rgb(0xc82420));
+    let red = glossy(0xc82420);
     let cuts = vec![
         Convex::block(centre + v(0.0, 0.0, 0.03), v(0.20, 0.5, 0.12)),
         Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
     ];
     scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, red);
-    let seat = matt(rgb(0x1e3c6e));
+    let seat = matt(0x1e3c6e);
     scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
 }
 
 /// Adds a polished ball with a ring, hung from the trolley.
 fn load(scene: &mut Builder) {
-    let steel = metal(rgb(0xbec4cc));
+    let steel = metal(0xbec4cc);
     let x = 0.72;
-    let dark = matt(rgb(0x32343a));
+    let dark = matt(0x32343a);
     scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), dark);
-    for side in [-0.04, 0.04] {
-        strut(scene, v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008, steel);
-    }
+    scene.each([-0.04, 0.04], |side| Convex::rod(v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008), steel);
     scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
     let globe = Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95);
     scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(globe));

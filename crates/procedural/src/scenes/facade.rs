@@ -5,6 +5,7 @@ use super::*;
 const LOW: f64 = -1.24;
 const HALF: f64 = 1.02;
 const STOREY: f64 = 0.62;
+const STONE: u32 = 0xc0ae90;
 
 pub(super) fn facade(scene: &mut Builder) {
     let pave = Checker(rgb(0x96928a), rgb(0x767470), v(5.0, 5.0, 0.1));
@@ -14,10 +15,6 @@ pub(super) fn facade(scene: &mut Builder) {
         front(scene, side);
     }
     roof(scene);
-}
-
-fn stone() -> Material {
-    matt(rgb(0xc0ae90))
 }
 
 fn body(scene: &mut Builder) {
@@ -58,39 +55,37 @@ fn front(scene: &mut Builder, side: u32) {
     // Cornices over every storey.
     for (floor, deep, high) in [(1.0, 0.07, 0.05), (2.0, 0.045, 0.03), (3.0, 0.13, 0.08)] {
         let part = block(out * (HALF + 0.2 * deep) + DVec3::Z * (LOW + floor * STOREY), 2.0 * HALF + deep, deep, high);
-        scene.solid(part, stone());
+        scene.solid(part, matt(STONE));
     }
     let dentil = |i: i32| out * (HALF + 0.03) + along * (0.094 * f64::from(i)) + DVec3::Z * (LOW + 3.0 * STOREY - 0.07);
-    for i in -10..=10 {
-        scene.solid(block(dentil(i), 0.045, 0.08, 0.06), stone());
-    }
+    scene.each(-10..=10, |i| block(dentil(i), 0.045, 0.08, 0.06), matt(STONE));
     // Quoins at the corner.
     for k in 0..9 {
         let wide = if k % 2 == 0 { 0.16 } else { 0.10 };
         let z = LOW + STOREY + 0.06 + 0.135 * f64::from(k);
-        scene.solid(block(out * HALF + along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
-        scene.solid(block(out * HALF - along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
+        scene.solid(
+            block(out * HALF + along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10),
+            matt(STONE),
+        );
+        scene.solid(
+            block(out * HALF - along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10),
+            matt(STONE),
+        );
     }
-    let glass = Material { reflectance: 0.25, ..glossy(rgb(0x2e4254)) };
-    let frame = matt(rgb(0xf4f0e6));
+    let glass = Material { reflectance: 0.25, ..glossy(0x2e4254) };
+    let frame = matt(0xf4f0e6);
     let shutter_colour = [rgb(0x2e6e54), rgb(0x28568c), rgb(0x962c30), rgb(0x605082)][side as usize];
     let shutter = matt(Stripes(shutter_colour, shutter_colour * 0.5, v(0.0, 0.0, 22.0)));
     for column in -2..=2i32 {
         for floor in 1..=2 {
             let c = window(side, column, floor);
             scene.solid(block(c - out * 0.08, 0.26, 0.02, 0.38), glass);
-            for x in [-0.115, 0.0, 0.115] {
-                scene.solid(block(c - out * 0.06 + along * x, 0.022, 0.03, 0.36), frame);
-            }
-            for z in [-0.17, 0.05, 0.17] {
-                scene.solid(block(c - out * 0.06 + DVec3::Z * z, 0.24, 0.03, 0.022), frame);
-            }
-            scene.solid(block(c + out * 0.02 - DVec3::Z * 0.20, 0.30, 0.10, 0.035), stone());
-            scene.solid(block(c + out * 0.015 + DVec3::Z * 0.205, 0.30, 0.06, 0.05), stone());
+            scene.each([-0.115, 0.0, 0.115], |x| block(c - out * 0.06 + along * x, 0.022, 0.03, 0.36), frame);
+            scene.each([-0.17, 0.05, 0.17], |z| block(c - out * 0.06 + DVec3::Z * z, 0.24, 0.03, 0.022), frame);
+            scene.solid(block(c + out * 0.02 - DVec3::Z * 0.20, 0.30, 0.10, 0.035), matt(STONE));
+            scene.solid(block(c + out * 0.015 + DVec3::Z * 0.205, 0.30, 0.06, 0.05), matt(STONE));
             if floor == 1 {
-                for x in [-0.165, 0.165] {
-                    scene.solid(block(c + out * 0.02 + along * x, 0.085, 0.02, 0.36), shutter);
-                }
+                scene.each([-0.165, 0.165], |x| block(c + out * 0.02 + along * x, 0.085, 0.02, 0.36), shutter);
             }
             if floor == 2 && (column + side as i32).rem_euclid(2) == 0 {
                 balcony(scene, c - DVec3::Z * 0.18, along, out, turn);
@@ -103,8 +98,8 @@ fn front(scene: &mut Builder, side: u32) {
 }
 
 fn balcony(scene: &mut Builder, at: DVec3, along: DVec3, out: DVec3, turn: f64) {
-    let iron = metal(rgb(0x32343a));
-    scene.solid(Convex::block(at + out * 0.08 - DVec3::Z * 0.02, v(0.36, 0.16, 0.03)).turned(turn), stone());
+    let iron = metal(0x32343a);
+    scene.solid(Convex::block(at + out * 0.08 - DVec3::Z * 0.02, v(0.36, 0.16, 0.03)).turned(turn), matt(STONE));
     let corner = |x: f64, y: f64, z: f64| at + along * x + out * y + DVec3::Z * z;
     for k in 0..9 {
         let x = -0.17 + 0.0425 * f64::from(k);
@@ -112,13 +107,9 @@ fn balcony(scene: &mut Builder, at: DVec3, along: DVec3, out: DVec3, turn: f64) 
     }
     for z in [0.02, 0.15] {
         scene.rod(corner(-0.17, 0.15, z), corner(0.17, 0.15, z), 0.010, iron);
-        for x in [-0.17, 0.17] {
-            scene.rod(corner(x, 0.0, z), corner(x, 0.15, z), 0.010, iron);
-        }
+        scene.each([-0.17, 0.17], |x| Convex::rod(corner(x, 0.0, z), corner(x, 0.15, z), 0.010), iron);
     }
-    for x in [-0.17, 0.17] {
-        scene.rod(corner(x, 0.075, 0.0), corner(x, 0.075, 0.15), 0.007, iron);
-    }
+    scene.each([-0.17, 0.17], |x| Convex::rod(corner(x, 0.075, 0.0), corner(x, 0.075, 0.15), 0.007), iron);
 }
 
 fn flowers(scene: &mut Builder, at: DVec3, along: DVec3, key: i32) {
@@ -140,21 +131,19 @@ fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     if column == 0 {
         let door = Planks(colour, colour * 0.5, 0.06, 2.0);
         scene.solid(block(c - out * 0.06, 0.28, 0.02, 0.42), satin(door));
-        scene.sphere(c - out * 0.045 + along * 0.09, 0.018, metal(rgb(0xe2ba5a)));
+        scene.sphere(c - out * 0.045 + along * 0.09, 0.018, metal(0xe2ba5a));
         for x in [-0.19, 0.19] {
             let foot = c + along * x + out * 0.06 - DVec3::Z * 0.235;
-            scene.lathe(foot, &[0.05, 0.0, 0.04, 0.03, 0.034, 0.22, 0.032, 0.38, 0.05, 0.42], stone());
+            scene.lathe(foot, &[0.05, 0.0, 0.04, 0.03, 0.034, 0.22, 0.032, 0.38, 0.05, 0.42], matt(STONE));
         }
-        scene.solid(block(c + out * 0.05 + DVec3::Z * 0.215, 0.50, 0.14, 0.06), stone());
-        scene.solid(block(c + out * 0.08 - DVec3::Z * 0.235, 0.40, 0.16, 0.04), stone());
+        scene.solid(block(c + out * 0.05 + DVec3::Z * 0.215, 0.50, 0.14, 0.06), matt(STONE));
+        scene.solid(block(c + out * 0.08 - DVec3::Z * 0.235, 0.40, 0.16, 0.04), matt(STONE));
         return;
     }
     let warm = Checker(rgb(0xface78), rgb(0xbe6e46), v(14.0, 14.0, 11.0));
     scene.solid(block(c - out * 0.09, 0.30, 0.02, 0.42), Material { reflectance: 0.10, ..glossy(warm) });
     let frame = matt(colour * 0.6);
-    for x in [-0.135, 0.0, 0.135] {
-        scene.solid(block(c - out * 0.05 + along * x, 0.02, 0.03, 0.40), frame);
-    }
+    scene.each([-0.135, 0.0, 0.135], |x| block(c - out * 0.05 + along * x, 0.02, 0.03, 0.40), frame);
     scene.solid(block(c - DVec3::Z * 0.17, 0.28, 0.05, 0.07), frame);
     let cloth = Stripes(colour, rgb(0xf6f0e2), v(14.0, 0.0, 0.0));
     let awning = block(c + out * 0.10 + DVec3::Z * 0.20, 0.36, 0.20, 0.012);
@@ -172,12 +161,12 @@ fn roof(scene: &mut Builder) {
         let turn = f64::from(side) * 90.0;
         let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
         let parapet = Convex::block(out * 0.79 + DVec3::Z * (z + 0.27), v(1.64, 0.06, 0.08));
-        scene.solid(parapet.turned(turn), stone());
+        scene.solid(parapet.turned(turn), matt(STONE));
         // Dormers in the roof.
         for x in [-0.55, 0.0, 0.55] {
             let c = out * 0.88 + along * x + DVec3::Z * (z + 0.13);
-            scene.solid(Convex::block(c, v(0.24, 0.22, 0.20)).turned(turn), stone());
-            let pane = Material { reflectance: 0.25, ..glossy(rgb(0x2e4254)) };
+            scene.solid(Convex::block(c, v(0.24, 0.22, 0.20)).turned(turn), matt(STONE));
+            let pane = Material { reflectance: 0.25, ..glossy(0x2e4254) };
             scene.solid(Convex::block(c + out * 0.11, v(0.16, 0.01, 0.14)).turned(turn), pane);
             scene.rod(c + out * 0.13 + DVec3::Z * 0.08, c - out * 0.12 + DVec3::Z * 0.08, 0.12, slate);
         }
@@ -186,30 +175,26 @@ fn roof(scene: &mut Builder) {
     let brick = Bricks(rgb(0xb0543e), rgb(0xcec4b4), 0.09, 0.045, false);
     for (x, y) in [(0.30, 0.56), (-0.60, 0.15), (0.45, -0.5)] {
         scene.block(v(x, y, z + 0.38), v(0.20, 0.16, 0.28), matt(brick));
-        for dx in [-0.05, 0.05] {
-            scene.cylinder(v(x + dx, y, z + 0.50), 0.03, 0.12, matt(rgb(0xc46e46)));
-        }
+        scene.each([-0.05, 0.05], |dx| Convex::cylinder(v(x + dx, y, z + 0.50), 0.03, 0.12), matt(0xc46e46));
     }
     let green = matt(Patches(rgb(0x6eaa46), rgb(0x326e32), 12.0, 9.0));
     for (x, y) in [(-0.5, 0.55), (-0.3, 0.6), (0.0, -0.6), (0.6, -0.1)] {
-        scene.cone(v(x, y, z + 0.26), 0.06, 0.08, 0.10, matt(rgb(0xc46e46)));
+        scene.cone(v(x, y, z + 0.26), 0.06, 0.08, 0.10, matt(0xc46e46));
         scene.sphere(v(x, y, z + 0.40), 0.10, green);
     }
 }
 
 /// Adds a skylight, a sunshade with a table, and a bed of herbs.
 fn terrace(scene: &mut Builder, z: f64) {
-    let pane = Material { reflectance: 0.20, ..glossy(rgb(0x466e82)) };
-    let white = satin(rgb(0xc8c8c4));
+    let pane = Material { reflectance: 0.20, ..glossy(0x466e82) };
+    let white = satin(0xc8c8c4);
     for side in [-1.0, 1.0] {
         let leaf = Convex::block(v(-0.05 + side * 0.10, 0.10, z + 0.32), v(0.24, 0.50, 0.015));
         scene.solid(leaf.swung(v(-0.05 + side * 0.10, 0.10, z + 0.32), DVec3::Y, side * 38.0), pane);
         scene.block(v(-0.05 + side * 0.20, 0.10, z + 0.27), v(0.03, 0.54, 0.06), white);
     }
     for y in [-0.15, 0.02, 0.18, 0.35] {
-        for x in [-0.25, 0.15] {
-            scene.rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012, white);
-        }
+        scene.each([-0.25, 0.15], |x| Convex::rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012), white);
     }
     let shade = Shingles(rgb(0xce2c32), rgb(0xf0dcb4), 12.0, 3.0);
     scene.cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10, matt(shade));

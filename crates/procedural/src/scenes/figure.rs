@@ -3,13 +3,13 @@
 use super::*;
 
 pub(super) fn figure(scene: &mut Builder) {
-    let skin = satin(rgb(0xdea480));
+    let skin = satin(0xdea480);
     let jersey = matt(Stripes(rgb(0xce2c32), rgb(0xf6f0e6), v(0.0, 0.0, 11.0)));
-    let sleeve = matt(rgb(0xc4282e));
+    let sleeve = matt(0xc4282e);
     let jeans = matt(Checker(rgb(0x284278), rgb(0x304e88), v(22.0, 22.0, 22.0)));
-    let shoe = glossy(rgb(0xf0ece2));
+    let shoe = glossy(0xf0ece2);
     let hair = satin(Stripes(rgb(0x462814), rgb(0x2e180c), v(22.0, 0.0, 6.0)));
-    let ink = glossy(rgb(0x181416));
+    let ink = glossy(0x181416);
 
     // Standing on the left leg, the right one bent; the left arm up, the right one to the side. It faces −y.
     let hip = v(0.0, 0.0, -0.08);
@@ -24,11 +24,9 @@ pub(super) fn figure(scene: &mut Builder) {
     scene.lathe(LocalFrame::along(head, v(0.06, -0.08, 1.0)), &outline, skin);
     scene.sphere(head + v(0.005, 0.022, 0.065), 0.126, hair);
     scene.sphere(head + v(0.02, 0.14, 0.12), 0.07, hair);
-    for x in [-0.045, 0.045] {
-        scene.sphere(head + v(x, -0.105, 0.0), 0.019, ink);
-    }
+    scene.each([-0.045, 0.045], |x| Convex::sphere(head + v(x, -0.105, 0.0), 0.019), ink);
     scene.solid(Convex::taper(head + v(0.0, -0.11, -0.02), head + v(0.0, -0.15, -0.045), 0.012, 0.02), skin);
-    scene.rod(head + v(-0.03, -0.098, -0.085), head + v(0.03, -0.098, -0.085), 0.012, satin(rgb(0xbe4646)));
+    scene.rod(head + v(-0.03, -0.098, -0.085), head + v(0.03, -0.098, -0.085), 0.012, satin(0xbe4646));
 
     for (shoulder, elbow, hand) in [
         (v(0.17, -0.01, 0.44), v(0.40, -0.06, 0.60), v(0.42, -0.16, 0.88)),

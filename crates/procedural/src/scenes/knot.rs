@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use super::*;
 
 const PIECES: usize = 120;
+const BRASS: u32 = 0xd4aa50;
 
 pub(super) fn knot(scene: &mut Builder) {
     let trefoil = |s: f64| {
@@ -15,8 +16,8 @@ pub(super) fn knot(scene: &mut Builder) {
     // (length along the tube, angle about it): eight strands of cells that twist around.
     let scales = Checker(rgb(0xd63e28), rgb(0xfac442), v(7.0, 8.0 / TAU, 1.0));
     scene.closed_tube(trefoil, PIECES, 0.155, glossy(scales));
-    scene.sphere(v(0.0, 0.0, 0.25), 0.24, metal(rgb(0xe1e6ee)));
-    scene.ring(LocalFrame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, brass());
+    scene.sphere(v(0.0, 0.0, 0.25), 0.24, metal(0xe1e6ee));
+    scene.ring(LocalFrame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, metal(BRASS));
 
     plinth(scene);
     for i in 0..12 {
@@ -25,10 +26,6 @@ pub(super) fn knot(scene: &mut Builder) {
         let bead = glossy(colour);
         scene.sphere(polar(0.86, angle, -0.56), 0.075, bead);
     }
-}
-
-fn brass() -> Material {
-    metal(rgb(0xd4aa50))
 }
 
 /// Adds a marble drum with eight arched windows right through its wall, open at the top under three rods that carry the
@@ -45,7 +42,7 @@ fn plinth(scene: &mut Builder) {
     scene.cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12, matt(steps));
     for i in 0..3 {
         let angle = f64::from(i) * 120.0 + 30.0;
-        scene.rod(polar(0.5, angle, -1.0), polar(0.72, angle, 0.1), 0.022, brass());
-        scene.rod(polar(0.5, angle, -1.0), polar(0.42, angle + 60.0, 0.1), 0.022, brass());
+        scene.rod(polar(0.5, angle, -1.0), polar(0.72, angle, 0.1), 0.022, metal(BRASS));
+        scene.rod(polar(0.5, angle, -1.0), polar(0.42, angle + 60.0, 0.1), 0.022, metal(BRASS));
     }
 }

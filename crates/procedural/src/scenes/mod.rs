@@ -26,6 +26,7 @@ use crate::model::{Builder, Material, glass, glossy, matt, metal, mirror, satin}
 use crate::texture::Texture::{
     self, Bands, Bricks, Checker, Flowers, Marble, Patches, Plain, Planks, Shingles, Stripes,
 };
+use crate::texture::rgb;
 
 /// Scenes that were built by hand: name, function that adds the objects, scale, and rise. Scale and rise were chosen so
 /// that no camera's image is cropped.
@@ -50,12 +51,6 @@ pub(super) const SCENES: [(&str, fn(&mut Builder), f64, f64); 15] = [
 /// Builds a point or an extent.
 fn v(x: f64, y: f64, z: f64) -> DVec3 {
     DVec3::new(x, y, z)
-}
-
-/// Converts a display colour, `0xRRGGBB`, to linear RGB.
-fn rgb(colour: u32) -> DVec3 {
-    let [_, r, g, b] = colour.to_be_bytes();
-    DVec3::new(f64::from(r), f64::from(g), f64::from(b)).map(|c| (c / 255.0).powf(2.2))
 }
 
 /// Returns the point `radius` away from the z axis at `degrees` from x, at height `z`.

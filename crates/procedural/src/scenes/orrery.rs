@@ -2,6 +2,9 @@
 
 use super::*;
 
+const BRASS: u32 = 0xd6a854;
+const COPPER: u32 = 0xc4744c;
+
 pub(super) fn orrery(scene: &mut Builder) {
     stand(scene);
     let sun = Bands(rgb(0xfcb028), rgb(0xee6018), rgb(0xffe278), 5.0);
@@ -10,22 +13,11 @@ pub(super) fn orrery(scene: &mut Builder) {
     armillary(scene);
 }
 
-fn brass() -> Material {
-    metal(rgb(0xd6a854))
-}
-
-fn copper() -> Material {
-    metal(rgb(0xc4744c))
-}
-
 /// Adds a wooden foot, a toothed wheel with round holes, and the column.
 fn stand(scene: &mut Builder) {
     let wood = Bands(rgb(0x7e4a26), rgb(0x542c16), rgb(0x966036), 9.0);
     scene.cone(v(0.0, 0.0, -1.12), 0.74, 0.62, 0.14, glossy(wood));
-    for k in 0..6 {
-        let foot = polar(0.72, f64::from(k) * 60.0, -1.12);
-        scene.sphere(foot, 0.07, copper());
-    }
+    scene.each(0..6, |k| Convex::sphere(polar(0.72, f64::from(k) * 60.0, -1.12), 0.07), metal(COPPER));
     let wheel = v(0.0, 0.0, -0.86);
     let holes = (0..6).map(|k| Convex::cylinder(polar(0.42, f64::from(k) * 60.0 + 30.0, -1.0), 0.145, 0.3)).collect();
     let enamel = Checker(rgb(0x143e6e), rgb(0xe2dcc8), v(7.0, 7.0, 0.1));
@@ -33,22 +25,22 @@ fn stand(scene: &mut Builder) {
     for k in 0..30 {
         let angle = f64::from(k) * 12.0;
         let tooth = polar(0.735, angle, wheel.z + 0.035);
-        scene.solid(Convex::block(tooth, v(0.09, 0.07, 0.07)).turned(angle), brass());
+        scene.solid(Convex::block(tooth, v(0.09, 0.07, 0.07)).turned(angle), metal(BRASS));
     }
-    scene.cylinder(v(0.0, 0.0, -0.98), 0.09, 0.5, copper());
-    scene.cone(v(0.0, 0.0, -0.48), 0.09, 0.03, 0.20, brass());
-    scene.rod(v(0.0, 0.0, -0.4), v(0.0, 0.0, 0.0), 0.03, brass());
+    scene.cylinder(v(0.0, 0.0, -0.98), 0.09, 0.5, metal(COPPER));
+    scene.cone(v(0.0, 0.0, -0.48), 0.09, 0.03, 0.20, metal(BRASS));
+    scene.rod(v(0.0, 0.0, -0.4), v(0.0, 0.0, 0.0), 0.03, metal(BRASS));
     for (z, radius) in [(-0.72, 0.13), (-0.60, 0.115), (-0.48, 0.11)] {
-        scene.ring(v(0.0, 0.0, z), radius, 0.022, brass());
+        scene.ring(v(0.0, 0.0, z), radius, 0.022, metal(BRASS));
     }
 }
 
 /// Adds an arm from the column to under a planet at `at`, and the pin that carries it.
 fn arm(scene: &mut Builder, height: f64, at: DVec3) {
     let elbow = v(at.x, at.y, height);
-    scene.rod(v(0.0, 0.0, height), elbow, 0.016, brass());
-    scene.sphere(elbow, 0.028, copper());
-    scene.rod(elbow, at, 0.012, brass());
+    scene.rod(v(0.0, 0.0, height), elbow, 0.016, metal(BRASS));
+    scene.sphere(elbow, 0.028, metal(COPPER));
+    scene.rod(elbow, at, 0.012, metal(BRASS));
 }
 
 fn planets(scene: &mut Builder) {
@@ -57,7 +49,7 @@ fn planets(scene: &mut Builder) {
     let earth = Patches(rgb(0x468c3c), rgb(0x184eaa), 8.0, 0.92);
     scene.sphere(ocean, 0.15, glossy(earth));
     let moon = ocean + v(0.16, -0.14, 0.12);
-    scene.rod(ocean, moon, 0.008, brass());
+    scene.rod(ocean, moon, 0.008, metal(BRASS));
     scene.sphere(moon, 0.05, matt(Patches(rgb(0xc8c8c4), rgb(0x8c8c8a), 30.0, 9.0)));
 
     let giant = polar(0.80, 100.0, 0.02);
@@ -83,15 +75,15 @@ fn planets(scene: &mut Builder) {
 
     let mirror = polar(0.46, 265.0, 0.12);
     arm(scene, -0.08, mirror);
-    scene.sphere(mirror, 0.085, metal(rgb(0xe4e8f0)));
+    scene.sphere(mirror, 0.085, metal(0xe4e8f0));
 }
 
 /// Adds two great hoops about everything, with beads.
 fn armillary(scene: &mut Builder) {
     let centre = v(0.0, 0.0, 0.10);
-    scene.ring(LocalFrame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, brass());
-    scene.ring(LocalFrame::along(centre, v(1.0, -0.25, 0.35)), 0.98, 0.016, copper());
-    let enamel = glossy(rgb(0xbe1e32));
+    scene.ring(LocalFrame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, metal(BRASS));
+    scene.ring(LocalFrame::along(centre, v(1.0, -0.25, 0.35)), 0.98, 0.016, metal(COPPER));
+    let enamel = glossy(0xbe1e32);
     let frame = LocalFrame::along(centre, v(0.3, 1.0, 0.12));
     for k in 0..8 {
         let bead = centre + frame.rotation * polar(1.04, f64::from(k) * 45.0, 0.0);

@@ -8,7 +8,7 @@ const RUG: f64 = -0.98;
 pub(super) fn piano(scene: &mut Builder) {
     let rug = Flowers(rgb(0x24161e), rgb(0x4a1e22), 4.2, false);
     scene.cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05, matt(rug));
-    scene.ring(v(0.0, 0.0, RUG - 0.02), 0.98, 0.026, matt(rgb(0x342a1c)));
+    scene.ring(v(0.0, 0.0, RUG - 0.02), 0.98, 0.026, matt(0x342a1c));
     case(scene);
     keyboard(scene);
     lid(scene);
@@ -17,7 +17,7 @@ pub(super) fn piano(scene: &mut Builder) {
 }
 
 fn lacquer() -> Material {
-    Material { reflectance: 0.045, ..glossy(rgb(0x161618)) }
+    Material { reflectance: 0.045, ..glossy(0x161618) }
 }
 
 /// Returns a grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of
@@ -38,29 +38,27 @@ fn case(scene: &mut Builder) {
     for (part, cuts) in outline(TOP, TOP + 0.004, -0.49, 0.035) {
         scene.carved(part, cuts, satin(board));
     }
-    let iron = metal(rgb(0x967030));
+    let iron = metal(0x967030);
     scene.block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03), iron);
     for (x, y) in [(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)] {
         scene.rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018, iron);
     }
-    let string = metal(rgb(0xbebab0));
+    let string = metal(0xbebab0);
     for k in 0..22 {
         let s = f64::from(k) / 21.0;
         let x = -0.58 + 1.14 * s;
         let length = if s < 0.45 { 1.04 } else { 1.04 - 1.25 * (s - 0.45) };
         scene.rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006, string);
     }
-    scene.block(v(0.0, -0.22, TOP + 0.035), v(1.14, 0.035, 0.03), matt(rgb(0x5a181a)));
+    scene.block(v(0.0, -0.22, TOP + 0.035), v(1.14, 0.035, 0.03), matt(0x5a181a));
 }
 
 fn keyboard(scene: &mut Builder) {
     let key = TOP - 0.10;
     scene.block(v(0.0, -0.60, key - 0.09), v(1.36, 0.26, 0.12), lacquer());
-    for x in [-0.645, 0.645] {
-        scene.block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16), lacquer());
-    }
-    let ivory = glossy(rgb(0xe2dccc));
-    let felt = matt(rgb(0x6e1016));
+    scene.each([-0.645, 0.645], |x| Convex::block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16)), lacquer());
+    let ivory = glossy(0xe2dccc);
+    let felt = matt(0x6e1016);
     scene.block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05), felt);
     for k in 0..28 {
         let x = -0.594 + 0.044 * f64::from(k);
@@ -73,9 +71,7 @@ fn keyboard(scene: &mut Builder) {
     let desk = |c: Convex| c.swung(v(0.0, -0.38, TOP + 0.02), DVec3::X, -18.0);
     scene.solid(desk(Convex::block(v(0.0, -0.38, TOP + 0.15), v(0.70, 0.02, 0.26))), lacquer());
     let page = Stripes(rgb(0xe8e2d2), rgb(0x969086), v(0.0, 0.0, 26.0));
-    for x in [-0.105, 0.105] {
-        scene.solid(desk(Convex::block(v(x, -0.40, TOP + 0.16), v(0.195, 0.012, 0.24))), matt(page));
-    }
+    scene.each([-0.105, 0.105], |x| desk(Convex::block(v(x, -0.40, TOP + 0.16), v(0.195, 0.012, 0.24))), matt(page));
 }
 
 fn lid(scene: &mut Builder) {
@@ -85,22 +81,18 @@ fn lid(scene: &mut Builder) {
     for (part, cuts) in outline(TOP + 0.02, TOP + 0.05, -0.20, 0.0) {
         scene.carved(swing(part), cuts.into_iter().map(swing).collect(), lacquer());
     }
-    scene.rod(v(0.54, 0.02, TOP), v(0.36, 0.02, TOP + 0.82), 0.014, metal(rgb(0x967030)));
+    scene.rod(v(0.54, 0.02, TOP), v(0.36, 0.02, TOP + 0.82), 0.014, metal(0x967030));
 }
 
 fn legs(scene: &mut Builder) {
-    let brass = metal(rgb(0xb0863c));
+    let brass = metal(0xb0863c);
     for at in [v(-0.54, -0.50, RUG), v(0.54, -0.50, RUG), v(-0.28, 0.66, RUG)] {
         scene.sphere(at + DVec3::Z * 0.035, 0.035, brass);
         let outline = [0.035, 0.06, 0.05, 0.12, 0.04, 0.20, 0.07, 0.46, 0.09, 0.54, 0.07, 0.58, 0.09, 0.66];
         scene.lathe(at, &outline, lacquer());
     }
-    for x in [-0.04, 0.04] {
-        scene.rod(v(x, -0.25, RUG + 0.05), v(0.5 * x, -0.20, TOP - 0.2), 0.014, lacquer());
-    }
-    for x in [-0.07, 0.0, 0.07] {
-        scene.block(v(x, -0.30, RUG + 0.06), v(0.03, 0.14, 0.02), brass);
-    }
+    scene.each([-0.04, 0.04], |x| Convex::rod(v(x, -0.25, RUG + 0.05), v(0.5 * x, -0.20, TOP - 0.2), 0.014), lacquer());
+    scene.each([-0.07, 0.0, 0.07], |x| Convex::block(v(x, -0.30, RUG + 0.06), v(0.03, 0.14, 0.02)), brass);
 }
 
 fn bench(scene: &mut Builder) {

@@ -3,6 +3,8 @@
 use super::*;
 
 const TOP: f64 = -0.80;
+const WHITE: u32 = 0xe8e8e6;
+const GILT: u32 = 0xe2c482;
 
 pub(super) fn porcelain(scene: &mut Builder) {
     plate(scene);
@@ -13,26 +15,16 @@ pub(super) fn porcelain(scene: &mut Builder) {
     hare(scene);
 }
 
-fn white() -> Material {
-    glossy(rgb(0xe8e8e6))
-}
-
 fn sprigged() -> Material {
     let sprigs = Flowers(rgb(0xeaeaea), rgb(0x96b2da), 7.5, true);
     glossy(sprigs)
-}
-
-fn gilt() -> Material {
-    metal(rgb(0xe2c482))
 }
 
 /// Adds a scalloped board.
 fn plate(scene: &mut Builder) {
     let veins = Marble(rgb(0xc8c9cc), rgb(0xa8aeb8), 2.2);
     scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, satin(veins));
-    for k in 0..24 {
-        scene.cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085, white());
-    }
+    scene.each(0..24, |k| Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), glossy(WHITE));
 }
 
 fn pot(scene: &mut Builder) {
@@ -41,21 +33,21 @@ fn pot(scene: &mut Builder) {
     let belly =
         [0.20, 0.0, 0.22, 0.03, 0.19, 0.06, 0.32, 0.14, 0.41, 0.30, 0.38, 0.46, 0.26, 0.58, 0.19, 0.64, 0.20, 0.67];
     scene.lathe(foot, &belly, sprigged());
-    scene.ring(at(0.0, 0.665), 0.198, 0.014, gilt());
+    scene.ring(at(0.0, 0.665), 0.198, 0.014, metal(GILT));
     let outline = [0.19, 0.67, 0.16, 0.73, 0.08, 0.78, 0.03, 0.80, 0.05, 0.84, 0.045, 0.88, 0.005, 0.905];
-    scene.lathe(foot, &outline, white());
+    scene.lathe(foot, &outline, glossy(WHITE));
     let spout = |s: f64| at(0.34 + 0.34 * s, 0.22 + 0.42 * s * s + 0.04 * s);
     for k in 0..14 {
         let (a, b) = (f64::from(k) / 14.0, f64::from(k + 1) / 14.0);
         let radius = |s: f64| 0.092 - 0.052 * s;
-        scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), white());
-        scene.sphere(spout(b), radius(b), white());
+        scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), glossy(WHITE));
+        scene.sphere(spout(b), radius(b), glossy(WHITE));
     }
     let handle = |s: f64| {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
         at(-0.34 - 0.26 * cos, 0.34 - 0.19 * sin)
     };
-    scene.closed_tube(handle, 24, 0.032, white());
+    scene.closed_tube(handle, 24, 0.032, glossy(WHITE));
 }
 
 /// Adds a tall vase with rings about its neck and twigs with buds.
@@ -64,12 +56,12 @@ fn vase(scene: &mut Builder) {
     let outline =
         [0.15, 0.0, 0.16, 0.04, 0.13, 0.10, 0.22, 0.34, 0.26, 0.56, 0.20, 0.78, 0.09, 0.94, 0.08, 1.06, 0.13, 1.15];
     scene.lathe(foot, &outline, sprigged());
-    scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, gilt());
+    scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, metal(GILT));
     for z in [0.96, 1.03] {
-        scene.ring(foot + DVec3::Z * z, 0.086, 0.014, white());
+        scene.ring(foot + DVec3::Z * z, 0.086, 0.014, glossy(WHITE));
     }
-    scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(rgb(0x969490)));
-    let twig = matt(rgb(0xcec8be));
+    scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(0x969490));
+    let twig = matt(0xcec8be);
     for k in 0..6u32 {
         let angle = f64::from(k) * 60.0 + 11.0;
         let start = foot + DVec3::Z * 1.10;
@@ -86,13 +78,18 @@ fn vase(scene: &mut Builder) {
 
 /// Adds a cup of tea with milk on a saucer.
 fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
-    scene.lathe(at, &[0.10, 0.0, 0.12, 0.012, 0.22, 0.035, 0.245, 0.055], white());
-    scene.ring(at + DVec3::Z * 0.055, 0.24, 0.010, gilt());
+    scene.lathe(at, &[0.10, 0.0, 0.12, 0.012, 0.22, 0.035, 0.245, 0.055], glossy(WHITE));
+    scene.ring(at + DVec3::Z * 0.055, 0.24, 0.010, metal(GILT));
     scene.lathe(at, &[0.08, 0.05, 0.07, 0.075, 0.13, 0.13, 0.155, 0.20, 0.165, 0.26], sprigged());
-    scene.ring(at + DVec3::Z * 0.262, 0.160, 0.009, white());
-    scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(rgb(0xecdec8)));
+    scene.ring(at + DVec3::Z * 0.262, 0.160, 0.009, glossy(WHITE));
+    scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(0xecdec8));
     let side = polar(1.0, turn, 0.0);
-    scene.ring(LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
+    scene.ring(
+        LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)),
+        0.065,
+        0.014,
+        glossy(WHITE),
+    );
 }
 
 /// Adds a crouching hare.
@@ -100,16 +97,16 @@ fn hare(scene: &mut Builder) {
     let ground = v(0.58, 0.52, TOP);
     let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);
     let body = LocalFrame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
-    scene.lathe(body, &[0.01, -0.06, 0.09, -0.02, 0.145, 0.10, 0.13, 0.22, 0.08, 0.34, 0.01, 0.40], white());
-    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, white());
-    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, white());
-    scene.sphere(at(0.20, 0.0, 0.12), 0.055, white());
+    scene.lathe(body, &[0.01, -0.06, 0.09, -0.02, 0.145, 0.10, 0.13, 0.22, 0.08, 0.34, 0.01, 0.40], glossy(WHITE));
+    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, glossy(WHITE));
+    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, glossy(WHITE));
+    scene.sphere(at(0.20, 0.0, 0.12), 0.055, glossy(WHITE));
     for side in [-1.0, 1.0] {
         let ear =
             LocalFrame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
-        scene.lathe(ear, &[0.01, 0.0, 0.038, 0.08, 0.036, 0.18, 0.004, 0.29], white());
-        scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, white());
-        scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, white());
-        scene.sphere(at(-0.285, side * 0.075, 0.39), 0.014, glossy(rgb(0x787e8c)));
+        scene.lathe(ear, &[0.01, 0.0, 0.038, 0.08, 0.036, 0.18, 0.004, 0.29], glossy(WHITE));
+        scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, glossy(WHITE));
+        scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, glossy(WHITE));
+        scene.sphere(at(-0.285, side * 0.075, 0.39), 0.014, glossy(0x787e8c));
     }
 }

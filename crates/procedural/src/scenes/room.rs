@@ -28,7 +28,7 @@ fn shell(scene: &mut Builder) {
     let plain = Stripes(rgb(0xe2cea6), rgb(0xd6bc90), v(0.0, 4.0, 0.0));
     scene.block(v(0.0, WALL + 0.5 * thick, 0.5 * HIGH), v(2.0 * SIDE + 0.2, thick, HIGH + 0.2), matt(paper));
     scene.block(v(0.0, near - 0.5 * thick, 0.5 * HIGH), v(2.0 * SIDE + 0.2, thick, HIGH + 0.2), matt(paper));
-    let white = satin(rgb(0xf0eade));
+    let white = satin(0xf0eade);
     for side in [-1.0, 1.0] {
         scene.block(v(side * (SIDE + 0.5 * thick), y, 0.5 * HIGH), v(thick, deep, HIGH + 0.2), matt(plain));
         scene.block(v(side * (SIDE - 0.01), y, 0.07), v(0.03, deep, 0.14), white);
@@ -43,10 +43,10 @@ fn shell(scene: &mut Builder) {
 }
 
 fn on_the_walls(scene: &mut Builder) {
-    let gold = metal(rgb(0xc4964c));
+    let gold = metal(0xc4964c);
     let frame = |scene: &mut Builder, at: DVec3, wide: f64, high: f64, picture: Texture| {
         scene.block(at - DVec3::Y * 0.02, v(wide, 0.05, high), gold);
-        scene.block(at - DVec3::Y * 0.035, v(wide - 0.10, 0.03, high - 0.10), matt(rgb(0xf0eadc)));
+        scene.block(at - DVec3::Y * 0.035, v(wide - 0.10, 0.03, high - 0.10), matt(0xf0eadc));
         scene.block(at - DVec3::Y * 0.04, v(wide - 0.24, 0.03, high - 0.24), satin(picture));
     };
     let sea = Bands(rgb(0x1e508c), rgb(0xf0aa5a), rgb(0xfae2aa), 3.0);
@@ -56,20 +56,18 @@ fn on_the_walls(scene: &mut Builder) {
     // A window in the right wall, with curtains, and a mirror on the left one.
     let sky = Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2, 9.0);
     scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(sky));
-    let white = satin(rgb(0xf6f2e8));
+    let white = satin(0xf6f2e8);
     for (dy, dz, y, z) in [(0.0, 0.66, 1.24, 0.08), (0.0, -0.66, 1.3, 0.10), (0.0, 0.1, 1.1, 0.05)] {
         scene.block(v(SIDE - 0.03, 2.7 + dy, 1.55 + dz), v(0.08, y, z), white);
     }
-    for dy in [-0.57, 0.0, 0.57] {
-        scene.block(v(SIDE - 0.03, 2.7 + dy, 1.55), v(0.07, 0.06, 1.36), white);
-    }
+    scene.each([-0.57, 0.0, 0.57], |dy| Convex::block(v(SIDE - 0.03, 2.7 + dy, 1.55), v(0.07, 0.06, 1.36)), white);
     let cloth = matt(Stripes(rgb(0xbe503c), rgb(0x96322e), v(0.0, 0.0, 3.0)));
     for k in 0..10 {
         let y = if k < 5 { 1.92 + 0.06 * f64::from(k) } else { 3.20 + 0.06 * f64::from(k - 5) };
         scene.cylinder(v(SIDE - 0.08, y, 0.35), 0.045, 1.98, cloth);
     }
     scene.rod(v(SIDE - 0.08, 1.75, 2.36), v(SIDE - 0.08, 3.65, 2.36), 0.022, gold);
-    let glass = mirror(rgb(0xe2e8ec));
+    let glass = mirror(0xe2e8ec);
     let at = v(-SIDE, 2.9, 1.6);
     scene.rod(at, at + DVec3::X * 0.03, 0.42, gold);
     scene.rod(at, at + DVec3::X * 0.04, 0.36, glass);
@@ -86,9 +84,7 @@ fn sofa(scene: &mut Builder) {
         scene.block(v(arm, y, 0.36), v(0.20, 0.82, 0.44), cloth);
         scene.rod(v(arm, y - 0.41, 0.58), v(arm, y + 0.41, 0.58), 0.12, cloth);
         scene.block(v(x + side * 0.44, y - 0.06, 0.44), v(0.86, 0.70, 0.14), cloth);
-        for dy in [-0.34, 0.34] {
-            scene.cylinder(v(x + side * 0.9, y + dy, 0.0), 0.03, 0.15, matt(rgb(0x462816)));
-        }
+        scene.each([-0.34, 0.34], |dy| Convex::cylinder(v(x + side * 0.9, y + dy, 0.0), 0.03, 0.15), matt(0x462816));
     }
     let gold = matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false));
     let red = matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0)));
@@ -116,7 +112,7 @@ fn low_table(scene: &mut Builder) {
         let angle = f64::from(k) * 51.0;
         let start = vase + DVec3::Z * 0.3;
         let tip = start + polar(0.10 + 0.02 * f64::from(k % 3), angle, 0.20 + 0.05 * f64::from(k * 3 % 4));
-        scene.rod(start, tip, 0.008, matt(rgb(0x3c7832)));
+        scene.rod(start, tip, 0.008, matt(0x3c7832));
         let petal = [rgb(0xf65a6e), rgb(0xfcce50), rgb(0xfaf6f0)][k as usize % 3];
         scene.sphere(tip, 0.042, matt(petal));
     }
@@ -126,9 +122,9 @@ fn low_table(scene: &mut Builder) {
         scene.solid(part, satin(colour));
     }
     let cup = c + v(-0.02, -0.16, top);
-    scene.cylinder(cup, 0.085, 0.012, glossy(rgb(0xf0eee8)));
-    scene.lathe(cup, &[0.03, 0.01, 0.05, 0.05, 0.055, 0.09], glossy(rgb(0xf0eee8)));
-    scene.sphere(c + v(0.33, 0.0, 0.243), 0.07, metal(rgb(0xd6a854)));
+    scene.cylinder(cup, 0.085, 0.012, glossy(0xf0eee8));
+    scene.lathe(cup, &[0.03, 0.01, 0.05, 0.05, 0.055, 0.09], glossy(0xf0eee8));
+    scene.sphere(c + v(0.33, 0.0, 0.243), 0.07, metal(0xd6a854));
 }
 
 /// Adds a dresser along the left wall with a lamp on it.
@@ -141,18 +137,16 @@ fn dresser(scene: &mut Builder) {
         for z in [0.25, 0.62] {
             let paint = [rgb(0xcea064), rgb(0xbe8c54)][(k + usize::from(z > 0.5)) % 2];
             scene.block(v(front, y, z), v(0.03, 0.38, 0.31), satin(paint));
-            scene.sphere(v(front + 0.03, y, z), 0.025, metal(rgb(0xcea656)));
+            scene.sphere(v(front + 0.03, y, z), 0.025, metal(0xcea656));
         }
     }
-    for y in [2.3, 3.5] {
-        scene.solid(Convex::taper(v(front - 0.06, y, 0.0), v(front - 0.06, y, 0.08), 0.025, 0.04), wood);
-    }
+    scene.each([2.3, 3.5], |y| Convex::taper(v(front - 0.06, y, 0.0), v(front - 0.06, y, 0.08), 0.025, 0.04), wood);
     let lamp = v(-SIDE + 0.24, 2.45, 0.865);
-    scene.lathe(lamp, &[0.09, 0.0, 0.10, 0.06, 0.05, 0.16, 0.02, 0.24, 0.02, 0.30], glossy(rgb(0x1e606e)));
+    scene.lathe(lamp, &[0.09, 0.0, 0.10, 0.06, 0.05, 0.16, 0.02, 0.24, 0.02, 0.30], glossy(0x1e606e));
     let outline = [0.20, 0.28, 0.17, 0.38, 0.12, 0.50];
     scene.lathe(lamp, &outline, matt(Stripes(rgb(0xfae8be), rgb(0xf0ce96), v(9.0, 0.0, 0.0))));
     let globe = Patches(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95);
-    scene.cylinder(v(-SIDE + 0.24, 3.25, 0.865), 0.08, 0.04, metal(rgb(0xcea656)));
+    scene.cylinder(v(-SIDE + 0.24, 3.25, 0.865), 0.08, 0.04, metal(0xcea656));
     scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(globe));
 }
 
@@ -184,7 +178,7 @@ fn corner(scene: &mut Builder) {
         scene.solid(turn(Convex::block(v(x + side, y, 0.40), v(0.12, 0.62, 0.36))), cloth);
         scene.solid(turn(Convex::rod(v(x + side, y - 0.3, 0.58), v(x + side, y + 0.32, 0.58), 0.075)), cloth);
         for dy in [-0.26, 0.26] {
-            scene.solid(turn(Convex::cylinder(v(x + 0.85 * side, y + dy, 0.0), 0.025, 0.18)), matt(rgb(0x462816)));
+            scene.solid(turn(Convex::cylinder(v(x + 0.85 * side, y + dy, 0.0), 0.025, 0.18)), matt(0x462816));
         }
     }
 }

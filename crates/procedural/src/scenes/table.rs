@@ -12,11 +12,11 @@ pub(super) fn table(scene: &mut Builder) {
     scene.solid(Convex::block(v(0.0, 0.0, TOP + 0.003), v(1.9, 1.5, 0.008)).turned(14.0), matt(cloth));
     let paper = Flowers(rgb(0xd6be8c), rgb(0x966046), 2.2, false);
     scene.block(v(0.0, 2.5, 1.2), v(8.2, 0.2, 4.6), matt(paper));
-    scene.block(v(0.0, 2.38, TOP + 0.12), v(8.2, 0.06, 0.24), satin(rgb(0xece6d8)));
+    scene.block(v(0.0, 2.38, TOP + 0.12), v(8.2, 0.06, 0.24), satin(0xece6d8));
     for side in [-4.0, 4.0] {
         scene.block(v(side, -0.2, 1.2), v(0.2, 5.6, 4.6), matt(paper));
         let skirting = Convex::block(v(side * 0.97, -0.2, TOP + 0.12), v(0.06, 5.6, 0.24));
-        scene.solid(skirting, satin(rgb(0xece6d8)));
+        scene.solid(skirting, satin(0xece6d8));
     }
     scene.backdrop(false);
     bowl(scene);
@@ -29,7 +29,7 @@ fn bowl(scene: &mut Builder) {
     let at = v(-0.18, -0.36, TOP + 0.006);
     let blue = Flowers(rgb(0xf0f0ea), rgb(0x2854a0), 9.0, true);
     scene.lathe(at, &[0.14, 0.0, 0.13, 0.04, 0.26, 0.11, 0.34, 0.22], glossy(blue));
-    scene.ring(at + DVec3::Z * 0.22, 0.335, 0.014, glossy(rgb(0x2854a0)));
+    scene.ring(at + DVec3::Z * 0.22, 0.335, 0.014, glossy(0x2854a0));
     let apple = |a: DVec3, b: DVec3| glossy(Bands(a, b, a.lerp(b, 0.5), 5.0));
     let red = apple(rgb(0xce1e24), rgb(0xf0963c));
     let green = apple(rgb(0x82b428), rgb(0xd2d250));
@@ -46,14 +46,14 @@ fn bowl(scene: &mut Builder) {
     scene.sphere(at + v(0.01, 0.02, 0.38), 0.12, green);
     for (angle, z) in [(0.0, 0.37), (290.0, 0.37), (45.0, 0.505)] {
         let foot = at + polar(if z > 0.5 { 0.0 } else { 0.19 }, angle, z - 0.01);
-        scene.rod(foot, foot + v(0.02, 0.01, 0.06), 0.008, matt(rgb(0x5a3c1e)));
+        scene.rod(foot, foot + v(0.02, 0.01, 0.06), 0.008, matt(0x5a3c1e));
     }
 }
 
 /// Adds a copper jug with dried poppies.
 fn jug(scene: &mut Builder) {
     let at = v(-0.46, 0.30, TOP + 0.006);
-    let copper = Material { reflectance: 0.7, ..metal(rgb(0xce744c)) };
+    let copper = Material { reflectance: 0.7, ..metal(0xce744c) };
     scene.lathe(at, &[0.16, 0.0, 0.24, 0.16, 0.22, 0.34, 0.12, 0.52, 0.11, 0.60, 0.15, 0.70], copper);
     scene.ring(at + DVec3::Z * 0.70, 0.145, 0.012, copper);
     let handle = |s: f64| {
@@ -66,7 +66,7 @@ fn jug(scene: &mut Builder) {
         let start = at + DVec3::Z * 0.62;
         let tall = 0.50 + 0.07 * f64::from(k * 5 % 6);
         let curve = |s: f64| start + polar(0.07 * s + 0.22 * s * s, angle, tall * s);
-        scene.closed_tube(curve, 7, 0.010, matt(rgb(0x968c50)));
+        scene.closed_tube(curve, 7, 0.010, matt(0x968c50));
         let head = LocalFrame::along(curve(1.0), curve(1.0) - curve(0.9));
         let hue = [rgb(0xc8a05a), rgb(0xe25a3c), rgb(0xf0dcb4)][k as usize % 3];
         scene.lathe(head, &[0.012, -0.01, 0.05, 0.03, 0.055, 0.07, 0.03, 0.105, 0.045, 0.12], matt(hue));
@@ -91,7 +91,7 @@ fn radio(scene: &mut Builder) {
     scene.solid(block(face - along * 0.13, 0.30, 0.02, 0.32), matt(grille));
     let dial = Stripes(rgb(0xf4eac8), rgb(0x968264), v(34.0, 0.0, 0.0));
     scene.solid(block(face + along * 0.17 + DVec3::Z * 0.10, 0.23, 0.02, 0.12), glossy(dial));
-    let brass = metal(rgb(0xdcb05a));
+    let brass = metal(0xdcb05a);
     for x in [0.11, 0.23] {
         let knob = face + along * x - DVec3::Z * 0.08;
         scene.rod(knob, knob + out * 0.05, 0.045, brass);
