@@ -16,7 +16,7 @@ pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
 pub use similarity::{PoseError, Similarity};
 pub use spiral::spiral;
-pub use unseen::{ViewRegion, unseen_pose};
+pub use unseen::ViewRegion;
 
 use glam::{DMat3, DMat4, DVec3};
 use rand::Rng;
@@ -40,6 +40,11 @@ pub fn near_pose_about(pose: &DMat4, centre: DVec3, rng: &mut impl Rng, max_angl
     let mut near = DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * moved;
     near.w_axis += centre.extend(0.0);
     near
+}
+
+/// Returns `a bᵀ`.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 fn near_rotation(rng: &mut impl Rng, max_angle_deg: f64) -> DMat3 {

@@ -140,22 +140,4 @@ mod tests {
             assert!(text.parse::<ViewSelection>().is_err(), "{text}");
         }
     }
-
-    /// Earlier configurations and records hold this form.
-    #[test]
-    fn the_serialised_form_is_unchanged() {
-        let cases = [
-            (TestProtocol::All, serde_json::json!("all")),
-            (TestProtocol::Every(8), serde_json::json!({"every": 8})),
-            (TestProtocol::Ids(vec![1]), serde_json::json!({"ids": [1]})),
-        ];
-        for (protocol, expected) in cases {
-            assert_eq!(serde_json::to_value(&protocol).unwrap(), expected);
-            assert_eq!(serde_json::from_value::<TestProtocol>(expected).unwrap(), protocol);
-        }
-        let seed = serde_json::json!({"seed": {"seed": 1, "count": 4}});
-        assert_eq!(serde_json::to_value(ViewSelection::Seed { seed: 1, count: 4 }).unwrap(), seed);
-        let far = serde_json::json!({"farthest-point": {"count": 4, "seed": 1}});
-        assert_eq!(serde_json::to_value(ViewSelection::FarthestPoint { count: 4, seed: 1 }).unwrap(), far);
-    }
 }
