@@ -60,7 +60,7 @@ fn padded(grid: &DensityGrid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
     const EMPTY: f32 = 0.5;
     let mut values = vec![EMPTY; shape.usize()];
     let row = grid.size.x as usize;
-    for (index, row_start) in (0..grid.len()).step_by(row).enumerate() {
+    for (index, row_start) in (0..grid.count()).step_by(row).enumerate() {
         let (y, z) = (index as u32 % grid.size.y, index as u32 / grid.size.y);
         let start = shape.linearize([1, y + 1, z + 1]) as usize;
         for (x, value) in values[start..start + row].iter_mut().enumerate() {

@@ -266,8 +266,10 @@ fn model(name: &str) -> Result<SceneModel, SceneError> {
         add(&mut scene);
         return Ok(scene.build(scale, rise));
     }
-    let known = || format!("{}, random-<seed>", NAMES.join(", "));
-    let seed = random_seed(name).ok_or_else(|| SceneError::UnknownScene { name: name.into(), known: known() })?;
+    let Some(seed) = random_seed(name) else {
+        let known = format!("{}, random-<seed>", NAMES.join(", "));
+        return Err(SceneError::UnknownScene { name: name.into(), known });
+    };
     scenes::random(&mut scene, seed);
     Ok(scene.build(1.0, 0.05))
 }
