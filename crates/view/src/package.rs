@@ -33,9 +33,6 @@ pub(crate) struct Subjects<'a> {
 
 /// Makes the JSON object of the run in `folder`: title, notes, shader, arrays, cameras. A field that a page cannot hold
 /// is baked to at most `resolution` voxels along the longest side of its box.
-///
-/// # Errors
-/// If an image cannot be encoded.
 pub(crate) fn of_run(run: &Trained, folder: &Path, trained: &TrainedModel, resolution: usize) -> Result<Value> {
     let (scene, plan) = (run.scene(), &run.plan);
     let subjects = Subjects { scene, renderer: run.renderer(), config: &plan.config.render, trained };

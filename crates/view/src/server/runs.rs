@@ -28,9 +28,6 @@ struct Root {
 
 impl Roots {
     /// Makes the served folders.
-    ///
-    /// # Errors
-    /// If one is no folder.
     pub(super) fn new(roots: &[PathBuf]) -> Result<Self> {
         let root = |given: &PathBuf| {
             let folder = given.canonicalize().with_context(|| given.display().to_string())?;
