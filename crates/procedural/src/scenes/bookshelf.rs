@@ -57,7 +57,7 @@ fn carcass(scene: &mut Builder) {
     }
 }
 
-/// Books along one half of a shelf, seen from `side`; now and then something else.
+/// Adds books along one half of a shelf, seen from `side`; now and then something else.
 fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half: f64) {
     let z = floor(shelf);
     let (mut x, end) = (half.min(0.0) * (0.5 * WIDE - 0.05) + 0.03, half.max(0.0) * (0.5 * WIDE - 0.05) - 0.03);
