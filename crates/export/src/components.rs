@@ -65,9 +65,4 @@ mod tests {
         assert_eq!(kept[4..], triangle(7.0, 0.1));
         assert!(kept.iter().all(|p| p.x != 5.0 && p.x != 9.0));
     }
-
-    #[test]
-    fn nothing_has_no_components() {
-        assert_eq!(without_small(Vec::new(), Vec::new()), (Vec::new(), Vec::new(), 0));
-    }
 }

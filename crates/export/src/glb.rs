@@ -3,9 +3,9 @@
 use glam::{Quat, Vec3};
 use serde_json::{Value, json};
 
-use crate::encode::{linear, push};
 use crate::error::ExportError;
 use crate::mesh::Mesh;
+use crate::ply::push;
 
 /// Component types and buffer targets of the specification.
 const UNSIGNED_SHORT: u32 = 5123;
@@ -31,36 +31,15 @@ pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
         bytes
     };
     let count = surface.positions.len();
-    let position = buffer.add(
-        &vectors(&surface.positions),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC3", "componentType": FLOAT,
-            "min": corner(&surface.positions, Vec3::min), "max": corner(&surface.positions, Vec3::max),
-        }),
-    );
-    let normal = buffer.add(
-        &vectors(&surface.normals),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC3", "componentType": FLOAT,
-        }),
-    );
-    let color = buffer.add(
-        &colors(&mesh.colors),
-        ARRAY_BUFFER,
-        json!({
-            "count": count, "type": "VEC4", "componentType": UNSIGNED_SHORT, "normalized": true,
-        }),
-    );
-    let corners = surface.triangles.iter().flatten();
-    let indices = buffer.add(
-        &corners.flat_map(|vertex| vertex.to_le_bytes()).collect::<Vec<_>>(),
-        ELEMENT_ARRAY_BUFFER,
-        json!({
-            "count": 3 * surface.triangles.len(), "type": "SCALAR", "componentType": UNSIGNED_INT,
-        }),
-    );
+    let position = buffer.add(&vectors(&surface.positions), ARRAY_BUFFER, count, "VEC3", FLOAT);
+    buffer.accessors[position]["min"] = json!(corner(&surface.positions, Vec3::min));
+    buffer.accessors[position]["max"] = json!(corner(&surface.positions, Vec3::max));
+    let normal = buffer.add(&vectors(&surface.normals), ARRAY_BUFFER, count, "VEC3", FLOAT);
+    let color = buffer.add(&colors(&mesh.colors), ARRAY_BUFFER, count, "VEC4", UNSIGNED_SHORT);
+    buffer.accessors[color]["normalized"] = json!(true);
+    let corners: Vec<u8> = surface.triangles.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()).collect();
+    let count = 3 * surface.triangles.len();
+    let indices = buffer.add(&corners, ELEMENT_ARRAY_BUFFER, count, "SCALAR", UNSIGNED_INT);
     let turn = Quat::from_rotation_arc(up.normalize_or(Vec3::Y), Vec3::Y);
     let document = json!({
         "asset": {"version": "2.0", "generator": "infonerf"},
@@ -90,6 +69,12 @@ fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
     colors.iter().flat_map(of_color).flat_map(u16::to_le_bytes).collect()
 }
 
+/// Returns the linear value of a display-encoded channel (sRGB, IEC 61966-2-1).
+fn linear(channel: f32) -> f32 {
+    let channel = channel.clamp(0.0, 1.0);
+    if channel <= 0.040_45 { channel / 12.92 } else { ((channel + 0.055) / 1.055).powf(2.4) }
+}
+
 /// Returns the corner of the box around `points` that `pick` chooses.
 fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
     points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
@@ -104,10 +89,11 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Appends `bytes` with their accessor, and returns its index.
-    fn add(&mut self, bytes: &[u8], target: u32, mut accessor: Value) -> usize {
+    /// Appends `bytes`, `count` elements of a `shape` of `component`s, and returns the index of their accessor.
+    fn add(&mut self, bytes: &[u8], target: u32, count: usize, shape: &str, component: u32) -> usize {
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(), "target": target});
-        accessor["bufferView"] = json!(self.views.len());
+        let accessor =
+            json!({"bufferView": self.views.len(), "count": count, "type": shape, "componentType": component});
         self.bytes.extend(bytes);
         self.views.push(view);
         self.accessors.push(accessor);
@@ -120,8 +106,7 @@ fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, Expo
     document.resize(document.len().next_multiple_of(4), b' ');
     buffer.resize(buffer.len().next_multiple_of(4), 0);
     let length = 12 + 8 + document.len() + 8 + buffer.len();
-    let length = u32::try_from(length)
-        .map_err(|_| ExportError::Encoding { format: "glb", cause: "expected at most 4 GB".into() })?;
+    let length = u32::try_from(length).map_err(|_| ExportError("glb: expected at most 4 GB".into()))?;
     let mut file = Vec::with_capacity(length as usize);
     file.extend(b"glTF");
     file.extend(2u32.to_le_bytes());

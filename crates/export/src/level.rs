@@ -37,11 +37,15 @@ struct RayDepths {
 /// that it is extracted from.
 ///
 /// # Errors
-/// [`ExportError::Transparent`] if no ray is stopped by half.
+/// If no ray is stopped by half.
 pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, ExportError> {
     let rays = ray_depths(volume, cameras);
     if rays.iter().all(|ray| ray.depth.is_none()) {
-        return Err(ExportError::Transparent { most: rays.iter().map(|ray| ray.opacity).fold(0.0, f32::max) });
+        let most = rays.iter().map(|ray| ray.opacity).fold(0.0, f32::max);
+        return Err(ExportError(format!(
+            "the field has no surface: of all rays of the training cameras the most opaque has opacity {most:.2}, \
+             expected at least 0.5; train it longer"
+        )));
     }
     let side = volume.bounds().size().max_element();
     let limit = TRUNCATION * side;

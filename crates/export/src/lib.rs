@@ -38,7 +38,6 @@
 
 mod chamfer;
 mod components;
-mod encode;
 mod error;
 mod glb;
 mod grid;

@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::encode::{bytes, push};
+use glam::Vec3;
+
 use crate::mesh::Mesh;
 
 const POSITION: [&str; 6] = ["float x", "float y", "float z", "float nx", "float ny", "float nz"];
@@ -51,4 +52,14 @@ fn push_vertices(file: &mut Vec<u8>, mesh: &Mesh) {
         push(file, normal);
         file.extend(bytes(color));
     }
+}
+
+/// Rounds a display-encoded colour to bytes.
+fn bytes(color: [f32; 3]) -> [u8; 3] {
+    color.map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+/// Appends a vector, little-endian.
+pub(crate) fn push(bytes: &mut Vec<u8>, v: Vec3) {
+    v.to_array().iter().for_each(|value| bytes.extend(value.to_le_bytes()));
 }

@@ -136,14 +136,4 @@ mod tests {
             assert!(color.gradient.abs_diff_eq(gradient, 1e-4), "{}", color.gradient);
         }
     }
-
-    #[test]
-    fn head_on_is_against_the_normal() {
-        let ball = Ball { radius: 1.0, sharpness: 100.0 };
-        let surface = ball.surface(24);
-        let colors = head_on(&surface, &surface.positions, &ball);
-        for ((color, p), normal) in colors.iter().zip(&surface.positions).zip(&surface.normals) {
-            assert!((color[0] - (0.5 + 0.3 * p.x - 0.1 * normal.y)).abs() < 1e-5);
-        }
-    }
 }

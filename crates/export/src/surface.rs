@@ -32,15 +32,16 @@ impl Surface {
     /// camera sees into them, and components with less than a thousandth of the largest one's area are left out.
     ///
     /// # Errors
-    /// [`ExportError::NoSurface`] if no voxel reaches that density.
+    /// If no voxel reaches that density.
     pub fn extract(grid: &DensityGrid) -> Result<Self, ExportError> {
         let shape = RuntimeShape::<u32, 3>::new((grid.size + 2).to_array());
         let mut values = padded(grid, &shape);
         if values.iter().all(|&value| value >= 0.0) {
-            return Err(ExportError::NoSurface {
-                level: grid.level,
-                densest: grid.density.iter().copied().fold(0.0, f32::max),
-            });
+            let densest = grid.density.iter().copied().fold(0.0, f32::max);
+            return Err(ExportError(format!(
+                "the field has no surface: expected a voxel of density {:.3}, found at most {densest:.3}",
+                grid.level
+            )));
         }
         fill_cavities(&mut values, grid);
         let mut net = SurfaceNetsBuffer::default();
@@ -59,7 +60,7 @@ fn padded(grid: &DensityGrid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
     const EMPTY: f32 = 0.5;
     let mut values = vec![EMPTY; shape.usize()];
     let row = grid.size.x as usize;
-    for (index, row_start) in (0..grid.len()).step_by(row).enumerate() {
+    for (index, row_start) in (0..grid.count()).step_by(row).enumerate() {
         let (y, z) = (index as u32 % grid.size.y, index as u32 / grid.size.y);
         let start = shape.linearize([1, y + 1, z + 1]) as usize;
         for (x, value) in values[start..start + row].iter_mut().enumerate() {

@@ -7,8 +7,8 @@ use super::shape::{Hit, Shape};
 
 /// Greatest number of shapes of a node that is not split.
 const LEAF: usize = 2;
-/// Levels below the root: the traversal's stack has this size.
-const DEEPEST: usize = 48;
+/// Greatest number of levels below the root.
+const MAX_DEPTH: usize = 48;
 /// The empty box.
 const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
@@ -46,7 +46,7 @@ impl Bvh {
         let (min, max) = items.iter().fold(NOTHING, |b, &i| join(b, bounds[i]));
         let node = self.nodes.len();
         self.nodes.push(BvhNode { min, max, start, count: end - start });
-        if end - start <= LEAF || depth == DEEPEST {
+        if end - start <= LEAF || depth == MAX_DEPTH {
             return;
         }
         let centre = |i: usize, axis: usize| bounds[i].0[axis] + bounds[i].1[axis];
@@ -81,17 +81,10 @@ impl Bvh {
         self.build(bounds, middle, end, depth + 1);
     }
 
-    /// Finds the nearest hit before `farthest` and the index of its shape. `hit(i, t)` tests shape `i`
-    /// up to distance `t`.
-    pub fn nearest(
-        &self,
-        hit: impl Fn(usize, f64) -> Option<Hit>,
-        line: &HalfLine,
-        farthest: f64,
-    ) -> Option<(usize, Hit)> {
+    /// Finds the nearest hit and the index of its shape. `hit(i, t)` tests shape `i` up to distance `t`.
+    pub fn nearest(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &HalfLine) -> Option<(usize, Hit)> {
         let mut best = None;
-        let mut reach = farthest;
-        self.visit(line, &mut reach, |i, reach| {
+        self.meet(line, &mut |i, reach| {
             if let Some(found) = hit(i, *reach) {
                 *reach = found.t;
                 best = Some((i, found));
@@ -101,72 +94,54 @@ impl Bvh {
         best
     }
 
-    /// Returns whether anything is hit before `farthest`.
-    pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &HalfLine, farthest: f64) -> bool {
-        let mut reach = farthest;
-        self.visit(line, &mut reach, |i, reach| hit(i, *reach).is_some())
+    /// Returns whether anything is hit.
+    pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &HalfLine) -> bool {
+        self.meet(line, &mut |i, reach| hit(i, *reach).is_some())
     }
 
-    /// Calls `leaf` for shapes whose boxes the line meets before `reach`, until it returns true.
-    fn visit(&self, line: &HalfLine, reach: &mut f64, mut leaf: impl FnMut(usize, &mut f64) -> bool) -> bool {
-        let inverse = line.direction.recip();
-        let enter = |node: &BvhNode, reach: f64| {
-            let a = (node.min - line.origin) * inverse;
-            let b = (node.max - line.origin) * inverse;
-            let near = a.min(b).max_element().max(0.0);
-            let far = a.max(b).min_element().min(reach);
-            (near <= far).then_some(near)
-        };
-        let mut stack = [0usize; DEEPEST];
-        let mut top = 0;
-        match self.nodes.first() {
-            Some(root) if enter(root, *reach).is_some() => {}
-            _ => return false,
+    /// Calls `leaf` for shapes whose boxes the line meets before a distance that it may reduce, until it returns true.
+    fn meet(&self, line: &HalfLine, leaf: &mut impl FnMut(usize, &mut f64) -> bool) -> bool {
+        let (inverse, mut reach) = (line.direction.recip(), f64::INFINITY);
+        let meets = self.nodes.first().is_some_and(|root| root.enter(line, inverse, reach).is_some());
+        meets && self.visit(0, line, inverse, &mut reach, leaf)
+    }
+
+    /// Calls `leaf` for shapes below node `at`, those in the nearer box first.
+    fn visit(
+        &self,
+        at: usize,
+        line: &HalfLine,
+        inverse: DVec3,
+        reach: &mut f64,
+        leaf: &mut impl FnMut(usize, &mut f64) -> bool,
+    ) -> bool {
+        let node = &self.nodes[at];
+        if node.count > 0 {
+            return self.order[node.start..][..node.count].iter().any(|&i| leaf(i, reach));
         }
-        let mut at = 0;
-        loop {
-            let node = &self.nodes[at];
-            if node.count > 0 {
-                for &i in &self.order[node.start..node.start + node.count] {
-                    if leaf(i, reach) {
-                        return true;
-                    }
-                }
-            } else {
-                let (first, second) = (at + 1, node.start);
-                let a = enter(&self.nodes[first], *reach);
-                let b = enter(&self.nodes[second], *reach);
-                match (a, b) {
-                    (Some(a), Some(b)) => {
-                        let (next, later) = if a <= b { (first, second) } else { (second, first) };
-                        // One entry a level at most, and no level is below DEEPEST.
-                        stack[top] = later;
-                        top += 1;
-                        at = next;
-                        continue;
-                    }
-                    (Some(_), None) => {
-                        at = first;
-                        continue;
-                    }
-                    (None, Some(_)) => {
-                        at = second;
-                        continue;
-                    }
-                    (None, None) => {}
-                }
+        let (first, second) = (at + 1, node.start);
+        let enter = |child: usize, reach: f64| self.nodes[child].enter(line, inverse, reach);
+        match (enter(first, *reach), enter(second, *reach)) {
+            (Some(a), Some(b)) => {
+                let (next, later) = if a <= b { (first, second) } else { (second, first) };
+                self.visit(next, line, inverse, reach, leaf)
+                    || enter(later, *reach).is_some() && self.visit(later, line, inverse, reach, leaf)
             }
-            loop {
-                if top == 0 {
-                    return false;
-                }
-                top -= 1;
-                at = stack[top];
-                if enter(&self.nodes[at], *reach).is_some() {
-                    break;
-                }
-            }
+            (Some(_), None) => self.visit(first, line, inverse, reach, leaf),
+            (None, Some(_)) => self.visit(second, line, inverse, reach, leaf),
+            (None, None) => false,
         }
+    }
+}
+
+impl BvhNode {
+    /// Returns the distance at which the line enters the node's box, if it does before `reach`.
+    fn enter(&self, line: &HalfLine, inverse: DVec3, reach: f64) -> Option<f64> {
+        let a = (self.min - line.origin) * inverse;
+        let b = (self.max - line.origin) * inverse;
+        let near = a.min(b).max_element().max(0.0);
+        let far = a.max(b).min_element().min(reach);
+        (near <= far).then_some(near)
     }
 }
 

@@ -10,7 +10,7 @@ use infonerf_scene::{Aabb, Camera};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{BOUNDS, FAR, NEAR};
+use super::{BOUNDS, CAPTURES, CLASSICS, FAR, NEAR};
 
 /// Training views of a procedural scene.
 pub const TRAIN_VIEWS: usize = 100;
@@ -79,18 +79,17 @@ pub(super) struct SceneCameras {
 
 /// Returns the cameras of the scene `name`, which exists, for `size`² images.
 pub(super) fn layout(name: &str, size: u32) -> SceneCameras {
-    let seed = seed(name);
     let capture = |(train, test), near, far, lo: [f32; 3], hi: [f32; 3]| {
         let bounds = Aabb { min: Vec3::from(lo), max: Vec3::from(hi) };
         SceneCameras { train, test, near, far, bounds }
     };
     match name {
-        "room" => capture(divided(room(seed, size, CAPTURED)), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
-        "table" => capture(divided(table(seed, size, CAPTURED)), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
+        "room" => capture(divided(hand_held(name, size, CAPTURED)), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
+        "table" => capture(divided(hand_held(name, size, CAPTURED)), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
         "figure" => capture(ring(size), NEAR, FAR, [-1.3; 3], [1.3; 3]),
         _ => {
-            let first = ["castle", "crane", "knot", "orrery"].contains(&name) || name.starts_with("random-");
-            let train = hemisphere(if first { SEED } else { seed }, size);
+            let first = CLASSICS.contains(&name) || name.starts_with("random-");
+            let train = hemisphere(if first { SEED } else { seed(name) }, size);
             SceneCameras { train, test: test_cameras(size), near: NEAR, far: FAR, bounds: BOUNDS }
         }
     }
@@ -99,11 +98,8 @@ pub(super) fn layout(name: &str, size: u32) -> SceneCameras {
 /// Returns at most `count` cameras of the scene `name`, which exists, for `size`² images, as for a set of photographs:
 /// a capture has as many as asked for, any other scene only its training views.
 pub fn photographs(name: &str, size: u32, count: usize) -> Vec<Camera> {
-    let mut cameras = match name {
-        "room" => room(seed(name), size, count),
-        "table" => table(seed(name), size, count),
-        _ => layout(name, size).train,
-    };
+    let is_capture = CAPTURES.contains(&name);
+    let mut cameras = if is_capture { hand_held(name, size, count) } else { layout(name, size).train };
     cameras.truncate(count);
     cameras
 }
@@ -133,29 +129,24 @@ fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
     (plain(train), plain(test))
 }
 
-/// Returns `count` hand-held cameras at one end of a room that look at the other.
-fn room(seed: u64, size: u32, count: usize) -> Vec<Camera> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+/// Returns `count` hand-held cameras: in `room` at one end, which look at the other; before `table` in an arc of 130°.
+fn hand_held(name: &str, size: u32, count: usize) -> Vec<Camera> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed(name));
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
     let camera = |_| {
-        let at = DVec3::new(within(0.8), -0.4 + within(0.3), 1.35 + within(0.4));
-        let towards = DVec3::new(within(0.35), 3.6, 0.95 + within(0.15));
-        Camera::from_fov(size, size, ROOM_FOV_X, look_along(at, towards - at, DVec3::new(within(0.02), 0.0, 1.0)))
-    };
-    (0..count).map(camera).collect()
-}
-
-/// Returns `count` hand-held cameras in an arc of 130° before a table.
-fn table(seed: u64, size: u32, count: usize) -> Vec<Camera> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-    let camera = |_| {
-        let azimuth = (-90.0 + within(65.0)).to_radians();
-        let elevation = (32.0 + within(16.0)).to_radians();
-        let direction = DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
-        let target = DVec3::new(within(0.1), within(0.1), -0.2 + within(0.1));
-        let at = target + direction * (3.4 + within(0.25));
-        Camera::from_fov(size, size, FOV_X, look_along(at, target - at, DVec3::new(within(0.02), 0.0, 1.0)))
+        let (at, target) = if name == "room" {
+            let at = DVec3::new(within(0.8), -0.4 + within(0.3), 1.35 + within(0.4));
+            (at, DVec3::new(within(0.35), 3.6, 0.95 + within(0.15)))
+        } else {
+            let azimuth = (-90.0 + within(65.0)).to_radians();
+            let elevation = (32.0 + within(16.0)).to_radians();
+            let (across, up) = (elevation.cos(), elevation.sin());
+            let direction = DVec3::new(across * azimuth.cos(), across * azimuth.sin(), up);
+            let target = DVec3::new(within(0.1), within(0.1), -0.2 + within(0.1));
+            (target + direction * (3.4 + within(0.25)), target)
+        };
+        let up = DVec3::new(within(0.02), 0.0, 1.0);
+        Camera::from_fov(size, size, field_of_view(name), look_along(at, target - at, up))
     };
     (0..count).map(camera).collect()
 }

@@ -25,11 +25,6 @@ pub(super) struct LocalFrame {
 }
 
 impl LocalFrame {
-    /// Axes as in the world.
-    pub fn at(origin: DVec3) -> Self {
-        Self { rotation: DMat3::IDENTITY, origin }
-    }
-
     /// Returns the frame at `origin` whose z axis is along `axis`.
     pub fn along(origin: DVec3, axis: DVec3) -> Self {
         let z = axis.normalize_or(DVec3::Z);
@@ -43,6 +38,13 @@ impl LocalFrame {
 
     pub fn point_to_local(self, p: DVec3) -> DVec3 {
         self.rotation.transpose() * (p - self.origin)
+    }
+}
+
+impl From<DVec3> for LocalFrame {
+    /// Returns the frame at `origin` with the world's axes.
+    fn from(origin: DVec3) -> Self {
+        Self { rotation: DMat3::IDENTITY, origin }
     }
 }
 
@@ -87,12 +89,12 @@ pub(super) struct Convex {
 
 impl Convex {
     pub fn sphere(centre: DVec3, radius: f64) -> Self {
-        Self { frame: LocalFrame::at(centre), kind: Kind::Sphere { radius } }
+        Self { frame: LocalFrame::from(centre), kind: Kind::Sphere { radius } }
     }
 
     /// Returns an axis-aligned block with edges `size`.
     pub fn block(centre: DVec3, size: DVec3) -> Self {
-        Self { frame: LocalFrame::at(centre), kind: Kind::Block { half: 0.5 * size } }
+        Self { frame: LocalFrame::from(centre), kind: Kind::Block { half: 0.5 * size } }
     }
 
     /// Returns an upright cylinder that stands on `foot`.
@@ -103,7 +105,7 @@ impl Convex {
     /// Returns an upright frustum that stands on `foot`.
     pub fn cone(foot: DVec3, bottom: f64, top: f64, height: f64) -> Self {
         let half = 0.5 * height;
-        Self { frame: LocalFrame::at(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
+        Self { frame: LocalFrame::from(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
     }
 
     /// Returns a cylinder from `a` to `b` with flat ends.

@@ -27,36 +27,39 @@ pub(super) struct Material {
     pub opacity: f64,
 }
 
-impl Material {
-    /// Builds a material with almost no highlight.
-    pub fn matt(texture: Texture) -> Self {
-        Self { texture, reflectance: 0.02, gloss: 12.0, metal: false, opacity: 1.0 }
-    }
+/// Builds an opaque material.
+fn opaque(texture: impl Into<Texture>, reflectance: f64, gloss: f64, metal: bool) -> Material {
+    Material { texture: texture.into(), reflectance, gloss, metal, opacity: 1.0 }
+}
 
-    /// Builds polished stone: a highlight, no mirror image.
-    pub fn satin(texture: Texture) -> Self {
-        Self { texture, reflectance: MIRRORS_ABOVE, gloss: 60.0, metal: false, opacity: 1.0 }
-    }
+/// Builds a material with almost no highlight.
+pub(super) fn matt(texture: impl Into<Texture>) -> Material {
+    opaque(texture, 0.02, 12.0, false)
+}
 
-    /// Builds a coat of varnish.
-    pub fn glossy(texture: Texture) -> Self {
-        Self { texture, reflectance: 0.06, gloss: 120.0, metal: false, opacity: 1.0 }
-    }
+/// Builds polished stone: a highlight, no mirror image.
+pub(super) fn satin(texture: impl Into<Texture>) -> Material {
+    opaque(texture, MIRRORS_ABOVE, 60.0, false)
+}
 
-    /// Builds thin glass that stops `opacity` of the light from behind.
-    pub fn glass(colour: DVec3, opacity: f64) -> Self {
-        Self { texture: Texture::Plain(colour), reflectance: 0.05, gloss: 300.0, metal: false, opacity }
-    }
+/// Builds a coat of varnish.
+pub(super) fn glossy(texture: impl Into<Texture>) -> Material {
+    opaque(texture, 0.06, 120.0, false)
+}
 
-    /// Builds metal polished to a mirror.
-    pub fn mirror(colour: DVec3) -> Self {
-        Self { texture: Texture::Plain(colour), reflectance: 0.82, gloss: 160.0, metal: true, opacity: 1.0 }
-    }
+/// Builds metal polished to a mirror.
+pub(super) fn mirror(colour: impl Into<Texture>) -> Material {
+    opaque(colour, 0.82, 160.0, true)
+}
 
-    /// Builds polished metal of the given colour.
-    pub fn metal(colour: DVec3) -> Self {
-        Self { texture: Texture::Plain(colour), reflectance: 0.6, gloss: 70.0, metal: true, opacity: 1.0 }
-    }
+/// Builds polished metal of the given colour.
+pub(super) fn metal(colour: impl Into<Texture>) -> Material {
+    opaque(colour, 0.6, 70.0, true)
+}
+
+/// Builds thin glass that stops `opacity` of the light from behind.
+pub(super) fn glass(colour: impl Into<Texture>, opacity: f64) -> Material {
+    Material { opacity, ..opaque(colour, 0.05, 300.0, false) }
 }
 
 /// A shape and its material.
@@ -93,6 +96,13 @@ impl Builder {
         self.carved(base, Vec::new(), material)
     }
 
+    /// Adds a convex solid for each of some values.
+    pub fn each<T>(&mut self, values: impl IntoIterator<Item = T>, solid: impl Fn(T) -> Convex, material: Material) {
+        for value in values {
+            self.solid(solid(value), material);
+        }
+    }
+
     /// Adds a convex solid with others cut out of it.
     pub fn carved(&mut self, base: Convex, cuts: Vec<Convex>, material: Material) -> &mut Self {
         self.push(Shape::Solid { base, cuts }, material)
@@ -124,8 +134,8 @@ impl Builder {
     }
 
     /// Adds a torus about the z axis of `frame`.
-    pub fn ring(&mut self, frame: LocalFrame, radius: f64, tube: f64, material: Material) -> &mut Self {
-        self.push(Shape::Ring { frame, radius, tube }, material)
+    pub fn ring(&mut self, frame: impl Into<LocalFrame>, radius: f64, tube: f64, material: Material) -> &mut Self {
+        self.push(Shape::Ring { frame: frame.into(), radius, tube }, material)
     }
 
     /// Adds a tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
@@ -156,10 +166,12 @@ impl Builder {
         self
     }
 
-    /// Adds a solid of revolution about the z axis of `frame` whose outline is a smooth curve through `outline`: radii and
-    /// heights, from the lowest to the highest.
-    pub fn lathe(&mut self, frame: LocalFrame, outline: &[(f64, f64)], material: Material) -> &mut Self {
-        let slants = slants(outline);
+    /// Adds a solid of revolution about the z axis of `frame` whose outline is a smooth curve through points, from the
+    /// lowest to the highest. `outline` has the radius and the height of each.
+    pub fn lathe(&mut self, frame: impl Into<LocalFrame>, outline: &[f64], material: Material) -> &mut Self {
+        let frame = frame.into();
+        let outline: Vec<(f64, f64)> = outline.chunks_exact(2).map(|point| (point[0], point[1])).collect();
+        let slants = slants(&outline);
         for (points, slants) in outline.windows(2).zip(slants.windows(2)) {
             let (&[(r0, z0), (r1, z1)], &[m0, m1]) = (points, slants) else { continue };
             let point = |s: f64| {
@@ -207,8 +219,8 @@ impl Builder {
     pub fn build(self, scale: f64, rise: f64) -> SceneModel {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
-        let clear = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
-        SceneModel { objects: self.objects, volumes: self.volumes, clear, bvh, scale, rise }
+        let is_clear = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
+        SceneModel { objects: self.objects, volumes: self.volumes, is_clear, bvh, scale, rise }
     }
 }
 
@@ -229,59 +241,39 @@ fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
 #[derive(Clone, Debug)]
 pub(super) struct SceneModel {
     objects: Vec<SceneObject>,
-    volumes: Vec<Medium>,
+    pub volumes: Vec<Medium>,
     /// Whether anything is translucent.
-    clear: bool,
+    pub is_clear: bool,
     bvh: Bvh,
-    scale: f64,
+    /// World units in one unit of the objects' coordinates.
+    pub scale: f64,
     rise: f64,
 }
 
 impl SceneModel {
     /// Maps a line of the world to the coordinates that the objects were put together in. Distances
-    /// along it are [`SceneModel::scale`] times smaller.
+    /// along it are `scale` times smaller.
     pub fn line(&self, origin: DVec3, direction: DVec3) -> HalfLine {
         HalfLine { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
     }
 
-    /// Returns the world units in one unit of the objects' coordinates.
-    pub fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    /// Returns whether anything is translucent.
-    pub fn is_clear(&self) -> bool {
-        self.clear
-    }
-
-    /// Returns the media that fill solids.
-    pub fn volumes(&self) -> &[Medium] {
-        &self.volumes
-    }
-
     /// Finds the nearest hit and its object.
     pub fn nearest(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
-        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
+        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line)?;
         Some((hit, &self.objects[i]))
     }
 
     /// Finds the nearest hit of an opaque surface.
     pub fn nearest_opaque(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
-        let hit = |i: usize, t| match &self.objects[i] {
-            SceneObject { material, .. } if material.opacity < 1.0 => None,
-            object => object.shape.hit(line, t),
-        };
-        let (i, hit) = self.bvh.nearest(hit, line, f64::INFINITY)?;
+        let opaque = |i: usize| Some(&self.objects[i]).filter(|object| object.material.opacity >= 1.0);
+        let (i, hit) = self.bvh.nearest(|i, t| opaque(i)?.shape.hit(line, t), line)?;
         Some((hit, &self.objects[i]))
     }
 
     /// Returns whether anything that casts a shadow lies on the line.
     pub fn blocked(&self, line: &HalfLine) -> bool {
-        let hit = |i: usize, t| match &self.objects[i] {
-            object if object.backdrop || object.material.opacity < 1.0 => None,
-            object => object.shape.hit(line, t),
-        };
-        self.bvh.any(hit, line, f64::INFINITY)
+        let casts = |object: &&SceneObject| !object.backdrop && object.material.opacity >= 1.0;
+        self.bvh.any(|i, t| Some(&self.objects[i]).filter(casts)?.shape.hit(line, t), line)
     }
 
     /// Returns a box around all objects, in the world.

@@ -22,21 +22,15 @@ pub(super) fn render(model: &SceneModel, camera: &Camera) -> Rgba8 {
     Rgba8 { width: camera.width, height: camera.height, pixels }
 }
 
-/// Computes the exact distance along the unit ray through each pixel's centre at which the accumulated opacity reaches one half: the
-/// first surface, unless it is transparent. `f32::INFINITY` where it stays below.
-pub(super) fn depth(model: &SceneModel, camera: &Camera) -> Vec<f32> {
-    rows(camera, |x, y| {
-        let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
-        front(model, &line).map_or(f32::INFINITY, |(t, _)| (t * model.scale()) as f32)
-    })
-}
-
-/// Returns whether the surface that [`depth`] measures belongs to the subject and not to its surroundings.
-pub(super) fn mask(model: &SceneModel, camera: &Camera) -> Vec<bool> {
-    rows(camera, |x, y| {
-        let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
-        front(model, &line).is_some_and(|(_, subject)| subject)
-    })
+/// Returns for each pixel the exact distance along the unit ray through its centre at which the accumulated opacity
+/// reaches one half, and whether the surface there belongs to the subject and not to its surroundings: the first surface,
+/// unless it is transparent. The distance is `f32::INFINITY` where the opacity stays below.
+pub(super) fn fronts(model: &SceneModel, camera: &Camera) -> (Vec<f32>, Vec<bool>) {
+    let front = |x, y| {
+        let found = front(model, &ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5));
+        found.map_or((f32::INFINITY, false), |(t, subject)| ((t * model.scale) as f32, subject))
+    };
+    rows(camera, front).into_iter().unzip()
 }
 
 fn rows<T: Send>(camera: &Camera, pixel: impl Fn(u32, u32) -> T + Sync) -> Vec<T> {

@@ -21,15 +21,7 @@ const FILL_COLOUR: DVec3 = DVec3::new(0.38, 0.42, 0.55);
 /// Distance from the surface at which secondary rays start.
 const LIFT: f64 = 1e-4;
 
-/// Returns the linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the
-/// [`LIGHT_SAMPLES`] positions over the lamps to use.
-#[cfg(test)]
-pub(super) fn radiance(model: &SceneModel, line: &HalfLine, sample: usize) -> Option<DVec3> {
-    let (hit, object) = model.nearest(line)?;
-    Some(surface(model, line, &hit, &object.material, sample, true).0)
-}
-
-/// Linear RGB that the surface sends back along `line`, and the share of what is behind it that it hides. The
+/// Returns the linear RGB that the surface sends back along `line`, and the share of what is behind it that it hides. The
 /// light of a surface that can be looked through is less by what it lacks in opacity, its mirror image and
 /// highlight are not.
 pub(super) fn surface(

@@ -190,37 +190,3 @@ fn slice_hit(p: DVec3, t: f64, flat: DVec3, cone: &Convex, (lower, upper): (DVec
     let texture_point = p + DVec3::Z * height;
     Hit { t, normal: cone.frame.rotation * local, texture_point, texture_normal: local }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn line(origin: DVec3, direction: DVec3) -> HalfLine {
-        HalfLine { origin, direction: direction.normalize() }
-    }
-
-    #[test]
-    fn a_hole_lets_rays_through_and_shows_its_wall() {
-        let shape = Shape::Solid {
-            base: Convex::block(DVec3::ZERO, DVec3::splat(2.0)),
-            cuts: vec![Convex::rod(DVec3::X * -2.0, DVec3::X * 2.0, 0.5)],
-        };
-        let far = f64::INFINITY;
-        assert!(shape.hit(&line(DVec3::X * 5.0, DVec3::NEG_X), far).is_none());
-        let face = shape.hit(&line(DVec3::new(5.0, 0.9, 0.0), DVec3::NEG_X), far).unwrap();
-        assert!((face.t - 4.0).abs() < 1e-12 && face.normal == DVec3::X);
-        // Slanted into the hole: meets the bore's wall, which faces the axis.
-        let wall = shape.hit(&line(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-5.0, 0.5, 0.0)), far).unwrap();
-        assert!((wall.t * 0.5 / 25.25f64.sqrt() - 0.5).abs() < 1e-9);
-        assert!((wall.normal - DVec3::NEG_Y).length() < 1e-9);
-    }
-
-    #[test]
-    fn a_ring_has_a_hole_and_exact_depth() {
-        let shape = Shape::Ring { frame: LocalFrame::at(DVec3::ZERO), radius: 1.0, tube: 0.25 };
-        let far = f64::INFINITY;
-        assert!(shape.hit(&line(DVec3::Z * 3.0, DVec3::NEG_Z), far).is_none());
-        let hit = shape.hit(&line(DVec3::new(1.0, 0.0, 3.0), DVec3::NEG_Z), far).unwrap();
-        assert!((hit.t - 2.75).abs() < 1e-6 && hit.normal.z > 0.999);
-    }
-}

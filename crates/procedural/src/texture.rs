@@ -9,25 +9,45 @@ use glam::DVec3;
 pub(super) enum Texture {
     /// One colour with a faint grain.
     Plain(DVec3),
-    /// Cells of two colours, `per_unit` of them along each axis.
-    Checker { a: DVec3, b: DVec3, per_unit: DVec3 },
-    /// Stripes across `direction`, whose length is their number per unit.
-    Stripes { a: DVec3, b: DVec3, direction: DVec3 },
-    /// Courses of bricks of the given width and height on faces that stand upright; `round` wraps
-    /// them about z.
-    Bricks { brick: DVec3, mortar: DVec3, width: f64, height: f64, round: bool },
-    /// Veins of `b` in `a`.
-    Marble { a: DVec3, b: DVec3, per_unit: f64 },
-    /// Wavy bands along local z, as on a gas planet.
-    Bands { a: DVec3, b: DVec3, c: DVec3, per_unit: f64 },
-    /// Land and sea: patches of `a` on `b`, white towards the local poles beyond `cap`.
-    Patches { a: DVec3, b: DVec3, per_unit: f64, cap: f64 },
-    /// Scales or shingles in courses along local z around z.
-    Shingles { a: DVec3, b: DVec3, around: f64, per_unit: f64 },
-    /// Boards of the given width and length with grain, from `a` to `b`; on upright faces they stand on end.
-    Planks { a: DVec3, b: DVec3, width: f64, length: f64 },
-    /// Flowers of `petal` on `ground`, `per_unit` of them along each axis of the face; `round` wraps them about z.
-    Flowers { ground: DVec3, petal: DVec3, per_unit: f64, round: bool },
+    /// Cells of two colours, and their number per unit along each axis.
+    Checker(DVec3, DVec3, DVec3),
+    /// Stripes of two colours across a direction, whose length is their number per unit.
+    Stripes(DVec3, DVec3, DVec3),
+    /// Courses of bricks on faces that stand upright: colours of bricks and mortar, width, height, and whether they wrap
+    /// about z.
+    Bricks(DVec3, DVec3, f64, f64, bool),
+    /// Colour, colour of the veins in it, and features per unit.
+    Marble(DVec3, DVec3, f64),
+    /// Wavy bands of three colours along local z, as on a gas planet, and their number per unit.
+    Bands(DVec3, DVec3, DVec3, f64),
+    /// Colours of land and sea, features per unit, and height of the local poles from which on they are white.
+    Patches(DVec3, DVec3, f64, f64),
+    /// Scales or shingles between two colours in courses along local z: their number around z, and courses per unit.
+    Shingles(DVec3, DVec3, f64, f64),
+    /// Boards with grain between two colours, their width and length; on upright faces they stand on end.
+    Planks(DVec3, DVec3, f64, f64),
+    /// Colour of the ground, colour of flowers, their number per unit along each axis of the face, and whether they wrap
+    /// about z.
+    Flowers(DVec3, DVec3, f64, bool),
+}
+
+/// Converts a display colour, `0xRRGGBB`, to linear RGB.
+pub(super) fn rgb(colour: u32) -> DVec3 {
+    let [_, r, g, b] = colour.to_be_bytes();
+    DVec3::new(f64::from(r), f64::from(g), f64::from(b)).map(|c| (c / 255.0).powf(2.2))
+}
+
+impl From<u32> for Texture {
+    /// Returns one display colour, `0xRRGGBB`.
+    fn from(colour: u32) -> Self {
+        Self::Plain(rgb(colour))
+    }
+}
+
+impl From<DVec3> for Texture {
+    fn from(colour: DVec3) -> Self {
+        Self::Plain(colour)
+    }
 }
 
 impl Texture {
@@ -35,37 +55,37 @@ impl Texture {
     pub fn at(&self, p: DVec3, n: DVec3) -> DVec3 {
         match *self {
             Self::Plain(a) => a * (0.92 + 0.16 * noise(p * 30.0)),
-            Self::Checker { a, b, per_unit } => {
+            Self::Checker(a, b, per_unit) => {
                 // Shifted by an odd amount, so that no cell boundary falls on a face.
                 let q = (p * per_unit + DVec3::splat(0.137)).floor();
                 let odd = (q.x + q.y + q.z).rem_euclid(2.0) >= 1.0;
                 (if odd { a } else { b }) * (0.85 + 0.3 * noise(p * 24.0))
             }
-            Self::Stripes { a, b, direction } => {
+            Self::Stripes(a, b, direction) => {
                 let phase = (p.dot(direction) + 0.071).rem_euclid(1.0);
                 (if phase < 0.5 { a } else { b }) * (0.88 + 0.24 * noise(p * 24.0))
             }
-            Self::Bricks { brick, mortar, width, height, round } => {
+            Self::Bricks(brick, mortar, width, height, round) => {
                 let (u, v) = wrap(p, n, round);
                 bricks(brick, mortar, u / width, v / height) * (0.8 + 0.4 * noise(p * 40.0))
             }
-            Self::Marble { a, b, per_unit } => {
+            Self::Marble(a, b, per_unit) => {
                 let q = p * per_unit;
                 let vein = (TAU * (0.35 * q.x + 0.5 * q.z + 1.3 * fractal(q))).sin().abs();
                 a.lerp(b, (1.0 - vein).powi(3))
             }
-            Self::Bands { a, b, c, per_unit } => {
+            Self::Bands(a, b, c, per_unit) => {
                 let z = p.z * per_unit + 0.35 * fractal(p * per_unit * DVec3::new(0.8, 0.8, 0.4));
                 let first = a.lerp(b, smooth(0.5 + 0.5 * (TAU * z).sin()));
                 first.lerp(c, smooth(0.5 + 0.5 * (TAU * 0.37 * z + 1.0).sin()) * 0.7)
             }
-            Self::Patches { a, b, per_unit, cap } => {
+            Self::Patches(a, b, per_unit, cap) => {
                 let height = fractal(p * per_unit);
                 let land = smooth(((height - 0.5) * 14.0 + 0.5).clamp(0.0, 1.0));
                 let polar = ((p.normalize_or(DVec3::Z).z.abs() + 0.15 * height - cap) * 12.0).clamp(0.0, 1.0);
                 b.lerp(a * (0.6 + 0.8 * fractal(p * per_unit * 3.0)), land).lerp(DVec3::splat(0.9), polar)
             }
-            Self::Shingles { a, b, around, per_unit } => {
+            Self::Shingles(a, b, around, per_unit) => {
                 let v = p.z * per_unit;
                 let row = v.floor();
                 let u = p.y.atan2(p.x) / TAU * around + 0.5 * row.rem_euclid(2.0);
@@ -74,11 +94,11 @@ impl Texture {
                 let edge = if fv + 0.6 * fu * fu * 4.0 < 0.28 || fu.abs() > 0.46 { 0.35 } else { 1.0 };
                 a.lerp(b, shade) * edge
             }
-            Self::Planks { a, b, width, length } => {
+            Self::Planks(a, b, width, length) => {
                 let (u, v) = wrap(p, n, false);
                 planks(a, b, u / width, v / length)
             }
-            Self::Flowers { ground, petal, per_unit, round } => {
+            Self::Flowers(ground, petal, per_unit, round) => {
                 let (u, v) = wrap(p, n, round);
                 flowers(ground, petal, u * per_unit, v * per_unit) * (0.96 + 0.08 * noise(p * 30.0))
             }

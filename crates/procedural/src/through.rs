@@ -30,7 +30,7 @@ fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encoun
             let (from, to) = (span.enter.max(start), span.exit.min(end));
             (from < to).then_some((from, to, volume))
         };
-        let mut matter: Vec<_> = model.volumes().iter().filter_map(within).collect();
+        let mut matter: Vec<_> = model.volumes.iter().filter_map(within).collect();
         matter.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         for (from, to, volume) in matter {
             if !visit(Encounter::Matter(from, to, volume)) {
@@ -48,7 +48,7 @@ fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encoun
 /// Returns linear RGB seen along `line`, premultiplied by coverage, and the coverage: 1 at any opaque surface, 0 if nothing is
 /// met. `sample` chooses among the positions over the lamps.
 pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec3, f64) {
-    if !model.is_clear() {
+    if !model.is_clear {
         return model
             .nearest(line)
             .map_or((DVec3::ZERO, 0.0), |(hit, object)| surface(model, line, &hit, &object.material, sample, true));
@@ -72,7 +72,7 @@ pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec
 /// Returns the distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque
 /// scenes the first surface.
 pub(super) fn front(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
-    if !model.is_clear() {
+    if !model.is_clear {
         return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));
     }
     let (mut passes, mut found) = (1.0, None);

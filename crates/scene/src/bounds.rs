@@ -79,52 +79,28 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn unit() -> Aabb {
-        Aabb::cube(Vec3::ZERO, 1.0)
-    }
-
-    fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
-        Ray::new(origin.into(), direction.into())
-    }
-
     #[test]
-    fn from_outside() {
-        assert_eq!(unit().intersect(&ray([-3.0, 0.0, 0.0], [1.0, 0.0, 0.0])), Some((2.0, 4.0)));
-    }
-
-    #[test]
-    fn from_inside_starts_at_zero() {
-        assert_eq!(unit().intersect(&ray([0.5, 0.0, 0.0], [1.0, 0.0, 0.0])), Some((0.0, 0.5)));
-    }
-
-    #[test]
-    fn behind_is_none() {
-        assert_eq!(unit().intersect(&ray([3.0, 0.0, 0.0], [1.0, 0.0, 0.0])), None);
-    }
-
-    #[test]
-    fn parallel_outside_the_slab_is_none() {
-        assert_eq!(unit().intersect(&ray([-3.0, 1.5, 0.0], [1.0, 0.0, 0.0])), None);
-        assert_eq!(unit().intersect(&ray([-3.0, 1.5, 0.0], [1.0, -0.0, 0.0])), None);
-    }
-
-    #[test]
-    fn along_a_face_is_inside() {
-        assert_eq!(unit().intersect(&ray([-3.0, 1.0, 1.0], [1.0, 0.0, -0.0])), Some((2.0, 4.0)));
-    }
-
-    #[test]
-    fn subnormal_direction_is_not_nan() {
-        let hit = unit().intersect(&ray([0.5, -1.0, -2.0], [1e-40, 1e-40, 1.0]));
-        let (a, b) = hit.expect("starts on a face and runs through the box");
+    fn intervals_of_rays() {
+        let forward = [1.0, 0.0, 0.0];
+        for (origin, direction, expected) in [
+            ([-3.0, 0.0, 0.0], forward, Some((2.0, 4.0))),
+            ([0.5, 0.0, 0.0], forward, Some((0.0, 0.5))),
+            ([3.0, 0.0, 0.0], forward, None),
+            // Parallel to a slab, outside of it and in a face.
+            ([-3.0, 1.5, 0.0], forward, None),
+            ([-3.0, 1.5, 0.0], [1.0, -0.0, 0.0], None),
+            ([-3.0, 1.0, 1.0], [1.0, 0.0, -0.0], Some((2.0, 4.0))),
+            // Not finite.
+            ([f32::NAN, 0.0, 0.0], forward, None),
+            ([0.0; 3], [f32::INFINITY, 0.0, 0.0], None),
+            ([0.0; 3], [0.0; 3], None),
+        ] {
+            let found = Aabb::cube(Vec3::ZERO, 1.0).intersect(&Ray::new(origin.into(), direction.into()));
+            assert_eq!(found, expected, "{origin:?} {direction:?}");
+        }
+        let subnormal = Ray::new(Vec3::new(0.5, -1.0, -2.0), Vec3::new(1e-40, 1e-40, 1.0));
+        let (a, b) = Aabb::cube(Vec3::ZERO, 1.0).intersect(&subnormal).expect("runs through the box from a face");
         assert!(a.is_finite() && b.is_finite());
-    }
-
-    #[test]
-    fn not_finite_is_none() {
-        assert_eq!(unit().intersect(&ray([f32::NAN, 0.0, 0.0], [1.0, 0.0, 0.0])), None);
-        assert_eq!(unit().intersect(&ray([0.0; 3], [f32::INFINITY, 0.0, 0.0])), None);
-        assert_eq!(unit().intersect(&ray([0.0; 3], [0.0; 3])), None);
     }
 
     proptest! {
@@ -136,7 +112,7 @@ mod tests {
             let d = Vec3::from(d);
             prop_assume!(d.length() > 1e-2);
             let ray = Ray::new(o.into(), d.normalize());
-            if let Some((a, b)) = unit().intersect(&ray) {
+            if let Some((a, b)) = Aabb::cube(Vec3::ZERO, 1.0).intersect(&ray) {
                 prop_assert!(0.0 <= a && a <= b);
                 let grown = Aabb::cube(Vec3::ZERO, 1.0 + 1e-4);
                 prop_assert!(grown.contains(ray.at(a)) && grown.contains(ray.at(b)));

@@ -1,6 +1,6 @@
 //! Cameras.
 
-use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, Vec2, Vec3};
 
 use crate::{Lens, Ray};
 
@@ -36,8 +36,7 @@ impl Camera {
     /// `fov_x` is the horizontal field of view in radians: `fx = 0.5 · width / tan(0.5 · fov_x)`.
     pub fn from_fov(width: u32, height: u32, fov_x: f64, to_world: DMat4) -> Self {
         let f = 0.5 * f64::from(width) / (0.5 * fov_x).tan();
-        let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
-        Self { width, height, fx: f, fy: f, cx, cy, to_world, lens: Lens::PERSPECTIVE }
+        Self::pinhole((width, height), [f, f], [0.5 * f64::from(width), 0.5 * f64::from(height)], to_world)
     }
 
     /// Returns a camera without distortion, from focal lengths and principal point in pixels.
@@ -117,16 +116,8 @@ impl Camera {
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
-        Self {
-            width,
-            height,
-            fx: self.fx * sx,
-            fy: self.fy * sy,
-            cx: self.cx * sx,
-            cy: self.cy * sy,
-            to_world: self.to_world,
-            lens: self.lens,
-        }
+        let (fx, fy, cx, cy) = (self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy);
+        Self { width, height, fx, fy, cx, cy, ..self.clone() }
     }
 
     /// Returns a camera with these intrinsics at the camera-to-world pose `to_world`.
@@ -186,30 +177,16 @@ pub fn look_along(position: DVec3, forward: DVec3, up: DVec3) -> DMat4 {
         .find(|r| r.length_squared() > 1e-12)
         .map_or(DVec3::X, |r| r.normalize());
     let true_up = back.cross(right);
-    DMat4::from_cols(
-        right.extend(0.0),
-        true_up.extend(0.0),
-        back.extend(0.0),
-        DVec4::new(position.x, position.y, position.z, 1.0),
-    )
+    DMat4::from_cols(right.extend(0.0), true_up.extend(0.0), back.extend(0.0), position.extend(1.0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     fn camera() -> Camera {
         let pose = look_along(DVec3::new(1.0, -3.0, 2.0), DVec3::new(-0.3, 1.0, -0.6), DVec3::Z);
         Camera::from_fov(40, 30, 0.7, pose)
-    }
-
-    #[test]
-    fn image_centre_looks_forward() {
-        let camera = camera();
-        let ray = camera.ray(20.0, 15.0);
-        assert!((ray.direction - camera.forward()).length() < 1e-6);
-        assert_eq!(ray.origin, camera.position());
     }
 
     #[test]
@@ -271,6 +248,7 @@ mod tests {
     #[test]
     fn rays_of_a_lens_project_back() {
         let lenses = [
+            Lens::PERSPECTIVE,
             Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [1e-3, 2e-3]),
             Lens::rational([0.3, 0.1, 0.0, 0.2, 0.1, 0.0], [0.0; 2]),
             Lens::fisheye([0.05, -0.01, 0.0, 0.0]),
@@ -294,16 +272,5 @@ mod tests {
         let narrow = camera().with_lens(Lens::radial_tangential([-5.0, 0.0, 0.0, 0.0], [0.0; 2]));
         assert!(narrow.covers(20.0, 15.0) && !narrow.covers(0.0, 0.0));
         assert!(narrow.ray(0.0, 0.0).direction.is_finite());
-    }
-
-    proptest! {
-        #[test]
-        fn projection_inverts_the_ray(x in 0.0f32..40.0, y in 0.0f32..30.0, t in 0.1f32..50.0) {
-            let camera = camera();
-            let ray = camera.ray(x, y);
-            prop_assert!((ray.direction.length() - 1.0).abs() < 1e-6);
-            let p = camera.project(ray.at(t)).expect("in front of the camera");
-            prop_assert!((p.x - x).abs() < 1e-2 && (p.y - y).abs() < 1e-2);
-        }
     }
 }

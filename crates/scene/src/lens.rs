@@ -66,8 +66,8 @@ impl Lens {
             LensModel::RadialTangential { k, q, p } if [&k[..], &q, &p].iter().all(|v| v.iter().all(|&c| c == 0.0)) => {
                 Self::PERSPECTIVE
             }
-            LensModel::RadialTangential { .. } => Self { model, reach: reach(&model, WIDEST) },
-            LensModel::Fisheye { .. } => Self { model, reach: reach(&model, PI) },
+            LensModel::RadialTangential { .. } => Self { model, reach: model.reach(WIDEST) },
+            LensModel::Fisheye { .. } => Self { model, reach: model.reach(PI) },
         }
     }
 
@@ -118,7 +118,7 @@ impl Lens {
             LensModel::RadialTangential { .. } => (r <= self.reach).then(|| self.bend(point)),
             LensModel::Fisheye { .. } => {
                 let angle = r.atan();
-                (angle <= self.reach).then(|| if r > 0.0 { point * (self.profile(angle).0 / r) } else { point })
+                (angle <= self.reach).then(|| if r > 0.0 { point * (self.model.profile(angle).0 / r) } else { point })
             }
         }
     }
@@ -143,7 +143,7 @@ impl Lens {
                 if angle.is_nan() || angle > self.reach || direction == DVec3::ZERO {
                     return None;
                 }
-                Some(if r > 0.0 { across * (self.profile(angle).0 / r) } else { DVec2::ZERO })
+                Some(if r > 0.0 { across * (self.model.profile(angle).0 / r) } else { DVec2::ZERO })
             }
             _ if direction.z > 0.0 => self.distort(direction.truncate() / direction.z),
             _ => None,
@@ -192,7 +192,7 @@ impl Lens {
             LensModel::Fisheye { .. } => {
                 let r = direction.truncate().length();
                 let angle = r.atan2(direction.z);
-                let (value, derivative) = self.profile(angle);
+                let (value, derivative) = self.model.profile(angle);
                 let along = if r > 1e-9 { value / r } else { 1.0 };
                 (along * derivative.max(0.0)).sqrt() * direction.z.abs().max(1e-6)
             }
@@ -200,22 +200,16 @@ impl Lens {
         scale.max(1e-6)
     }
 
-    /// Returns the radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the
-    /// image.
-    fn profile(&self, r: f64) -> (f64, f64) {
-        profile(&self.model, r)
-    }
-
     /// Returns the inverse of the radial part: bracketed Newton steps.
     fn unprofile(&self, value: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0, self.reach);
-        let end = self.profile(high).0;
+        let end = self.model.profile(high).0;
         if value.is_nan() || end.is_nan() || value > end {
             return None;
         }
         let mut r = value.min(high);
         for _ in 0..100 {
-            let (found, derivative) = self.profile(r);
+            let (found, derivative) = self.model.profile(r);
             let rest = found - value;
             if rest > 0.0 {
                 high = r
@@ -237,7 +231,7 @@ impl Lens {
         let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return point };
         let (x, y) = (point.x, point.y);
         let r2 = x * x + y * y;
-        let (d, _) = factor(&self.model, r2);
+        let (d, _) = self.model.factor(r2);
         DVec2::new(
             x * d + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * d + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y),
@@ -248,7 +242,7 @@ impl Lens {
     fn jacobian(&self, point: DVec2) -> DMat2 {
         let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return DMat2::IDENTITY };
         let (x, y) = (point.x, point.y);
-        let (d, derivative) = factor(&self.model, x * x + y * y);
+        let (d, derivative) = self.model.factor(x * x + y * y);
         let cross = 2.0 * x * y * derivative + 2.0 * p1 * x + 2.0 * p2 * y;
         DMat2::from_cols(
             DVec2::new(d + 2.0 * x * x * derivative + 2.0 * p1 * y + 6.0 * p2 * x, cross),
@@ -267,7 +261,7 @@ impl Lens {
             return Some(image * (self.unprofile(radius)? / radius));
         }
         // A tangential part may shift a point at the edge of the domain a little beyond the radial part's range.
-        let start = self.unprofile(radius.min(self.profile(self.reach).0))?;
+        let start = self.unprofile(radius.min(self.model.profile(self.reach).0))?;
         let mut point = image * (start / radius);
         for _ in 0..NEWTON {
             let rest = self.bend(point) - image;
@@ -304,50 +298,54 @@ impl fmt::Display for Lens {
     }
 }
 
-/// Returns the radial factor `d` and its derivative by `r²`.
-fn factor(model: &LensModel, r2: f64) -> (f64, f64) {
-    let LensModel::RadialTangential { k: [k1, k2, k3, k4], q: [q1, q2, q3], .. } = model else { return (1.0, 0.0) };
-    let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
-    let above_derivative = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
-    let below = 1.0 + r2 * (q1 + r2 * (q2 + r2 * q3));
-    let below_derivative = q1 + r2 * (2.0 * q2 + r2 * 3.0 * q3);
-    (above / below, (above_derivative * below - above * below_derivative) / (below * below))
-}
+impl LensModel {
+    /// Returns the radial factor `d` and its derivative by `r²`.
+    fn factor(&self, r2: f64) -> (f64, f64) {
+        let Self::RadialTangential { k: [k1, k2, k3, k4], q: [q1, q2, q3], .. } = self else { return (1.0, 0.0) };
+        let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
+        let above_derivative = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
+        let below = 1.0 + r2 * (q1 + r2 * (q2 + r2 * q3));
+        let below_derivative = q1 + r2 * (2.0 * q2 + r2 * 3.0 * q3);
+        (above / below, (above_derivative * below - above * below_derivative) / (below * below))
+    }
 
-fn profile(model: &LensModel, r: f64) -> (f64, f64) {
-    match model {
-        LensModel::Perspective => (r, 1.0),
-        LensModel::RadialTangential { .. } => {
-            let (d, derivative) = factor(model, r * r);
-            (r * d, d + 2.0 * r * r * derivative)
-        }
-        LensModel::Fisheye { k: [k1, k2, k3, k4] } => {
-            let s = r * r;
-            let value = r * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))));
-            let derivative = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)));
-            (value, derivative)
+    /// Returns the radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the
+    /// image.
+    fn profile(&self, r: f64) -> (f64, f64) {
+        match self {
+            Self::Perspective => (r, 1.0),
+            Self::RadialTangential { .. } => {
+                let (d, derivative) = self.factor(r * r);
+                (r * d, d + 2.0 * r * r * derivative)
+            }
+            Self::Fisheye { k: [k1, k2, k3, k4] } => {
+                let s = r * r;
+                let value = r * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))));
+                let derivative = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)));
+                (value, derivative)
+            }
         }
     }
-}
 
-/// Returns the first `r` up to `end` from which the radial part no longer grows.
-fn reach(model: &LensModel, end: f64) -> f64 {
-    let grows = |r: f64| {
-        let (value, derivative) = profile(model, r);
-        value.is_finite() && derivative > 1e-9 && value >= 0.0
-    };
-    // Finer near the axis: quadratic steps.
-    let at = |i: usize| end * (i as f64 / STEPS as f64).powi(2);
-    let Some(first) = (0..=STEPS).find(|&i| !grows(at(i))) else { return end };
-    if first == 0 {
-        return 0.0;
+    /// Returns the first `r` up to `end` from which the radial part no longer grows.
+    fn reach(&self, end: f64) -> f64 {
+        let grows = |r: f64| {
+            let (value, derivative) = self.profile(r);
+            value.is_finite() && derivative > 1e-9 && value >= 0.0
+        };
+        // Finer near the axis: quadratic steps.
+        let at = |i: usize| end * (i as f64 / STEPS as f64).powi(2);
+        let Some(first) = (0..=STEPS).find(|&i| !grows(at(i))) else { return end };
+        if first == 0 {
+            return 0.0;
+        }
+        let (mut low, mut high) = (at(first - 1), at(first));
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if grows(middle) { low = middle } else { high = middle }
+        }
+        low
     }
-    let (mut low, mut high) = (at(first - 1), at(first));
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if grows(middle) { low = middle } else { high = middle }
-    }
-    low
 }
 
 #[cfg(test)]
@@ -399,19 +397,15 @@ mod tests {
             assert_eq!(lens.undistort(DVec2::new(bad, 0.0)), None);
             assert_eq!(lens.distort(DVec2::new(bad, 0.0)), None);
         }
+        // A fisheye sees beyond 90°.
+        let fisheye = Lens::fisheye([0.0; 4]);
+        let image = DVec2::new(1.8, 0.0);
+        let direction = fisheye.unproject(image).unwrap();
+        assert!(direction.z < 0.0 && (fisheye.project(direction).unwrap() - image).length() < 1e-12);
+        assert_eq!((fisheye.undistort(image), fisheye.unproject(DVec2::new(3.2, 0.0))), (None, None));
         // A model that is nothing anywhere is refused everywhere but at the centre.
         let broken = Lens::radial_tangential([f64::NAN, 0.0, 0.0, 0.0], [0.0; 2]);
         assert_eq!(broken.undistort(DVec2::new(0.1, 0.0)), None);
-    }
-
-    #[test]
-    fn a_fisheye_sees_beyond_ninety_degrees() {
-        let lens = Lens::fisheye([0.0; 4]);
-        let image = DVec2::new(1.8, 0.0);
-        let direction = lens.unproject(image).unwrap();
-        assert!(direction.z < 0.0 && (lens.project(direction).unwrap() - image).length() < 1e-12);
-        assert_eq!(lens.undistort(image), None);
-        assert_eq!(lens.unproject(DVec2::new(3.2, 0.0)), None);
     }
 
     /// The formulas, by hand.

@@ -23,7 +23,6 @@
 //! # Ok::<(), infonerf_scene::SceneError>(())
 //! ```
 
-mod body;
 mod bounds;
 mod camera;
 mod error;
@@ -31,7 +30,6 @@ mod format;
 pub mod image;
 mod layout;
 mod lens;
-mod pixel;
 pub mod poses;
 mod range;
 mod ray;
@@ -42,7 +40,6 @@ mod space;
 #[cfg(test)]
 mod testing;
 
-pub use body::Body;
 pub use bounds::Aabb;
 pub use camera::{Camera, look_along};
 pub use error::SceneError;
@@ -50,14 +47,13 @@ pub use format::{Backdrop, Format};
 pub use image::{Image, Rgba8, RgbaImage, bilinear, resized_dimensions, round_to_u8};
 pub use layout::Layout;
 pub use lens::{Lens, LensModel};
-pub use pixel::PixelAt;
 pub use poses::{
     Keyframe, PoseError, Similarity, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose,
-    near_pose_about, orbit, spiral, unseen_pose,
+    near_pose_about, orbit, spiral,
 };
 pub use range::Range;
-pub use ray::Ray;
+pub use ray::{PixelAt, Ray};
 pub use request::{MaskUse, SceneRequest};
 pub use scene::{PixelCount, Scene, View};
 pub use select::{TestProtocol, ViewSelection};
-pub use space::Space;
+pub use space::{Body, Space};

@@ -22,3 +22,10 @@ pub fn train_cameras(size: u32) -> Vec<Camera> {
     };
     (0..100).map(|_| camera()).collect()
 }
+
+/// Returns six cameras in two rows that look at a point ten units ahead.
+pub fn forward_cameras() -> Vec<Camera> {
+    let place = |i: u32| DVec3::new(f64::from(i % 3) - 1.0, f64::from(i / 3) - 0.5, 0.0);
+    let pose = |p: DVec3| look_along(p, DVec3::NEG_Z * 10.0 - p, DVec3::Y);
+    (0..6).map(|i| Camera::from_fov(8, 8, 0.7, pose(place(i)))).collect()
+}

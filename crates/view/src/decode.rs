@@ -13,8 +13,7 @@ use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset};
 use serde_json::Value;
 
-use crate::package::of_field;
-use crate::subjects::Subjects;
+use crate::package::{Subjects, of_field};
 
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 

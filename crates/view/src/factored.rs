@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits, floats};
 use crate::network::{PackedNetwork, Place};
+use crate::package::Subjects;
 use crate::shader::{FieldMarch, clips, vector};
-use crate::subjects::Subjects;
 use crate::tables::{groups, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");

@@ -38,9 +38,7 @@ mod package;
 mod page;
 mod server;
 mod shader;
-mod subjects;
 mod tables;
-mod training_images;
 
 pub use factored::holds;
 pub use server::{Server, TrainingControl};

@@ -3,25 +3,36 @@
 use std::path::Path;
 
 use anyhow::Result;
+use base64::prelude::{BASE64_STANDARD, Engine};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
 use infonerf_experiment::Trained;
 use infonerf_field::RadianceField;
-use infonerf_render::TrainedModel;
-use infonerf_scene::{Layout, Range};
+use infonerf_metrics::to_rgb8;
+use infonerf_render::{RenderConfig, Renderer, TrainedModel};
+use infonerf_scene::{Layout, Range, Scene, View, resized_dimensions};
 use serde_json::{Value, json};
 
-use crate::subjects::Subjects;
-use crate::training_images::{cameras, jpeg_url};
 use crate::{baked, factored};
 
 /// Longest side of the image that is shown where a field cannot be drawn, and of a slow field's.
 const POSTER: u32 = 256;
 const SMALL_POSTER: u32 = 96;
+/// Longest side of up to eight training images; more of them are smaller, to take as much in total.
+const SIDE: f32 = 256.0;
+const MIN_SIDE: f32 = 32.0;
+const JPEG_QUALITY: u8 = 80;
+
+/// Field with its scene and renderer, of which a package is made.
+pub(crate) struct Subjects<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) renderer: &'a Renderer,
+    pub(crate) config: &'a RenderConfig,
+    pub(crate) trained: &'a TrainedModel,
+}
 
 /// Makes the JSON object of the run in `folder`: title, notes, shader, arrays, cameras. A field that a page cannot hold
 /// is baked to at most `resolution` voxels along the longest side of its box.
-///
-/// # Errors
-/// If an image cannot be encoded.
 pub(crate) fn of_run(run: &Trained, folder: &Path, trained: &TrainedModel, resolution: usize) -> Result<Value> {
     let (scene, plan) = (run.scene(), &run.plan);
     let subjects = Subjects { scene, renderer: run.renderer(), config: &plan.config.render, trained };
@@ -75,8 +86,37 @@ pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
     let side = if factored::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
     let camera = &run.scene().train[0].camera;
     let longest = side.min(camera.width.max(camera.height));
-    let (width, height) = infonerf_scene::resized_dimensions(camera.width, camera.height, longest);
+    let (width, height) = resized_dimensions(camera.width, camera.height, longest);
     let camera = camera.resized(width, height);
     let image = infonerf_render::render_image(run.renderer(), std::slice::from_ref(trained), &camera);
-    jpeg_url(&infonerf_metrics::to_rgb8(&image.rgb, width, height)?)
+    jpeg_url(&to_rgb8(&image.rgb, width, height)?)
+}
+
+/// Returns the training cameras as pinholes with small JPEGs of their images.
+fn cameras(scene: &Scene) -> Result<Vec<Value>> {
+    let side = (SIDE * (8.0 / scene.train.len().max(8) as f32).sqrt()).max(MIN_SIDE) as u32;
+    scene.train.iter().map(|view| camera(view, side)).collect()
+}
+
+fn camera(view: &View, side: u32) -> Result<Value> {
+    let camera = &view.camera;
+    let longest = side.min(view.image.width.max(view.image.height));
+    let (width, height) = resized_dimensions(view.image.width, view.image.height, longest);
+    let small = view.image.resized(width, height);
+    let image = to_rgb8(&small.rgb, width, height)?;
+    Ok(json!({
+        "name": view.name,
+        "width": camera.width,
+        "height": camera.height,
+        "lens": [camera.fx, camera.fy, camera.cx, camera.cy],
+        "pose": camera.to_world.to_cols_array(),
+        "image": jpeg_url(&image)?,
+    }))
+}
+
+/// Encodes an image as JPEG in a `data:` URL.
+fn jpeg_url(image: &RgbImage) -> Result<String> {
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(image)?;
+    Ok(format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(jpeg)))
 }

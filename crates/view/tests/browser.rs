@@ -44,6 +44,27 @@ fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
     document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
 }
 
+/// Returns the JSON value of an attribute in a document.
+fn json_attribute(document: &str, name: &str) -> serde_json::Value {
+    serde_json::from_str(&attribute(document, name).expect("the script ended").replace("&quot;", "\"")).unwrap()
+}
+
+/// Trains a small run on `scene`, and writes its page with `script` inserted before `place`.
+fn scripted_page(scene: &str, place: &str, script: &str) -> (tempfile::TempDir, Trained, String) {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan_on(scene, "fast-losses", "infonerf", common::TINY);
+    let folder = train(out.path(), &plan, Existing::Continue, None);
+    let run = read(&folder);
+    let file = out.path().join("page.html");
+    let text = page(&run, &folder, None).unwrap();
+    assert_eq!(text.matches(place).count(), 1);
+    fs::write(&file, text.replace(place, &format!("{script}{place}"))).unwrap();
+    (out, run, format!("file://{}", file.display()))
+}
+
+/// Place of a page's script at which its stage is complete and does not draw any more.
+const STOPPED: &str = "root.dataset.pixels";
+
 /// Returns the pixels that each stage of a page drew, `[SIZE², 3]` bytes.
 fn drawn(document: &str) -> Vec<Vec<u8>> {
     let rgb = |rgba: Vec<u8>| rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
@@ -171,17 +192,8 @@ const CONTROLS: &str = "
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn controls_move_the_camera() {
-    let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
-    let run = read(&folder);
-    let file = out.path().join("page.html");
-    let before = "stage.viewer.stop();";
-    let text = page(&run, &folder, None).unwrap();
-    assert_eq!(text.matches(before).count(), 1);
-    fs::write(&file, text.replace(before, &format!("{before}{CONTROLS}"))).unwrap();
-    let document = document(&format!("file://{}#camera=0&size=8", file.display()), 60_000, &[]);
-    let controls = attribute(&document, "data-controls").unwrap().replace("&quot;", "\"");
-    let seen: serde_json::Value = serde_json::from_str(&controls).unwrap();
+    let (_out, run, address) = scripted_page("crane", STOPPED, CONTROLS);
+    let seen = json_attribute(&document(&format!("{address}#camera=0&size=8"), 60_000, &[]), "data-controls");
     let place = |name: &str, what: &str| {
         let number = |i: usize| seen[name][what][i].as_f64().unwrap_or_else(|| panic!("{name}: {seen}"));
         DVec3::new(number(0), number(1), number(2))
@@ -226,17 +238,8 @@ const TURN: &str = "
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
-    let out = tempfile::tempdir().unwrap();
-    let folder =
-        train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Continue, None);
-    let run = read(&folder);
-    let file = out.path().join("page.html");
-    let before = "stage.viewer.stop();";
-    let text = page(&run, &folder, None).unwrap();
-    fs::write(&file, text.replace(before, &format!("{before}{TURN}"))).unwrap();
-    let document = document(&format!("file://{}#size=8", file.display()), 60_000, &[]);
-    let turned = attribute(&document, "data-turned").unwrap().replace("&quot;", "\"");
-    let turned: serde_json::Value = serde_json::from_str(&turned).unwrap();
+    let (_out, _, address) = scripted_page("facade", STOPPED, TURN);
+    let turned = json_attribute(&document(&format!("{address}#size=8"), 60_000, &[]), "data-turned");
     let limit = turned["limit"].as_f64().unwrap();
     assert!(limit < 1.0, "{turned}");
     for angle in turned["angles"].as_array().unwrap() {
@@ -289,19 +292,12 @@ const SLOW: &str = "
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn image_at_rest_is_whole_where_drawing_is_slow() {
-    let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
-    let run = read(&folder);
-    let file = out.path().join("page.html");
     let end = "} catch (error) {\n  showFallback(root, error, scene);";
-    let text = page(&run, &folder, None).unwrap();
-    assert_eq!(text.matches(end).count(), 1);
-    fs::write(&file, text.replace(end, &format!("{SLOW}{end}"))).unwrap();
-    let document = document(&format!("file://{}", file.display()), 6_000_000, &["--window-size=300,400"]);
-    let cases = attribute(&document, "data-cases").expect("the script ended").replace("&quot;", "\"");
-    let cases: Vec<serde_json::Value> = serde_json::from_str(&cases).unwrap();
-    assert_eq!(cases.len(), 6);
-    for case in cases {
+    let (_out, _, address) = scripted_page("crane", end, SLOW);
+    let document = document(&address, 6_000_000, &["--window-size=300,400"]);
+    let cases = json_attribute(&document, "data-cases");
+    assert_eq!(cases.as_array().unwrap().len(), 6);
+    for case in cases.as_array().unwrap() {
         assert!(case["mixed"] == 0 && case["changed"] != 0, "{case}");
     }
 }
@@ -309,12 +305,8 @@ fn image_at_rest_is_whole_where_drawing_is_slow() {
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn browser_without_webgl_shows_the_reason_and_the_images() {
-    let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
-    let run = read(&folder);
-    let file = out.path().join("page.html");
-    fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
-    let document = document(&format!("file://{}", file.display()), 10_000, &["--disable-3d-apis"]);
+    let (_out, _, address) = scripted_page("crane", STOPPED, "");
+    let document = document(&address, 10_000, &["--disable-3d-apis"]);
     let message = document.split_once("<p class=\"message\"").unwrap().1.split_once("</p>").unwrap().0;
     assert!(message.starts_with('>') && message.contains("WebGL"), "{message}");
     assert_eq!(document.matches("alt=\"training image ").count(), 4);

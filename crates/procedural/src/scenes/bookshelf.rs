@@ -1,13 +1,9 @@
 //! A bookcase that is open on both sides, full of books and things that hide each other.
 
-use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{flowers, glossy, matt, polar, rgb, satin, stripes, v};
-use crate::convex::{Convex, LocalFrame};
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
 const WIDE: f64 = 1.56;
 const DEEP: f64 = 0.66;
@@ -15,23 +11,21 @@ const LOW: f64 = -1.02;
 const SHELVES: usize = 4;
 const RISE: f64 = 0.49;
 
-pub(crate) fn bookshelf() -> Builder {
-    let mut scene = Builder::default();
-    carcass(&mut scene);
+pub(super) fn bookshelf(scene: &mut Builder) {
+    carcass(scene);
     let rng = &mut ChaCha8Rng::seed_from_u64(17);
     for shelf in 0..SHELVES {
         for side in [-1.0, 1.0] {
             for half in [-1.0, 1.0] {
-                row(&mut scene, rng, shelf, side, half);
+                row(scene, rng, shelf, side, half);
             }
         }
     }
-    on_top(&mut scene);
-    scene
+    on_top(scene);
 }
 
 fn oak() -> Material {
-    Material::satin(Texture::Planks { a: rgb(170, 112, 62), b: rgb(112, 66, 32), width: 0.17, length: 1.4 })
+    satin(Planks(rgb(0xaa703e), rgb(0x704220), 0.17, 1.4))
 }
 
 fn floor(shelf: usize) -> f64 {
@@ -39,9 +33,7 @@ fn floor(shelf: usize) -> f64 {
 }
 
 fn carcass(scene: &mut Builder) {
-    for shelf in 0..=SHELVES {
-        scene.block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035), oak());
-    }
+    scene.each(0..=SHELVES, |shelf| Convex::block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035)), oak());
     let height = RISE * SHELVES as f64 + 0.05;
     let board = |x: f64| Convex::block(v(x * (0.5 * WIDE - 0.02), 0.0, LOW + 0.5 * height), v(0.04, DEEP, height));
     scene.solid(board(0.0), oak());
@@ -57,15 +49,15 @@ fn carcass(scene: &mut Builder) {
         }
         scene.carved(board(x), cuts, oak());
     }
-    let back = flowers(rgb(96, 116, 104), rgb(196, 176, 130), 8.0, false);
-    scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), Material::matt(back));
+    let back = Flowers(rgb(0x607468), rgb(0xc4b082), 8.0, false);
+    scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), matt(back));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let foot = v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
-        scene.sphere(foot, 0.06, glossy(rgb(70, 38, 20)));
+        scene.sphere(foot, 0.06, glossy(0x462614));
     }
 }
 
-/// Books along one half of a shelf, seen from `side`; now and then something else.
+/// Adds books along one half of a shelf, seen from `side`; now and then something else.
 fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half: f64) {
     let z = floor(shelf);
     let (mut x, end) = (half.min(0.0) * (0.5 * WIDE - 0.05) + 0.03, half.max(0.0) * (0.5 * WIDE - 0.05) - 0.03);
@@ -85,22 +77,19 @@ fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half:
         let tall = rng.random_range(0.24..0.41);
         let depth = rng.random_range(0.16..0.23);
         let centre = v(x + 0.5 * thick, side * (0.30 - rng.random_range(0.0..0.05) - 0.5 * depth), z + 0.5 * tall);
-        let a = COLOURS[rng.random_range(0..COLOURS.len())];
-        let b = if rng.random() { rgb(222, 182, 96) } else { rgb(240, 232, 214) };
-        let a = rgb(a[0], a[1], a[2]);
+        let a = rgb(COLOURS[rng.random_range(0..COLOURS.len())]);
+        let b = if rng.random() { rgb(0xdeb660) } else { rgb(0xf0e8d6) };
         let cover = match rng.random_range(0..3) {
-            0 => Texture::Plain(a),
-            1 => stripes(a, a * 0.45, v(0.0, 0.0, rng.random_range(3.0..6.0))),
-            _ => flowers(a, a.lerp(b, 0.6), 18.0, false),
+            0 => Plain(a),
+            1 => Stripes(a, a * 0.45, v(0.0, 0.0, rng.random_range(3.0..6.0))),
+            _ => Flowers(a, a.lerp(b, 0.6), 18.0, false),
         };
         let lean = if rng.random_range(0..9) == 0 { 7.0 } else { 0.0 };
         let lean = |c: Convex| c.swung(v(x, 0.0, z), DVec3::Y, lean);
-        scene.solid(lean(Convex::block(centre, v(thick - 0.005, depth, tall))), Material::satin(cover));
-        let paper = Material::matt(stripes(rgb(240, 232, 212), rgb(206, 196, 172), v(60.0, 0.0, 0.0)));
-        scene.solid(
-            lean(Convex::block(centre + v(0.0, -side * 0.004, 0.004), v(thick - 0.016, depth - 0.012, tall))),
-            paper,
-        );
+        scene.solid(lean(Convex::block(centre, v(thick - 0.005, depth, tall))), satin(cover));
+        let paper = matt(Stripes(rgb(0xf0e8d4), rgb(0xcec4ac), v(60.0, 0.0, 0.0)));
+        let part = lean(Convex::block(centre + v(0.0, -side * 0.004, 0.004), v(thick - 0.016, depth - 0.012, tall)));
+        scene.solid(part, paper);
         // A label and two bands on the spine.
         let spine = centre + v(0.0, side * 0.5 * depth, 0.0);
         let label = satin(b);
@@ -111,65 +100,39 @@ fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half:
     }
 }
 
-const COLOURS: [[u8; 3]; 9] = [
-    [150, 30, 36],
-    [24, 66, 120],
-    [30, 96, 66],
-    [216, 150, 44],
-    [90, 44, 96],
-    [60, 60, 66],
-    [196, 90, 50],
-    [40, 130, 150],
-    [228, 214, 180],
-];
+const COLOURS: [u32; 9] = [0x961e24, 0x184278, 0x1e6042, 0xd8962c, 0x5a2c60, 0x3c3c42, 0xc45a32, 0x288296, 0xe4d6b4];
 
 fn curio(scene: &mut Builder, at: DVec3, which: u32) {
-    let foot = LocalFrame::at(at);
     match which {
         0 => {
-            let glaze =
-                Texture::Bands { a: rgb(40, 130, 140), b: rgb(230, 226, 206), c: rgb(20, 60, 90), per_unit: 14.0 };
-            scene.lathe(
-                foot,
-                &[(0.05, 0.0), (0.09, 0.08), (0.085, 0.17), (0.04, 0.25), (0.06, 0.31)],
-                Material::glossy(glaze),
-            );
+            let glaze = Bands(rgb(0x28828c), rgb(0xe6e2ce), rgb(0x143c5a), 14.0);
+            scene.lathe(at, &[0.05, 0.0, 0.09, 0.08, 0.085, 0.17, 0.04, 0.25, 0.06, 0.31], glossy(glaze));
         }
         1 => {
-            let globe = Texture::Patches { a: rgb(120, 150, 70), b: rgb(50, 110, 170), per_unit: 16.0, cap: 0.95 };
-            scene.lathe(
-                foot,
-                &[(0.07, 0.0), (0.05, 0.03), (0.015, 0.06), (0.012, 0.10)],
-                Material::metal(rgb(200, 156, 76)),
-            );
-            scene.sphere(at + DVec3::Z * 0.19, 0.095, Material::glossy(globe));
-            scene.ring(
-                LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)),
-                0.11,
-                0.008,
-                Material::metal(rgb(200, 156, 76)),
-            );
+            let globe = Patches(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95);
+            scene.lathe(at, &[0.07, 0.0, 0.05, 0.03, 0.015, 0.06, 0.012, 0.10], metal(0xc89c4c));
+            scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(globe));
+            scene.ring(LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)), 0.11, 0.008, metal(0xc89c4c));
         }
         2 => {
-            let box_ = Texture::Checker { a: rgb(236, 190, 60), b: rgb(190, 50, 40), per_unit: v(16.0, 16.0, 16.0) };
-            scene.solid(Convex::block(at + DVec3::Z * 0.08, v(0.19, 0.16, 0.16)).turned(12.0), Material::satin(box_));
-            scene.sphere(at + DVec3::Z * 0.23, 0.07, Material::metal(rgb(222, 226, 232)));
+            let box_ = Checker(rgb(0xecbe3c), rgb(0xbe3228), v(16.0, 16.0, 16.0));
+            scene.solid(Convex::block(at + DVec3::Z * 0.08, v(0.19, 0.16, 0.16)).turned(12.0), satin(box_));
+            scene.sphere(at + DVec3::Z * 0.23, 0.07, metal(0xdee2e8));
         }
         3 => {
-            scene.lathe(foot, &[(0.05, 0.0), (0.075, 0.10), (0.08, 0.13)], matt(rgb(190, 96, 60)));
-            let leaf =
-                Material::matt(Texture::Patches { a: rgb(90, 170, 60), b: rgb(40, 110, 50), per_unit: 24.0, cap: 9.0 });
+            scene.lathe(at, &[0.05, 0.0, 0.075, 0.10, 0.08, 0.13], matt(0xbe603c));
+            let leaf = matt(Patches(rgb(0x5aaa3c), rgb(0x286e32), 24.0, 9.0));
             for k in 0..9 {
                 let tip = at + polar(0.085, f64::from(k) * 40.0, 0.24 + 0.05 * f64::from(k % 3));
                 scene.solid(Convex::taper(at + DVec3::Z * 0.11, tip, 0.022, 0.006), leaf);
             }
         }
         _ => {
-            let frame = Material::metal(rgb(206, 166, 86));
+            let frame = metal(0xcea656);
             let side = at.y.signum();
             scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), frame);
-            let picture = Texture::Patches { a: rgb(230, 150, 90), b: rgb(60, 110, 150), per_unit: 11.0, cap: 9.0 };
-            scene.block(at + v(0.0, side * 0.01, 0.15), v(0.17, 0.012, 0.25), Material::matt(picture));
+            let picture = Patches(rgb(0xe6965a), rgb(0x3c6e96), 11.0, 9.0);
+            scene.block(at + v(0.0, side * 0.01, 0.15), v(0.17, 0.012, 0.25), matt(picture));
         }
     }
 }
@@ -178,19 +141,18 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
 fn on_top(scene: &mut Builder) {
     let z = floor(SHELVES);
     let mut at = v(0.36, 0.0, z);
-    for (k, colour) in [rgb(150, 30, 36), rgb(228, 214, 180), rgb(24, 66, 120)].into_iter().enumerate() {
+    for (k, colour) in [rgb(0x961e24), rgb(0xe4d6b4), rgb(0x184278)].into_iter().enumerate() {
         let size = v(0.40 - 0.05 * k as f64, 0.28, 0.055);
         at.z += 0.031;
         scene.solid(Convex::block(at, size).turned(14.0 * k as f64 - 10.0), satin(colour));
         at.z += 0.028;
     }
-    let cat = matt(rgb(52, 50, 54));
-    let seat = LocalFrame::at(at);
-    scene.lathe(seat, &[(0.10, -0.005), (0.11, 0.04), (0.07, 0.12), (0.03, 0.155)], cat);
+    let cat = matt(0x343236);
+    scene.lathe(at, &[0.10, -0.005, 0.11, 0.04, 0.07, 0.12, 0.03, 0.155], cat);
     scene.sphere(at + v(-0.03, 0.0, 0.17), 0.05, cat);
-    let lamp = LocalFrame::at(v(-0.48, 0.02, z));
-    scene.lathe(lamp, &[(0.10, 0.0), (0.09, 0.02), (0.02, 0.05)], Material::metal(rgb(206, 166, 86)));
-    let shade = stripes(rgb(250, 220, 150), rgb(226, 150, 70), v(14.0, 0.0, 0.0));
-    scene.lathe(lamp, &[(0.018, 0.05), (0.018, 0.09)], Material::metal(rgb(206, 166, 86)));
-    scene.lathe(lamp, &[(0.16, 0.08), (0.13, 0.14), (0.085, 0.21)], Material::matt(shade));
+    let lamp = v(-0.48, 0.02, z);
+    scene.lathe(lamp, &[0.10, 0.0, 0.09, 0.02, 0.02, 0.05], metal(0xcea656));
+    let shade = Stripes(rgb(0xfadc96), rgb(0xe29646), v(14.0, 0.0, 0.0));
+    scene.lathe(lamp, &[0.018, 0.05, 0.018, 0.09], metal(0xcea656));
+    scene.lathe(lamp, &[0.16, 0.08, 0.13, 0.14, 0.085, 0.21], matt(shade));
 }

@@ -1,51 +1,44 @@
 //! A walled castle with a keep: masonry, battlements, windows, a gate with a portcullis.
 
-use glam::DVec3;
-
-use super::{bricks, matt, polar, rgb, stripes, v};
-use crate::convex::Convex;
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
 const FLOOR: f64 = -0.92;
 /// Distance of the walls from the middle.
 const SIDE: f64 = 0.78;
 
-pub(crate) fn castle() -> Builder {
-    let mut scene = Builder::default();
-    island(&mut scene);
+pub(super) fn castle(scene: &mut Builder) {
+    island(scene);
     for (k, corner) in
         [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)].iter().enumerate()
     {
-        tower(&mut scene, *corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
+        tower(scene, *corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
     }
-    walls(&mut scene);
-    gate(&mut scene);
-    keep(&mut scene);
-    yard(&mut scene);
-    scene
+    walls(scene);
+    gate(scene);
+    keep(scene);
+    yard(scene);
 }
 
-const ROOFS: [[u8; 3]; 4] = [[196, 60, 44], [40, 96, 160], [214, 150, 40], [60, 140, 96]];
+const ROOFS: [u32; 4] = [0xc43c2c, 0x2860a0, 0xd69628, 0x3c8c60];
 
 fn stone(round: bool) -> Material {
-    Material::matt(bricks(rgb(186, 176, 156), rgb(96, 90, 82), [0.14, 0.075], round))
+    matt(Bricks(rgb(0xbab09c), rgb(0x605a52), 0.14, 0.075, round))
 }
 
-fn roof([r, g, b]: [u8; 3]) -> Material {
-    let a = rgb(r, g, b);
-    Material::glossy(Texture::Shingles { a, b: a * 0.45, around: 16.0, per_unit: 14.0 })
+fn roof(colour: u32) -> Material {
+    let a = rgb(colour);
+    glossy(Shingles(a, a * 0.45, 16.0, 14.0))
 }
 
 fn island(scene: &mut Builder) {
-    let grass = Texture::Patches { a: rgb(96, 150, 62), b: rgb(70, 112, 46), per_unit: 6.0, cap: 9.0 };
-    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, Material::matt(grass));
-    let cobble = Texture::Checker { a: rgb(150, 140, 124), b: rgb(104, 96, 88), per_unit: v(9.0, 9.0, 0.1) };
-    scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), Material::matt(cobble));
+    let grass = Patches(rgb(0x60963e), rgb(0x46702e), 6.0, 9.0);
+    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, matt(grass));
+    let cobble = Checker(rgb(0x968c7c), rgb(0x686058), v(9.0, 9.0, 0.1));
+    scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), matt(cobble));
 }
 
 /// Adds a round tower with arrow slits, battlements and a pointed roof with a flag.
-fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
+fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
     let foot = v(at.x, at.y, FLOOR);
     let radius = 0.19;
     let mut cuts = vec![Convex::cylinder(foot + DVec3::Z * 0.05, radius - 0.05, height - 0.12)];
@@ -59,10 +52,10 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
     scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
     scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));
     let tip = foot + DVec3::Z * (height + 0.36);
-    let pole = Material::metal(rgb(200, 200, 190));
+    let pole = metal(0xc8c8be);
     scene.rod(tip, tip + DVec3::Z * 0.26, 0.010, pole);
-    let flag = stripes(rgb(250, 250, 245), rgb(colour[0], colour[1], colour[2]), v(0.0, 0.0, 18.0));
-    scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), Material::matt(flag));
+    let flag = Stripes(rgb(0xfafaf5), rgb(colour), v(0.0, 0.0, 18.0));
+    scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), matt(flag));
 }
 
 /// Adds four walls with battlements; the front one has an arched gate.
@@ -90,16 +83,14 @@ fn walls(scene: &mut Builder) {
 
 /// Adds the portcullis and the drawbridge on its chains.
 fn gate(scene: &mut Builder) {
-    let iron = Material::metal(rgb(120, 122, 130));
+    let iron = metal(0x787a82);
     for i in -2..=2 {
         let x = f64::from(i) * 0.06;
         scene.rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010, iron);
     }
-    for z in [0.12, 0.20, 0.28] {
-        scene.rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009, iron);
-    }
-    let plank = stripes(rgb(142, 92, 48), rgb(96, 58, 28), v(16.0, 0.0, 0.0));
-    scene.block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03), Material::matt(plank));
+    scene.each([0.12, 0.20, 0.28], |z| Convex::rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009), iron);
+    let plank = Stripes(rgb(0x8e5c30), rgb(0x603a1c), v(16.0, 0.0, 0.0));
+    scene.block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03), matt(plank));
     for side in [-0.14, 0.14] {
         let (low, high) = (v(side, -1.17, FLOOR + 0.03), v(side, -SIDE - 0.05, FLOOR + 0.36));
         scene.rod(low, high, 0.008, iron);
@@ -122,15 +113,15 @@ fn keep(scene: &mut Builder) {
         }
     }
     let size = v(2.0 * half, 2.0 * half, height);
-    let warm = bricks(rgb(206, 160, 112), rgb(120, 100, 80), [0.12, 0.06], false);
-    scene.carved(Convex::block(centre, size), cuts, Material::matt(warm));
+    let warm = Bricks(rgb(0xcea070), rgb(0x786450), 0.12, 0.06, false);
+    scene.carved(Convex::block(centre, size), cuts, matt(warm));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let at = foot + v(half * x, half * y, height - 0.20);
         scene.cone(at, 0.05, 0.09, 0.10, stone(true));
         scene.cylinder(at + DVec3::Z * 0.10, 0.09, 0.22, stone(true));
-        scene.cone(at + DVec3::Z * 0.32, 0.11, 0.0, 0.20, roof([110, 60, 130]));
+        scene.cone(at + DVec3::Z * 0.32, 0.11, 0.0, 0.20, roof(0x6e3c82));
     }
-    let gold = Material::metal(rgb(226, 178, 70));
+    let gold = metal(0xe2b246);
     scene.sphere(foot + DVec3::Z * height, 0.23, gold);
     scene.rod(foot + DVec3::Z * (height + 0.2), foot + DVec3::Z * (height + 0.52), 0.014, gold);
     scene.sphere(foot + DVec3::Z * (height + 0.54), 0.035, gold);
@@ -141,16 +132,16 @@ fn yard(scene: &mut Builder) {
     let well = v(-0.42, -0.40, FLOOR);
     let bore = vec![Convex::cylinder(well + DVec3::Z * 0.02, 0.09, 0.3)];
     scene.carved(Convex::cylinder(well, 0.13, 0.15), bore, stone(true));
-    let wood = matt(rgb(110, 70, 36));
+    let wood = matt(0x6e4624);
     for side in [-0.11, 0.11] {
         let post = well + DVec3::X * side;
         scene.rod(post, post + DVec3::Z * 0.34, 0.014, wood);
     }
-    scene.cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13, roof([150, 84, 50]));
-    let leaves = Texture::Patches { a: rgb(120, 180, 60), b: rgb(36, 92, 40), per_unit: 16.0, cap: 9.0 };
+    scene.cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13, roof(0x965432));
+    let leaves = Patches(rgb(0x78b43c), rgb(0x245c28), 16.0, 9.0);
     let trunk = v(0.52, -0.42, FLOOR);
     scene.rod(trunk, trunk + DVec3::Z * 0.30, 0.028, wood);
     for (dx, dy, dz, r) in [(0.0, 0.0, 0.40, 0.13), (0.08, 0.05, 0.32, 0.09), (-0.07, -0.05, 0.34, 0.10)] {
-        scene.sphere(trunk + v(dx, dy, dz), r, Material::matt(leaves));
+        scene.sphere(trunk + v(dx, dy, dz), r, matt(leaves));
     }
 }

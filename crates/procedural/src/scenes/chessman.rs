@@ -1,43 +1,26 @@
 //! A chess queen, alone and small in the image.
 
-use super::{glossy, matt, polar, rgb, v};
-use crate::convex::LocalFrame;
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
-pub(crate) fn chessman() -> Builder {
-    let mut scene = Builder::default();
-    let foot = LocalFrame::at(v(0.10, -0.08, -0.42));
-    let at = |z: f64| foot.origin + v(0.0, 0.0, z);
-    let wood = Texture::Bands { a: rgb(190, 84, 40), b: rgb(120, 40, 20), c: rgb(226, 140, 70), per_unit: 11.0 };
-    let gold = Material::metal(rgb(232, 186, 84));
-    scene.cylinder(at(-0.01), 0.165, 0.02, matt(rgb(20, 84, 50)));
+pub(super) fn chessman(scene: &mut Builder) {
+    let foot = v(0.10, -0.08, -0.42);
+    let at = |z: f64| foot + v(0.0, 0.0, z);
+    let wood = Bands(rgb(0xbe5428), rgb(0x782814), rgb(0xe28c46), 11.0);
+    let gold = metal(0xe8ba54);
+    scene.cylinder(at(-0.01), 0.165, 0.02, matt(0x145432));
     let body = [
-        (0.165, 0.01),
-        (0.175, 0.035),
-        (0.165, 0.07),
-        (0.13, 0.09),
-        (0.135, 0.115),
-        (0.105, 0.15),
-        (0.065, 0.24),
-        (0.05, 0.36),
-        (0.055, 0.46),
-        (0.10, 0.485),
-        (0.10, 0.505),
-        (0.06, 0.525),
-        (0.065, 0.56),
-        (0.10, 0.66),
+        0.165, 0.01, 0.175, 0.035, 0.165, 0.07, 0.13, 0.09, 0.135, 0.115, 0.105, 0.15, 0.065, 0.24, 0.05, 0.36, 0.055,
+        0.46, 0.10, 0.485, 0.10, 0.505, 0.06, 0.525, 0.065, 0.56, 0.10, 0.66,
     ];
-    scene.lathe(foot, &body, Material::glossy(wood));
+    scene.lathe(foot, &body, glossy(wood));
     for (z, radius) in [(0.08, 0.145), (0.50, 0.098)] {
-        scene.ring(LocalFrame::at(at(z)), radius, 0.013, gold);
+        scene.ring(at(z), radius, 0.013, gold);
     }
     for k in 0..8 {
-        let pearl = if k % 2 == 0 { rgb(240, 238, 230) } else { rgb(40, 90, 170) };
-        let tip = foot.origin + polar(0.092, f64::from(k) * 45.0, 0.675);
+        let pearl = if k % 2 == 0 { rgb(0xf0eee6) } else { rgb(0x285aaa) };
+        let tip = foot + polar(0.092, f64::from(k) * 45.0, 0.675);
         scene.sphere(tip, 0.024, glossy(pearl));
     }
-    scene.lathe(foot, &[(0.085, 0.65), (0.075, 0.69), (0.03, 0.72), (0.004, 0.725)], Material::glossy(wood));
+    scene.lathe(foot, &[0.085, 0.65, 0.075, 0.69, 0.03, 0.72, 0.004, 0.725], glossy(wood));
     scene.sphere(at(0.745), 0.036, gold);
-    scene
 }

@@ -1,30 +1,23 @@
 //! A tower crane: lattices of thin rods over a brick base.
 
-use glam::DVec3;
-
-use super::{bricks, glossy, matt, rgb, stripes, v};
-use crate::convex::{Convex, LocalFrame};
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
 /// Radius of the main members and of the braces.
 const MEMBER: f64 = 0.020;
 const BRACE: f64 = 0.012;
 
-pub(crate) fn crane() -> Builder {
-    let mut scene = Builder::default();
-    base(&mut scene);
-    let yellow = glossy(rgb(242, 178, 28));
-    mast(&mut scene, yellow);
-    jib(&mut scene, yellow);
-    cabin(&mut scene);
-    load(&mut scene);
-    scene
+pub(super) fn crane(scene: &mut Builder) {
+    base(scene);
+    let yellow = glossy(0xf2b21c);
+    mast(scene, yellow);
+    jib(scene, yellow);
+    cabin(scene);
+    load(scene);
 }
 
 /// Adds a brick block with a vaulted passage each way, crates and barrels around it.
 fn base(scene: &mut Builder) {
-    let brick = bricks(rgb(176, 74, 52), rgb(214, 206, 190), [0.16, 0.075], false);
+    let brick = Bricks(rgb(0xb04a34), rgb(0xd6cebe), 0.16, 0.075, false);
     let centre = v(-0.25, 0.0, -0.93);
     let mut cuts = Vec::new();
     for axis in [DVec3::X, DVec3::Y] {
@@ -34,21 +27,17 @@ fn base(scene: &mut Builder) {
         let crown = centre - DVec3::Z * 0.01;
         cuts.push(Convex::rod(crown - axis, crown + axis, 0.18));
     }
-    scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, Material::matt(brick));
-    let slab = Texture::Checker { a: rgb(120, 124, 128), b: rgb(176, 178, 180), per_unit: v(5.0, 5.0, 0.1) };
-    scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), Material::matt(slab));
+    scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, matt(brick));
+    let slab = Checker(rgb(0x787c80), rgb(0xb0b2b4), v(5.0, 5.0, 0.1));
+    scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), matt(slab));
 
-    let plank = stripes(rgb(150, 96, 48), rgb(108, 64, 30), v(0.0, 0.0, 14.0));
-    scene.solid(Convex::block(v(0.62, -0.35, -0.96), v(0.28, 0.28, 0.28)).turned(20.0), Material::matt(plank));
-    scene.solid(Convex::block(v(0.62, -0.33, -0.73), v(0.18, 0.18, 0.18)).turned(50.0), Material::matt(plank));
-    for (place, colour) in [(v(0.75, 0.30, -1.10), rgb(30, 96, 170)), (v(0.45, 0.42, -1.10), rgb(40, 140, 80))] {
-        let hoops = stripes(colour, rgb(226, 226, 226), v(0.0, 0.0, 7.0));
-        scene.cylinder(place, 0.115, 0.30, Material::glossy(hoops));
+    let plank = Stripes(rgb(0x966030), rgb(0x6c401e), v(0.0, 0.0, 14.0));
+    scene.solid(Convex::block(v(0.62, -0.35, -0.96), v(0.28, 0.28, 0.28)).turned(20.0), matt(plank));
+    scene.solid(Convex::block(v(0.62, -0.33, -0.73), v(0.18, 0.18, 0.18)).turned(50.0), matt(plank));
+    for (place, colour) in [(v(0.75, 0.30, -1.10), rgb(0x1e60aa)), (v(0.45, 0.42, -1.10), rgb(0x288c50))] {
+        let hoops = Stripes(colour, rgb(0xe2e2e2), v(0.0, 0.0, 7.0));
+        scene.cylinder(place, 0.115, 0.30, glossy(hoops));
     }
-}
-
-fn strut(scene: &mut Builder, a: DVec3, b: DVec3, radius: f64, material: Material) {
-    scene.rod(a, b, radius, material);
 }
 
 /// Adds a square lattice mast on the block.
@@ -58,16 +47,14 @@ fn mast(scene: &mut Builder, paint: Material) {
         let (x, y) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][k % 4];
         v(-0.25 + half * x, half * y, z)
     };
-    for k in 0..4 {
-        strut(scene, corner(k, low), corner(k, high), MEMBER, paint);
-    }
+    scene.each(0..4, |k| Convex::rod(corner(k, low), corner(k, high), MEMBER), paint);
     let step = (high - low) / f64::from(bays);
     for bay in 0..bays {
         let (z, top) = (low + step * f64::from(bay), low + step * f64::from(bay + 1));
         for k in 0..4 {
             let (from, to) = if bay % 2 == 0 { (k, k + 1) } else { (k + 1, k) };
-            strut(scene, corner(from, z), corner(to, top), BRACE, paint);
-            strut(scene, corner(k, top), corner(k + 1, top), BRACE, paint);
+            scene.rod(corner(from, z), corner(to, top), BRACE, paint);
+            scene.rod(corner(k, top), corner(k + 1, top), BRACE, paint);
         }
     }
 }
@@ -77,56 +64,52 @@ fn jib(scene: &mut Builder, paint: Material) {
     let (back, tip, z) = (-1.02, 1.12, 0.66);
     let lower = |x: f64, side: f64| v(x, side * 0.10, z);
     let upper = |x: f64| v(x, 0.0, z + 0.17);
-    for side in [-1.0, 1.0] {
-        strut(scene, lower(back, side), lower(tip, side), MEMBER, paint);
-    }
-    strut(scene, upper(-0.3), upper(tip - 0.08), MEMBER, paint);
+    scene.each([-1.0, 1.0], |side| Convex::rod(lower(back, side), lower(tip, side), MEMBER), paint);
+    scene.rod(upper(-0.3), upper(tip - 0.08), MEMBER, paint);
     let bays = 9;
     let step = (tip - 0.08 + 0.2) / f64::from(bays);
     for bay in 0..bays {
         let x = -0.2 + step * f64::from(bay);
         let middle = (x + 0.5 * step).min(tip - 0.08);
         for side in [-1.0, 1.0] {
-            strut(scene, lower(x, side), upper(middle), BRACE, paint);
-            strut(scene, upper(middle), lower(x + step, side), BRACE, paint);
+            scene.rod(lower(x, side), upper(middle), BRACE, paint);
+            scene.rod(upper(middle), lower(x + step, side), BRACE, paint);
         }
-        strut(scene, lower(x, -1.0), lower(x, 1.0), BRACE, paint);
+        scene.rod(lower(x, -1.0), lower(x, 1.0), BRACE, paint);
     }
-    let steel = Material::metal(rgb(170, 176, 184));
+    let steel = metal(0xaab0b8);
     let peak = v(-0.25, 0.0, 1.13);
     for side in [-1.0, 1.0] {
-        strut(scene, v(-0.25, side * 0.10, z), peak, MEMBER, paint);
-        strut(scene, peak, lower(back + 0.08, side), 0.009, steel);
+        scene.rod(v(-0.25, side * 0.10, z), peak, MEMBER, paint);
+        scene.rod(peak, lower(back + 0.08, side), 0.009, steel);
     }
-    strut(scene, peak, upper(0.85), 0.009, steel);
-    strut(scene, peak, upper(0.40), 0.009, steel);
-    let warning = stripes(rgb(236, 190, 20), rgb(24, 24, 26), v(4.5, 0.0, 4.5));
-    scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), Material::glossy(warning));
+    scene.rod(peak, upper(0.85), 0.009, steel);
+    scene.rod(peak, upper(0.40), 0.009, steel);
+    let warning = Stripes(rgb(0xecbe14), rgb(0x18181a), v(4.5, 0.0, 4.5));
+    scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), glossy(warning));
 }
 
 /// Adds the driver's cabin, with windows cut out, next to the mast.
 fn cabin(scene: &mut Builder) {
     let centre = v(-0.03, -0.21, 0.47);
-    let red = glossy(rgb(200, 36, 32));
+    let red = glossy(0xc82420);
     let cuts = vec![
         Convex::block(centre + v(0.0, 0.0, 0.03), v(0.20, 0.5, 0.12)),
         Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
     ];
     scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, red);
-    let seat = matt(rgb(30, 60, 110));
+    let seat = matt(0x1e3c6e);
     scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
 }
 
 /// Adds a polished ball with a ring, hung from the trolley.
 fn load(scene: &mut Builder) {
-    let steel = Material::metal(rgb(190, 196, 204));
+    let steel = metal(0xbec4cc);
     let x = 0.72;
-    let dark = matt(rgb(50, 52, 58));
+    let dark = matt(0x32343a);
     scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), dark);
-    for side in [-0.04, 0.04] {
-        strut(scene, v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008, steel);
-    }
+    scene.each([-0.04, 0.04], |side| Convex::rod(v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008), steel);
     scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
-    let globe = Texture::Patches { a: rgb(60, 130, 60), b: rgb(28, 84, 168), per_unit: 7.0, cap: 0.95 };
-    scene.sphere(v(x, 0.0, -0.27), 0.21, Material::glossy(globe));
+    let globe = Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95);
+    scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(globe));
 }

@@ -1,127 +1,95 @@
 //! A tea set of white porcelain with the palest blue and a little gold: near-white matter before white.
 
-use glam::DVec3;
-
-use super::{flowers, glossy, matt, polar, rgb, v};
-use crate::convex::{Convex, LocalFrame};
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
 const TOP: f64 = -0.80;
+const WHITE: u32 = 0xe8e8e6;
+const GILT: u32 = 0xe2c482;
 
-pub(crate) fn porcelain() -> Builder {
-    let mut scene = Builder::default();
-    plate(&mut scene);
-    pot(&mut scene);
-    vase(&mut scene);
-    cup(&mut scene, polar(0.66, -80.0, TOP), 20.0);
-    cup(&mut scene, polar(0.70, 165.0, TOP), 130.0);
-    hare(&mut scene);
-    scene
-}
-
-fn white() -> Material {
-    glossy(rgb(232, 232, 230))
+pub(super) fn porcelain(scene: &mut Builder) {
+    plate(scene);
+    pot(scene);
+    vase(scene);
+    cup(scene, polar(0.66, -80.0, TOP), 20.0);
+    cup(scene, polar(0.70, 165.0, TOP), 130.0);
+    hare(scene);
 }
 
 fn sprigged() -> Material {
-    let sprigs = flowers(rgb(234, 234, 234), rgb(150, 178, 218), 7.5, true);
-    Material::glossy(sprigs)
-}
-
-fn gilt() -> Material {
-    Material::metal(rgb(226, 196, 130))
+    let sprigs = Flowers(rgb(0xeaeaea), rgb(0x96b2da), 7.5, true);
+    glossy(sprigs)
 }
 
 /// Adds a scalloped board.
 fn plate(scene: &mut Builder) {
-    let veins = Texture::Marble { a: rgb(200, 201, 204), b: rgb(168, 174, 184), per_unit: 2.2 };
-    scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, Material::satin(veins));
-    for k in 0..24 {
-        scene.cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085, white());
-    }
+    let veins = Marble(rgb(0xc8c9cc), rgb(0xa8aeb8), 2.2);
+    scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, satin(veins));
+    scene.each(0..24, |k| Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), glossy(WHITE));
 }
 
 fn pot(scene: &mut Builder) {
-    let foot = LocalFrame::at(v(0.12, 0.08, TOP));
-    let at = |x: f64, z: f64| foot.origin + v(0.8 * x, -0.6 * x, z);
-    let belly = [
-        (0.20, 0.0),
-        (0.22, 0.03),
-        (0.19, 0.06),
-        (0.32, 0.14),
-        (0.41, 0.30),
-        (0.38, 0.46),
-        (0.26, 0.58),
-        (0.19, 0.64),
-        (0.20, 0.67),
-    ];
+    let foot = v(0.12, 0.08, TOP);
+    let at = |x: f64, z: f64| foot + v(0.8 * x, -0.6 * x, z);
+    let belly =
+        [0.20, 0.0, 0.22, 0.03, 0.19, 0.06, 0.32, 0.14, 0.41, 0.30, 0.38, 0.46, 0.26, 0.58, 0.19, 0.64, 0.20, 0.67];
     scene.lathe(foot, &belly, sprigged());
-    scene.ring(LocalFrame::at(at(0.0, 0.665)), 0.198, 0.014, gilt());
-    scene.lathe(
-        foot,
-        &[(0.19, 0.67), (0.16, 0.73), (0.08, 0.78), (0.03, 0.80), (0.05, 0.84), (0.045, 0.88), (0.005, 0.905)],
-        white(),
-    );
+    scene.ring(at(0.0, 0.665), 0.198, 0.014, metal(GILT));
+    let outline = [0.19, 0.67, 0.16, 0.73, 0.08, 0.78, 0.03, 0.80, 0.05, 0.84, 0.045, 0.88, 0.005, 0.905];
+    scene.lathe(foot, &outline, glossy(WHITE));
     let spout = |s: f64| at(0.34 + 0.34 * s, 0.22 + 0.42 * s * s + 0.04 * s);
     for k in 0..14 {
         let (a, b) = (f64::from(k) / 14.0, f64::from(k + 1) / 14.0);
         let radius = |s: f64| 0.092 - 0.052 * s;
-        scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), white());
-        scene.sphere(spout(b), radius(b), white());
+        scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), glossy(WHITE));
+        scene.sphere(spout(b), radius(b), glossy(WHITE));
     }
     let handle = |s: f64| {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
         at(-0.34 - 0.26 * cos, 0.34 - 0.19 * sin)
     };
-    scene.closed_tube(handle, 24, 0.032, white());
+    scene.closed_tube(handle, 24, 0.032, glossy(WHITE));
 }
 
 /// Adds a tall vase with rings about its neck and twigs with buds.
 fn vase(scene: &mut Builder) {
-    let foot = LocalFrame::at(v(-0.36, 0.46, TOP));
-    let outline = [
-        (0.15, 0.0),
-        (0.16, 0.04),
-        (0.13, 0.10),
-        (0.22, 0.34),
-        (0.26, 0.56),
-        (0.20, 0.78),
-        (0.09, 0.94),
-        (0.08, 1.06),
-        (0.13, 1.15),
-    ];
+    let foot = v(-0.36, 0.46, TOP);
+    let outline =
+        [0.15, 0.0, 0.16, 0.04, 0.13, 0.10, 0.22, 0.34, 0.26, 0.56, 0.20, 0.78, 0.09, 0.94, 0.08, 1.06, 0.13, 1.15];
     scene.lathe(foot, &outline, sprigged());
-    scene.ring(LocalFrame::at(foot.origin + DVec3::Z * 1.15), 0.125, 0.012, gilt());
+    scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, metal(GILT));
     for z in [0.96, 1.03] {
-        scene.ring(LocalFrame::at(foot.origin + DVec3::Z * z), 0.086, 0.014, white());
+        scene.ring(foot + DVec3::Z * z, 0.086, 0.014, glossy(WHITE));
     }
-    scene.cylinder(foot.origin + DVec3::Z * 1.12, 0.115, 0.01, matt(rgb(150, 148, 144)));
-    let twig = matt(rgb(206, 200, 190));
+    scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(0x969490));
+    let twig = matt(0xcec8be);
     for k in 0..6u32 {
         let angle = f64::from(k) * 60.0 + 11.0;
-        let start = foot.origin + DVec3::Z * 1.10;
+        let start = foot + DVec3::Z * 1.10;
         let rise = 0.40 + 0.09 * f64::from(k * 5 % 4);
         let curve = |s: f64| start + polar(0.34 * s * s + 0.05 * s, angle, rise * s);
         scene.closed_tube(curve, 8, 0.009, twig);
         for s in [0.55, 0.72, 0.86, 1.0] {
-            let bud = Texture::Plain(if s == 0.55 || s == 0.86 { rgb(250, 248, 248) } else { rgb(246, 226, 230) });
+            let bud = Plain(if s == 0.55 || s == 0.86 { rgb(0xfaf8f8) } else { rgb(0xf6e2e6) });
             let side = polar(0.03, angle + 400.0 * s, 0.012);
-            scene.sphere(curve(s) + side, 0.030, Material::matt(bud));
+            scene.sphere(curve(s) + side, 0.030, matt(bud));
         }
     }
 }
 
 /// Adds a cup of tea with milk on a saucer.
 fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
-    let foot = LocalFrame::at(at);
-    scene.lathe(foot, &[(0.10, 0.0), (0.12, 0.012), (0.22, 0.035), (0.245, 0.055)], white());
-    scene.ring(LocalFrame::at(at + DVec3::Z * 0.055), 0.24, 0.010, gilt());
-    scene.lathe(foot, &[(0.08, 0.05), (0.07, 0.075), (0.13, 0.13), (0.155, 0.20), (0.165, 0.26)], sprigged());
-    scene.ring(LocalFrame::at(at + DVec3::Z * 0.262), 0.160, 0.009, white());
-    scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(rgb(236, 222, 200)));
+    scene.lathe(at, &[0.10, 0.0, 0.12, 0.012, 0.22, 0.035, 0.245, 0.055], glossy(WHITE));
+    scene.ring(at + DVec3::Z * 0.055, 0.24, 0.010, metal(GILT));
+    scene.lathe(at, &[0.08, 0.05, 0.07, 0.075, 0.13, 0.13, 0.155, 0.20, 0.165, 0.26], sprigged());
+    scene.ring(at + DVec3::Z * 0.262, 0.160, 0.009, glossy(WHITE));
+    scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(0xecdec8));
     let side = polar(1.0, turn, 0.0);
-    scene.ring(LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
+    scene.ring(
+        LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)),
+        0.065,
+        0.014,
+        glossy(WHITE),
+    );
 }
 
 /// Adds a crouching hare.
@@ -129,20 +97,16 @@ fn hare(scene: &mut Builder) {
     let ground = v(0.58, 0.52, TOP);
     let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);
     let body = LocalFrame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
-    scene.lathe(
-        body,
-        &[(0.01, -0.06), (0.09, -0.02), (0.145, 0.10), (0.13, 0.22), (0.08, 0.34), (0.01, 0.40)],
-        white(),
-    );
-    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, white());
-    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, white());
-    scene.sphere(at(0.20, 0.0, 0.12), 0.055, white());
+    scene.lathe(body, &[0.01, -0.06, 0.09, -0.02, 0.145, 0.10, 0.13, 0.22, 0.08, 0.34, 0.01, 0.40], glossy(WHITE));
+    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, glossy(WHITE));
+    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, glossy(WHITE));
+    scene.sphere(at(0.20, 0.0, 0.12), 0.055, glossy(WHITE));
     for side in [-1.0, 1.0] {
         let ear =
             LocalFrame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
-        scene.lathe(ear, &[(0.01, 0.0), (0.038, 0.08), (0.036, 0.18), (0.004, 0.29)], white());
-        scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, white());
-        scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, white());
-        scene.sphere(at(-0.285, side * 0.075, 0.39), 0.014, glossy(rgb(120, 126, 140)));
+        scene.lathe(ear, &[0.01, 0.0, 0.038, 0.08, 0.036, 0.18, 0.004, 0.29], glossy(WHITE));
+        scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, glossy(WHITE));
+        scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, glossy(WHITE));
+        scene.sphere(at(-0.285, side * 0.075, 0.39), 0.014, glossy(0x787e8c));
     }
 }

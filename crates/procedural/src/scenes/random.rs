@@ -1,24 +1,18 @@
 //! Scenes drawn from a seed: a few plain solids on a plate, to learn from many of them.
 
-use std::f64::consts::TAU;
-
-use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
 
-use super::{polar, stripes, v};
-use crate::convex::{Convex, LocalFrame};
-use crate::model::{Builder, Material};
-use crate::texture::Texture;
+use super::*;
 
 /// Height of the plate's upper side.
 const GROUND: f64 = -0.62;
 /// Nothing lies farther from the vertical axis than this.
 const REACH: f64 = 0.98;
 
-pub(crate) fn random(seed: u64) -> Builder {
+pub(crate) fn random(scene: &mut Builder, seed: u64) {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-    let mut scene = Builder::default();
     let plate = material(rng);
     if rng.random() {
         scene.cylinder(v(0.0, 0.0, GROUND - 0.12), REACH, 0.12, plate);
@@ -32,13 +26,12 @@ pub(crate) fn random(seed: u64) -> Builder {
         let size: f64 = rng.random_range(0.16..0.36);
         let radius = rng.random_range(0.25..REACH - size);
         let angle = first + 360.0 * f64::from(i) / f64::from(count) + rng.random_range(-20.0..20.0);
-        thing(&mut scene, rng, polar(radius, angle, GROUND), size);
+        thing(scene, rng, polar(radius, angle, GROUND), size);
     }
     if rng.random() {
         let size = rng.random_range(0.2..0.34);
-        thing(&mut scene, rng, v(0.0, 0.0, GROUND), size);
+        thing(scene, rng, v(0.0, 0.0, GROUND), size);
     }
-    scene
 }
 
 fn turn(rng: &mut impl Rng) -> f64 {
@@ -73,15 +66,15 @@ fn thing(scene: &mut Builder, rng: &mut impl Rng, foot: DVec3, size: f64) {
 fn material(rng: &mut impl Rng) -> Material {
     let (a, b) = (colour(rng), colour(rng));
     let texture = match rng.random_range(0..5) {
-        0 | 1 => Texture::Plain(a),
-        2 => Texture::Checker { a, b, per_unit: DVec3::splat(rng.random_range(2.0..6.0)) },
+        0 | 1 => Plain(a),
+        2 => Checker(a, b, DVec3::splat(rng.random_range(2.0..6.0))),
         3 => {
             let along = [DVec3::X, DVec3::Y, DVec3::Z][rng.random_range(0..3)];
-            stripes(a, b, along * rng.random_range(2.0..6.0))
+            Stripes(a, b, along * rng.random_range(2.0..6.0))
         }
-        _ => Texture::Bands { a, b, c: colour(rng), per_unit: rng.random_range(1.5..4.0) },
+        _ => Bands(a, b, colour(rng), rng.random_range(1.5..4.0)),
     };
-    if rng.random() { Material::matt(texture) } else { Material::satin(texture) }
+    if rng.random() { matt(texture) } else { satin(texture) }
 }
 
 /// Returns a colour of any hue, linear.

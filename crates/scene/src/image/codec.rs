@@ -1,11 +1,11 @@
-//! Reading image files, with limits.
+//! Reading image files, with limits, and writing PNG.
 
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Cursor, Seek};
 use std::path::{Path, PathBuf};
 
 use ::image::metadata::Orientation;
-use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use ::image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 
 use super::RgbaImage;
 use super::exif::{is_sideways, orientation};
@@ -79,9 +79,7 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn stored_dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
-    let size = open(path)?.into_dimensions().map_err(|e| decode_error(path, e))?;
-    check_side(path, size)?;
-    Ok(size)
+    checked_dimensions(path, open(path)?)
 }
 
 /// Whether an image file states that it has an alpha channel.
@@ -105,21 +103,22 @@ pub fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
 /// Decodes the file at `path`, whose header states `size`.
 fn decode(
     path: &Path,
-    mut reader: ImageReader<impl BufRead + Seek>,
+    reader: ImageReader<impl BufRead + Seek>,
     size: (u32, u32),
     turned: Orientation,
 ) -> Result<RgbaImage, SceneError> {
-    check_pixels(path, size)?;
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_SIDE);
-    limits.max_image_height = Some(MAX_SIDE);
-    reader.limits(limits);
+    // Before memory is allocated: a header of a few bytes may claim any size.
+    let count = u64::from(size.0) * u64::from(size.1);
+    if count > MAX_PIXELS {
+        let what = "the number of pixels";
+        return Err(SceneError::TooLarge { path: path.into(), what, size: count, limit: MAX_PIXELS });
+    }
     let mut decoded = reader.decode().map_err(|e| decode_error(path, e))?;
     decoded.apply_orientation(turned);
     let has_alpha = decoded.color().has_alpha();
     let (width, height) = (decoded.width(), decoded.height());
     let pixels = match decoded {
-        DynamicImage::ImageRgba8(image) => image.pixels().map(|p| p.0.map(unit_u8)).collect(),
+        DynamicImage::ImageRgba8(image) => image.pixels().map(|p| p.0.map(|v| f32::from(v) / 255.0)).collect(),
         other => other.into_rgba32f().pixels().map(|p| p.0).collect(),
     };
     Ok(RgbaImage { width, height, pixels, has_alpha })
@@ -134,13 +133,8 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
         let guessed = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         guessed.map_err(|source| SceneError::io(path, source))
     };
-    let size = reader()?.into_dimensions().map_err(|e| decode_error(path, e))?;
-    check_side(path, size)?;
+    let size = checked_dimensions(path, reader()?)?;
     decode(path, reader()?, size, Orientation::NoTransforms)
-}
-
-fn unit_u8(v: u8) -> f32 {
-    f32::from(v) / 255.0
 }
 
 /// Returns the error about a photograph in a format that is not read, HEIC or AVIF; `None` for other files.
@@ -171,77 +165,68 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|source| SceneError::io(path, source))
 }
 
-fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
-    let longest = width.max(height);
-    if longest > MAX_SIDE {
-        return Err(SceneError::TooLarge {
-            path: path.into(),
-            what: "the longest image side in pixels",
-            size: u64::from(longest),
-            limit: u64::from(MAX_SIDE),
-        });
+/// Returns the `(width, height)` that the header of an image states, which is refused if a side is too long.
+fn checked_dimensions(path: &Path, reader: ImageReader<impl BufRead + Seek>) -> Result<(u32, u32), SceneError> {
+    let (width, height) = reader.into_dimensions().map_err(|e| decode_error(path, e))?;
+    let (size, limit) = (u64::from(width.max(height)), u64::from(MAX_SIDE));
+    if size > limit {
+        return Err(SceneError::TooLarge { path: path.into(), what: "the longest image side in pixels", size, limit });
     }
-    Ok(())
-}
-
-/// Refuses an image of too many pixels before memory is allocated: a header of a few bytes may claim any size.
-fn check_pixels(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
-    let size = u64::from(width) * u64::from(height);
-    if size > MAX_PIXELS {
-        return Err(SceneError::TooLarge { path: path.into(), what: "the number of pixels", size, limit: MAX_PIXELS });
-    }
-    Ok(())
+    Ok((width, height))
 }
 
 fn decode_error(path: &Path, error: ImageError) -> SceneError {
     SceneError::malformed(path, EXPECTED, error)
 }
 
+/// Encodes 8-bit pixels as PNG.
+pub(super) fn write_png(
+    path: &Path,
+    width: u32,
+    height: u32,
+    bytes: &[u8],
+    color: ColorType,
+) -> Result<(), SceneError> {
+    let expected = usize::from(color.bytes_per_pixel()) * width as usize * height as usize;
+    if width == 0 || height == 0 || bytes.len() != expected {
+        let expected = format!("{expected} bytes for {width}×{height} pixels");
+        return Err(SceneError::malformed(path, expected, format!("{} bytes", bytes.len())));
+    }
+    ::image::save_buffer_with_format(path, bytes, width, height, color, ImageFormat::Png).map_err(|error| match error {
+        ImageError::IoError(source) => SceneError::io(path, source),
+        other => SceneError::malformed(path, "an image that PNG can hold", other),
+    })
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::png::write_png;
     use super::*;
-    use ::image::ColorType;
 
     #[test]
-    fn truncated_png_is_an_error() {
+    fn bad_files_are_refused_with_their_names() {
         let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("cut.png");
+        let path = dir.path().join("bad.png");
+        let refusal = |path: &Path| read_rgba(path).unwrap_err().to_string();
         let bytes: Vec<u8> = (0..64 * 64 * 4).map(|i| (i * 7 % 251) as u8).collect();
         write_png(&path, 64, 64, &bytes, ColorType::Rgba8).unwrap();
         let whole = fs::read(&path).unwrap();
         for keep in [0, 4, 20, whole.len() / 2, whole.len() - 20] {
             fs::write(&path, &whole[..keep]).unwrap();
-            let error = read_rgba(&path).unwrap_err().to_string();
-            assert!(error.contains("cut.png") && !error.contains('\n'), "{keep}: {error}");
+            let error = refusal(&path);
+            assert!(error.contains("bad.png") && !error.contains('\n'), "{keep}: {error}");
         }
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn what_is_no_image_file_is_refused_unread() {
-        let dir = tempfile::tempdir().unwrap();
-        let pipe = dir.path().join("pipe.png");
-        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-        for path in [pipe.as_path(), dir.path()] {
-            assert!(read_rgba(path).unwrap_err().to_string().ends_with("it is no regular file"));
+        write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
+        assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })), "refused before it is decoded");
+        assert!(refusal(dir.path()).ends_with("it is no regular file"));
+        #[cfg(unix)]
+        {
+            let pipe = dir.path().join("pipe.png");
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert!(refusal(&pipe).ends_with("it is no regular file"));
         }
         let phone = dir.path().join("IMG_1.HEIC");
         fs::write(&phone, "ftypheic").unwrap();
-        assert!(
-            dimensions(&phone)
-                .unwrap_err()
-                .to_string()
-                .contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it")
-        );
-    }
-
-    #[test]
-    fn huge_header_is_refused_before_decoding() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("huge.png");
-        write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
-        assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })));
+        assert!(refusal(&phone).contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it"));
     }
 
     #[test]

@@ -50,10 +50,4 @@ mod tests {
         assert_eq!([image.sample(0.5, 0.5), image.sample(1.0, 1.0), image.sample(2.0, 2.0)], [0.0, 1.5, 3.0]);
         assert!(image.sample(2.1, 1.0).is_nan() && image.sample(f32::NAN, 1.0).is_nan());
     }
-
-    #[test]
-    fn luma_weights_each_channel() {
-        let unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]];
-        assert_eq!(GreyImage::luma(4, 1, unit.into_iter()).values, [0.299, 0.587, 0.114, 1.0]);
-    }
 }

@@ -3,7 +3,6 @@
 mod codec;
 mod exif;
 mod grey;
-mod png;
 mod resize;
 mod rgba;
 
@@ -97,7 +96,7 @@ impl Image {
     /// # Errors
     /// The file cannot be written, or `rgb` does not hold `width · height` pixels.
     pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
-        png::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
+        codec::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
     }
 }
 

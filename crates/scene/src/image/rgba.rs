@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Image, png, resize::box_filter};
+use super::{Image, codec, resize::box_filter};
 use crate::SceneError;
 
 /// A straight-alpha RGBA image in `f32`, as decoded from a file of any depth.
@@ -87,7 +87,7 @@ impl Rgba8 {
     /// The file cannot be written, or `pixels` does not hold `width · height` pixels.
     pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
         let bytes = self.pixels.as_flattened();
-        png::write_png(path, self.width, self.height, bytes, ::image::ColorType::Rgba8)
+        codec::write_png(path, self.width, self.height, bytes, ::image::ColorType::Rgba8)
     }
 }
 

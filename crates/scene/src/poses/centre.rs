@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::cap::Cap;
+use super::outer;
 use crate::Camera;
 
 /// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
@@ -63,7 +64,7 @@ pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
     let mut a = DMat3::IDENTITY * (PRIOR * n);
     let mut b = PRIOR * n * prior;
     for &(p, d) in &axes {
-        let across = DMat3::IDENTITY - outer(d);
+        let across = DMat3::IDENTITY - outer(d, d);
         a += across;
         b += across * p;
     }
@@ -100,8 +101,8 @@ pub fn up_direction(cameras: &[Camera]) -> DVec3 {
     let forward: DVec3 = cameras.iter().map(Camera::forward_f64).sum();
     let forward = if forward.length() > AGREED * n { forward.normalize_or_zero() } else { DVec3::ZERO };
     let mut spread = DMat3::IDENTITY * (1e-3 * n.max(1.0));
-    for camera in cameras {
-        spread += outer(camera.to_world.x_axis.truncate());
+    for right in cameras.iter().map(|camera| camera.to_world.x_axis.truncate()) {
+        spread += outer(right, right);
     }
     let inverse = spread.inverse();
     let up = (0..4).fold(mean_up, |u, _| (inverse * u).normalize_or(u));
@@ -110,10 +111,6 @@ pub fn up_direction(cameras: &[Camera]) -> DVec3 {
         return mean_up;
     }
     if up.dot(mean_up) < 0.0 { -up } else { up }
-}
-
-fn outer(v: DVec3) -> DMat3 {
-    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
 }
 
 #[cfg(test)]
@@ -151,16 +148,12 @@ mod tests {
     }
 
     #[test]
-    fn one_camera_is_centred_on_its_axis_near_the_origin() {
+    fn one_camera_or_parallel_ones_get_a_centre_in_front() {
         let position = DVec3::new(0.0, -4.0, 3.0);
-        let focus = scene_focus(&[camera(position, -position)]);
-        assert!(focus.centre.length() < 1e-6 && focus.inward);
-    }
-
-    #[test]
-    fn parallel_cameras_get_a_centre_in_front() {
-        let cameras: Vec<_> = (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
-        let focus = scene_focus(&cameras);
+        let one = scene_focus(&[camera(position, -position)]);
+        assert!(one.centre.length() < 1e-6 && one.inward);
+        let row: Vec<_> = (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
+        let focus = scene_focus(&row);
         assert!(focus.inward && focus.centre.z < -1.0 && focus.centre.is_finite());
     }
 

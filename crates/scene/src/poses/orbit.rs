@@ -91,8 +91,7 @@ impl OrbitAngles {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::look_along;
-    use crate::testing::train_cameras;
+    use crate::testing::{forward_cameras, train_cameras};
 
     #[test]
     fn object_orbit_is_level_and_closed() {
@@ -108,18 +107,8 @@ mod tests {
             let to_centre = -pose.w_axis.truncate().normalize();
             assert!(forward.dot(to_centre) > 1.0 - 1e-6);
         }
-    }
-
-    #[test]
-    fn forward_facing_orbit_keeps_facing_forward() {
-        let cameras: Vec<_> = (0..6)
-            .map(|i| {
-                let p = DVec3::new(f64::from(i % 3) - 1.0, f64::from(i / 3) - 0.5, 0.0);
-                let forward = DVec3::new(0.0, 0.0, -10.0) - p;
-                Camera::from_fov(8, 8, 0.7, look_along(p, forward, DVec3::Y))
-            })
-            .collect();
-        assert!(orbit(&cameras, 12).iter().all(|p| p.z_axis.z > 0.9));
+        assert!(orbit(&forward_cameras(), 12).iter().all(|p| p.z_axis.z > 0.9), "forward");
+        assert_eq!((orbit(&[], 0).len(), orbit(&[], 3).len()), (0, 3));
     }
 
     #[test]
@@ -135,20 +124,7 @@ mod tests {
             assert!((position.length() - 4.0311).abs() < 1e-3 && pose.y_axis.z > 0.0);
             assert!((-pose.z_axis.truncate()).dot(-position.normalize()) > 1.0 - 1e-6);
         }
-        let forward: Vec<_> = (0..6)
-            .map(|i| {
-                let p = DVec3::new(f64::from(i % 3) - 1.0, f64::from(i / 3) - 0.5, 0.0);
-                Camera::from_fov(8, 8, 0.7, look_along(p, DVec3::new(0.0, 0.0, -10.0) - p, DVec3::Y))
-            })
-            .collect();
-        assert!(figure_eight(&forward, 12).iter().all(|pose| pose.z_axis.z > 0.98));
+        assert!(figure_eight(&forward_cameras(), 12).iter().all(|pose| pose.z_axis.z > 0.98));
         assert!(figure_eight(&[], 3).iter().all(|pose| pose.is_finite()));
-    }
-
-    #[test]
-    fn empty_and_single() {
-        assert!(orbit(&[], 0).is_empty());
-        assert_eq!(orbit(&[], 3).len(), 3);
-        assert!(orbit(&train_cameras(8)[..1], 5).iter().all(|p| p.is_finite()));
     }
 }

@@ -117,8 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::camera::look_along;
-    use crate::testing::train_cameras;
+    use crate::testing::{forward_cameras, train_cameras};
 
     fn keyframes() -> Vec<Keyframe> {
         let poses = train_cameras(8).into_iter().take(5).map(|camera| camera.to_world);
@@ -187,16 +186,7 @@ mod tests {
         let alone = interpolate_views(&cameras[..1], 2);
         assert!(alone.len() == 2 && alone.iter().all(|pose| pose.abs_diff_eq(cameras[0].to_world, 1e-9)));
         assert!(interpolate_views(&[], 5).is_empty());
-    }
-
-    #[test]
-    fn forward_facing_views_keep_facing_forward() {
-        let camera = |x: f64, y: f64| {
-            let p = DVec3::new(x, y, 0.0);
-            Camera::from_fov(8, 8, 0.7, look_along(p, DVec3::new(0.0, 0.0, -10.0) - p, DVec3::Y))
-        };
-        let path = interpolate_views(&[camera(-1.0, 0.0), camera(1.0, 0.0), camera(0.0, 0.5)], 30);
-        assert!(path.iter().all(|pose| pose.z_axis.z > 0.9 && pose.w_axis.z.abs() < 1e-9));
+        assert!(interpolate_views(&forward_cameras(), 30).iter().all(|pose| pose.z_axis.z > 0.9));
     }
 
     proptest! {

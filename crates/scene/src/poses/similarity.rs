@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
+use super::outer;
 use crate::Camera;
 
 /// A similarity of the world: `x ↦ s R x + t`.
@@ -106,11 +107,6 @@ fn nearest_rotation(matrix: DMat3) -> DMat3 {
         return DMat3::IDENTITY;
     }
     (0..40).fold(matrix, |m, _| (m + m.inverse().transpose()) * 0.5)
-}
-
-/// Returns `a bᵀ`.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 #[cfg(test)]

@@ -71,14 +71,6 @@ mod tests {
     use crate::testing::train_cameras;
 
     #[test]
-    fn percentiles_are_those_of_numpy() {
-        // numpy.percentile([3, 1, 2, 10], 90) = 7.9
-        assert!((percentile([3.0, 1.0, 2.0, 10.0].into_iter()) - 7.9).abs() < 1e-12);
-        assert_eq!(percentile([4.0].into_iter()), 4.0);
-        assert_eq!(percentile(std::iter::empty()), 0.0);
-    }
-
-    #[test]
     fn a_forward_facing_spiral_stays_among_the_cameras_and_looks_at_one_point() {
         let cameras: Vec<Camera> = (0..9)
             .map(|i| {

@@ -1,6 +1,5 @@
 //! Selection of the few training views, and of the views to evaluate on.
 
-mod mt19937;
 pub mod pool;
 pub mod published;
 mod spread;
@@ -11,9 +10,9 @@ pub use test::TestProtocol;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rand_mt::Mt;
 
 use crate::{Camera, SceneError};
-use mt19937::Mt19937;
 
 /// Rule for choosing training views among all of a scene.
 ///
@@ -86,7 +85,7 @@ impl ViewSelection {
             Self::Seed { seed, count } => {
                 check_count(*count, n)?;
                 let seed = u32::try_from(*seed).map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
-                let mut order = Mt19937::new(seed).permutation(n);
+                let mut order = numpy_permutation(seed, n);
                 order.truncate(*count);
                 Ok(order)
             }
@@ -109,6 +108,19 @@ impl ViewSelection {
             }
         }
     }
+}
+
+/// Returns what `np.random.permutation(n)` returns after `np.random.seed(seed)`: Fisher–Yates from the end with draws of
+/// MT19937 of which the bits above those of the largest index are masked off, and larger values drawn again.
+fn numpy_permutation(seed: u32, n: usize) -> Vec<usize> {
+    let mut rng = Mt::new(seed);
+    let mut order: Vec<usize> = (0..n).collect();
+    for i in (1..n).rev() {
+        let mask = u32::MAX >> (i as u32).leading_zeros();
+        let j = std::iter::repeat_with(|| (rng.next_u32() & mask) as usize).find(|&j| j <= i).unwrap_or(i);
+        order.swap(i, j);
+    }
+    order
 }
 
 /// Refuses `ids` that are empty, not below `n` or given twice.
@@ -154,9 +166,18 @@ mod tests {
     }
 
     #[test]
-    fn seed_repeats_numpy() {
-        let ids = ViewSelection::Seed { seed: 0, count: 4 }.select(&cameras()).unwrap();
-        assert_eq!(ids, [26, 86, 2, 55]);
+    fn seeds_repeat_numpy() {
+        let known: [(u32, &[usize]); 5] = [
+            (0, &[26, 86, 2, 55, 75, 93, 16, 73]),
+            (1, &[80, 84, 33, 81]),
+            (2, &[83, 30, 56, 24]),
+            (3, &[93, 67, 6, 64]),
+            (4, &[20, 10, 96, 16]),
+        ];
+        for (seed, expected) in known {
+            assert_eq!(numpy_permutation(seed, 100)[..expected.len()], *expected, "seed {seed}");
+        }
+        assert_eq!((numpy_permutation(0, 0), numpy_permutation(0, 1)), (vec![], vec![0]));
     }
 
     #[test]

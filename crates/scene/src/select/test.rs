@@ -60,25 +60,22 @@ mod tests {
 
     #[test]
     fn test_protocols() {
-        assert_eq!(TestProtocol::All.select(3).unwrap(), [0, 1, 2]);
-        assert_eq!(TestProtocol::Split.select(3).unwrap(), [0, 1, 2]);
-        assert_eq!(TestProtocol::Every(8).select(200).unwrap().len(), 25);
-        assert_eq!(TestProtocol::Every(8).select(20).unwrap(), [0, 8, 16]);
-        assert_eq!(TestProtocol::First(2).select(3).unwrap(), [0, 1]);
-        assert_eq!(TestProtocol::Ids(vec![2, 0]).select(3).unwrap(), [2, 0]);
-        for bad in [
-            TestProtocol::Every(0),
-            TestProtocol::First(0),
-            TestProtocol::First(4),
-            TestProtocol::First(0),
-            TestProtocol::Ids(vec![3]),
-            TestProtocol::Ids(vec![1, 1]),
-            TestProtocol::Ids(vec![]),
-            TestProtocol::Published("x".into()),
-            TestProtocol::Training,
-        ] {
+        use TestProtocol::{All, Every, First, Ids, Published, Split, Training};
+        let few = [
+            (All, vec![0, 1, 2]),
+            (Split, vec![0, 1, 2]),
+            (First(2), vec![0, 1]),
+            (Ids(vec![2, 0]), vec![2, 0]),
+            (Every(2), vec![0, 2]),
+        ];
+        for (protocol, expected) in few {
+            assert_eq!(protocol.select(3).unwrap(), expected);
+        }
+        assert_eq!(Every(8).select(200).unwrap().len(), 25);
+        let ids = |ids: &[usize]| Ids(ids.to_vec());
+        for bad in [Every(0), First(0), First(4), ids(&[3]), ids(&[1, 1]), ids(&[]), Published("x".into()), Training] {
             assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
         }
-        assert!(TestProtocol::All.select(0).is_err());
+        assert!(All.select(0).is_err());
     }
 }

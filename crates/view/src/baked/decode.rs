@@ -147,16 +147,20 @@ fn packed_bricks_evaluate_to_the_field() {
     }
 }
 
-#[test]
-fn empty_bricks_are_left_out() {
+/// Packs a field with the given cells of its occupancy grid of 4³.
+fn packed(occupied: impl Fn(usize) -> bool) -> PackedBricks {
     let config = config(GRID);
     let mut trained = model(&config.field);
     let mut grid = OccupancyGrid::new(&config.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
-    // One octant.
-    let occupied = (0..64).map(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2).collect();
-    grid.restore(vec![1.0; 64], occupied, true).unwrap();
+    grid.restore(vec![1.0; 64], (0..64).map(occupied).collect(), true).unwrap();
     trained.occupancy = Some(grid);
-    let bricks = PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 32)));
+    PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 32)))
+}
+
+#[test]
+fn empty_bricks_are_left_out() {
+    // One octant.
+    let bricks = packed(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2);
     assert_eq!((bricks.cells, bricks.opacities.len()), ([4; 3], 8 * VOLUME));
     for p in draw(1.49) {
         let found = bricks.density(p);
@@ -170,12 +174,7 @@ fn empty_bricks_are_left_out() {
 
 #[test]
 fn empty_fields_and_warped_space_are_packages() {
-    let empty = config(GRID);
-    let mut trained = model(&empty.field);
-    let mut grid = OccupancyGrid::new(&empty.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
-    grid.restore(vec![1.0; 64], vec![false; 64], true).unwrap();
-    trained.occupancy = Some(grid);
-    let bricks = PackedBricks::new(DecodedPackage::new(package(&empty.render, &trained, 32)));
+    let bricks = packed(|_| false);
     assert_eq!((bricks.opacities.len(), bricks.decoded.vector("RED_LOW")), (0, vec![0.0; 4]));
 
     let contracted = config(&["render.space=\"contraction\""]);

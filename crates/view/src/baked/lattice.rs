@@ -73,24 +73,3 @@ impl Lattice {
 pub(super) fn within(index: usize) -> [usize; 3] {
     [index % POINTS, index / POINTS % POINTS, index / (POINTS * POINTS)]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bricks_share_their_outermost_points() {
-        let bounds = Aabb { min: Vec3::new(-1.0, 0.0, 2.0), max: Vec3::new(1.0, 1.0, 2.3) };
-        let lattice = Lattice::over(&bounds, 2.0 / 32.0);
-        assert_eq!((lattice.cells, lattice.cell_count()), ([4, 2, 1], 8));
-        let points: Vec<Vec<usize>> = (0..8).map(|cell| lattice.points(cell).collect()).collect();
-        assert_eq!(lattice.position(points[0][0]), bounds.min);
-        assert!(lattice.position(points[5][0]).distance(Vec3::new(-0.5, 0.5, 2.0)) < 1e-6);
-        assert_eq!(points[0][CELLS], points[1][0]);
-        assert_eq!(points[0][VOLUME - 1], points[5][POINTS * POINTS * CELLS]);
-        assert_eq!(
-            (lattice.cell(6), lattice.cell_at([2, 1, 0]), lattice.cell_at([0, 2, 0])),
-            ([2, 1, 0], Some(6), None)
-        );
-    }
-}

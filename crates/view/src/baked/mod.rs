@@ -32,8 +32,8 @@ use infonerf_field::{FieldConfig, FieldSpec};
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits};
+use crate::package::Subjects;
 use crate::shader::{FieldMarch, integers3, vector4};
-use crate::subjects::Subjects;
 use bricks::Bricks;
 use colors::{Colors, MAX_COLOR};
 use domain::Domain;
@@ -156,13 +156,5 @@ mod tests {
             assert!(sides.iter().product::<usize>() >= bricks);
             assert!(sides.iter().all(|side| side * POINTS <= 256), "WebGL2 promises no more: {sides:?}");
         }
-    }
-
-    #[test]
-    fn differences_start_anew_in_each_row() {
-        let mut bytes = vec![5; 2 * POINTS];
-        (bytes[1], bytes[POINTS]) = (3, 7);
-        let stored = differences(&bytes);
-        assert_eq!((&stored[..4], &stored[POINTS..POINTS + 3]), (&[5, 254, 2, 0][..], &[7, 254, 0][..]));
     }
 }

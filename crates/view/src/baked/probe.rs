@@ -6,7 +6,7 @@ use infonerf_ops::{to_host, upload};
 use infonerf_render::{TrainedModel, Warp, evaluate_at};
 use infonerf_scene::Scene;
 
-use crate::subjects::Subjects;
+use crate::package::Subjects;
 
 /// Number of points per query, which bounds the memory.
 const CHUNK: usize = 1 << 15;

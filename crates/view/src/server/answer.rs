@@ -2,20 +2,21 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
 use infonerf_report::{Events, StepEvent, picture_names};
 use serde_json::{Value, json};
 
-use super::control::TrainingControl;
+use super::control::{COMMANDS, TrainingControl};
 use super::fields::Fields;
 use super::guard::{Guard, TOKEN};
-use super::routes::PageRoute;
 use super::runs::{Roots, first_field};
 use crate::page;
 
+/// Folders of images in a run.
+const IMAGE_FOLDERS: [&str; 4] = ["test", "truth", "depth", "error"];
 /// Maximum number of points of a curve.
 const MAX_POINTS: usize = 400;
 /// Content policy: the page may load only from this server and run only its own script, and no page may frame it.
@@ -36,51 +37,55 @@ impl Answers {
         Self { roots, fields: Fields::new(device), guard, control }
     }
 
-    /// Answers a request.
+    /// Answers a request. [`Roots`] defines the names of runs.
     pub(super) fn to(&self, request: &Request<()>) -> Response<Vec<u8>> {
-        let uri = request.uri();
-        let nothing = || text(StatusCode::NOT_FOUND, "nothing of this name");
-        let route = PageRoute::of(uri.path(), uri.query().unwrap_or_default());
-        if let Some(reason) = self.guard.refusal(request, route == Some(PageRoute::Page)) {
+        let (path, query) = (request.uri().path(), request.uri().query().unwrap_or_default());
+        if let Some(reason) = self.guard.refusal(request, path == "/") {
             return text(StatusCode::FORBIDDEN, &reason);
         }
-        let method = if matches!(route, Some(PageRoute::TrainingCommand(_))) { Method::POST } else { Method::GET };
+        let is_command = COMMANDS.contains(&path);
+        let method = if is_command { Method::POST } else { Method::GET };
         if *request.method() != method {
             return text(StatusCode::METHOD_NOT_ALLOWED, &format!("expected {method}"));
         }
-        match route {
-            None => nothing(),
-            Some(PageRoute::TrainingCommand(_)) if !self.guard.has_token(request) => {
-                text(StatusCode::FORBIDDEN, &format!("{TOKEN}: expected the page's token"))
-            }
-            Some(PageRoute::TrainingCommand(command)) => self.control.as_ref().map_or_else(nothing, |control| {
-                control.apply(command);
+        if is_command && !self.guard.has_token(request) {
+            return text(StatusCode::FORBIDDEN, &format!("{TOKEN}: expected the page's token"));
+        }
+        let value = |wanted: &str| {
+            let mut pairs = form_urlencoded::parse(query.as_bytes());
+            pairs.find(|(key, _)| key == wanted).map(|(_, value)| value.into_owned())
+        };
+        let folder = value("run").and_then(|run| self.roots.resolve(&run));
+        let answered = match path {
+            "/" => Some(answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token()))),
+            "/runs" => Some(json_answer(&self.roots.list())),
+            "/training" => Some(json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state))),
+            _ if is_command => self.control.as_ref().map(|control| {
+                control.apply(path);
                 json_answer(&control.state())
             }),
-            Some(PageRoute::Training) => {
-                json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state))
-            }
-            Some(PageRoute::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token())),
-            Some(PageRoute::Runs) => json_answer(&self.roots.list()),
-            Some(PageRoute::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {
+            "/field" => folder.map(|folder| match self.fields.package(&folder) {
                 Ok(package) => answer(StatusCode::OK, "application/json", package.to_string()),
                 Err(error) => text(StatusCode::CONFLICT, &format!("{error:#}")),
             }),
-            Some(PageRoute::Work { run }) => self.in_run(&run, |folder| json_answer(&self.fields.work(folder).into())),
-            Some(PageRoute::Progress { run }) => self.in_run(&run, |folder| json_answer(&progress(folder))),
-            Some(PageRoute::Image { run, kind, name }) => self.in_run(&run, |folder| {
-                let path = folder.join(kind).join(format!("{name}.png")).canonicalize();
-                let inside = path.ok().filter(|path| path.starts_with(folder));
-                let bytes = inside.and_then(|path| fs::read(path).ok());
-                bytes.map_or_else(nothing, |bytes| answer(StatusCode::OK, "image/png", bytes))
+            "/work" => folder.map(|folder| json_answer(&self.fields.work(&folder).into())),
+            "/progress" => folder.map(|folder| json_answer(&progress(&folder))),
+            "/picture" => folder.zip(value("kind").zip(value("name"))).and_then(|(folder, (kind, name))| {
+                let bytes = fs::read(image(&folder, &kind, &name)?).ok()?;
+                Some(answer(StatusCode::OK, "image/png", bytes))
             }),
-        }
+            _ => None,
+        };
+        answered.unwrap_or_else(|| text(StatusCode::NOT_FOUND, "nothing of this name"))
     }
+}
 
-    fn in_run(&self, run: &str, of: impl Fn(&Path) -> Response<Vec<u8>>) -> Response<Vec<u8>> {
-        let folder = self.roots.resolve(run);
-        folder.map_or_else(|| text(StatusCode::NOT_FOUND, "no run of this name"), |folder| of(&folder))
-    }
+/// Returns the path of the image `name` of a kind, if the run in `folder` has it.
+fn image(folder: &Path, kind: &str, name: &str) -> Option<PathBuf> {
+    let is_plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    let known = is_plain && IMAGE_FOLDERS.contains(&kind);
+    let path = known.then(|| folder.join(kind).join(format!("{name}.png")).canonicalize().ok())??;
+    path.starts_with(folder).then_some(path)
 }
 
 /// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms

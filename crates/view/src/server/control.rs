@@ -19,13 +19,8 @@ struct Shared {
     asked: Mutex<Option<Instant>>,
 }
 
-/// Command of the page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum TrainingCommand {
-    Pause,
-    Resume,
-    Stop,
-}
+/// Paths of the commands of the page.
+pub(super) const COMMANDS: [&str; 3] = ["/pause", "/resume", "/stop"];
 
 impl TrainingControl {
     /// Returns whether training should wait.
@@ -49,11 +44,12 @@ impl TrainingControl {
         asked.is_some_and(|asked| asked.elapsed() <= within)
     }
 
-    pub(super) fn apply(&self, command: TrainingCommand) {
-        match command {
-            TrainingCommand::Pause => self.0.paused.store(true, Ordering::Relaxed),
-            TrainingCommand::Resume => self.0.paused.store(false, Ordering::Relaxed),
-            TrainingCommand::Stop => self.0.stopped.store(true, Ordering::Relaxed),
+    /// Applies one of [`COMMANDS`].
+    pub(super) fn apply(&self, command: &str) {
+        if command == "/stop" {
+            self.0.stopped.store(true, Ordering::Relaxed);
+        } else {
+            self.0.paused.store(command == "/pause", Ordering::Relaxed);
         }
     }
 

@@ -57,9 +57,6 @@ impl Fields {
 
     /// Returns the package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the
     /// run is finished.
-    ///
-    /// # Errors
-    /// If the run has no checkpoint, or its scene cannot be read.
     pub(super) fn package(&self, run: &Path) -> Result<Arc<str>> {
         let entry = self.entry(run);
         let mut made = locked(&entry.made);

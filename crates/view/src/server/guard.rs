@@ -21,9 +21,6 @@ pub(super) struct Guard {
 
 impl Guard {
     /// Makes a guard for a server on `address`, with a token of 128 random bits.
-    ///
-    /// # Errors
-    /// If the operating system has no random numbers.
     pub(super) fn new(address: SocketAddr) -> anyhow::Result<Self> {
         let mut bits = [0; 16];
         OsRng.try_fill_bytes(&mut bits)?;
