@@ -163,10 +163,6 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     };
     let view = number(&step["view"]);
     let (seen, numbers) = pixels(view, &step["seen"]);
-    let rgba = |&n: &usize| {
-        let [red, green, blue] = scene.train[view].image.rgb[n];
-        [red, green, blue, 1.0]
-    };
     let [x, y, z] = floats(&step["turn"])[..] else { panic!("three angles") };
     let turn = [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)]
         .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
@@ -174,9 +170,7 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
         scene: 0,
         seen: SeenPixels {
             pixels: seen,
-            rgba: numbers.iter().map(rgba).collect(),
-            // Of silhouettes, which are off here.
-            coverage: vec![1.0; numbers.len()],
+            rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect(),
             indices: numbers.iter().map(|n| view * size * size + n).collect(),
             rejected: 0,
         },

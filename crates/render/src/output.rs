@@ -39,13 +39,11 @@ impl RenderOutput {
         &self.samples.segments
     }
 
-    /// Returns the output with the exposure of each ray's training view.
     fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
         Self { color, ..self }
     }
 
-    /// Returns the output of rays without samples.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3]) -> Self {
         let (rays, device) = (samples.segments.rays(), samples.distance.device());
         let zeros = Tensor::<1>::zeros([rays], &device);

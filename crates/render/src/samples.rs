@@ -4,8 +4,6 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::sampling::PackedSamples;
 use infonerf_ops::{Segments, to_host};
 
-use crate::rays::on;
-
 /// Packed samples of a batch of rays.
 #[derive(Clone, Debug)]
 pub struct Samples {
@@ -28,13 +26,11 @@ impl Samples {
         Self { segments, distance, on_host: Arc::default(), delta, candidates }
     }
 
-    /// Makes `rays` rays without samples.
     pub(crate) fn none(rays: usize, device: &Device) -> Self {
         let nothing = Tensor::empty([0], device);
         Self::new(Segments::uniform(rays, 0), nothing.clone(), nothing, 0)
     }
 
-    /// Returns the packed samples and their positions, `[M, 3]`.
     pub(crate) fn packed(packed: PackedSamples, candidates: usize) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
         let on_host = Arc::new(on_host.map_or_else(OnceLock::new, OnceLock::from));
@@ -51,5 +47,14 @@ impl Samples {
     /// samples is read once.
     pub fn t(&self) -> &[f32] {
         self.on_host.get_or_init(|| to_host(self.distance.clone()))
+    }
+}
+
+/// Returns `tensor` as one of `device`, which differs from its own in tracking gradients at most.
+pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
+    match (tensor.device().is_autodiff(), device.is_autodiff()) {
+        (false, true) => tensor.clone().autodiff(),
+        (true, false) => tensor.clone().inner(),
+        _ => tensor.clone(),
     }
 }

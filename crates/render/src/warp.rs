@@ -270,7 +270,6 @@ fn content_radius(space: &infonerf_scene::Space) -> f32 {
     distance.clamp(1e-3 * space.radius, space.radius)
 }
 
-/// Returns all training cameras, of chosen and other views.
 fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
 }

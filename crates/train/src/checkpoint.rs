@@ -30,16 +30,6 @@ pub struct Checkpoint {
     pixel_errors: Option<Vec<u8>>,
 }
 
-/// State of a run from which a checkpoint is made.
-pub(crate) struct RunState<'a, F: Field> {
-    pub(crate) progress: &'a Progress,
-    pub(crate) model: &'a Model<F>,
-    pub(crate) average: &'a WeightAverage<F>,
-    pub(crate) optimizer: &'a ModuleOptimizer,
-    pub(crate) occupancy: Option<&'a OccupancyGrid>,
-    pub(crate) pixel_errors: Option<&'a PixelErrors>,
-}
-
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Manifest {
@@ -62,21 +52,29 @@ const VERSION: u32 = 5;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
-    pub(crate) fn take<F: Field>(state: RunState<'_, F>) -> Result<Self, TrainError> {
-        if let Some(value) = not_finite(state.model) {
-            return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: state.progress.step });
+    /// Takes the state of a run; `pixel_errors` if pixels are drawn by them.
+    pub(crate) fn take<F: Field>(
+        progress: &Progress,
+        model: &Model<F>,
+        average: &WeightAverage<F>,
+        optimizer: &ModuleOptimizer,
+        occupancy: Option<&OccupancyGrid>,
+        pixel_errors: Option<&PixelErrors>,
+    ) -> Result<Self, TrainError> {
+        if let Some(value) = not_finite(model) {
+            return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
         let bytes =
             |model: &Model<F>| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
         Ok(Self {
-            progress: state.progress.clone(),
-            model: bytes(state.model)?,
-            average: state.average.mean().map(bytes).transpose()?,
-            averaged: state.average.count(),
-            optimizer: state.optimizer.to_record().into_bytes().map_err(record)?.to_vec(),
-            occupancy: state.occupancy.map(encode_occupancy),
-            pixel_errors: state.pixel_errors.map(PixelErrors::to_bytes),
+            progress: progress.clone(),
+            model: bytes(model)?,
+            average: average.mean.as_ref().map(bytes).transpose()?,
+            averaged: average.count,
+            optimizer: optimizer.to_record().into_bytes().map_err(record)?.to_vec(),
+            occupancy: occupancy.map(encode_occupancy),
+            pixel_errors: pixel_errors.map(PixelErrors::to_bytes),
         })
     }
 
@@ -179,10 +177,9 @@ impl Checkpoint {
         load(model, &self.model)
     }
 
-    /// Returns the averaged weights in a model of the same config.
     pub(crate) fn restore_average<F: Field>(&self, model: &Model<F>) -> Result<WeightAverage<F>, TrainError> {
         let mean = self.average.as_ref().map(|bytes| load(model.clone(), bytes)).transpose()?;
-        Ok(WeightAverage::restored(mean, self.averaged))
+        Ok(WeightAverage { mean, count: self.averaged })
     }
 
     pub(crate) fn restore_optimizer(&self, optimizer: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
@@ -191,7 +188,6 @@ impl Checkpoint {
         Ok(optimizer.load_record(record))
     }
 
-    /// Returns the errors of training pixels.
     pub(crate) fn restore_pixel_errors(&self) -> Result<PixelErrors, TrainError> {
         let Some(bytes) = &self.pixel_errors else { return Ok(PixelErrors::default()) };
         let fault = "checkpoint: pixel_errors.bin: expected numbers of four bytes";

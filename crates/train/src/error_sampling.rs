@@ -61,14 +61,12 @@ impl PixelErrors {
         (chosen, rejected)
     }
 
-    /// Stores the errors that a step found at the pixels with `indices`.
     pub(crate) fn remember(&mut self, indices: &[usize], errors: impl Iterator<Item = f32>) {
         for (&index, error) in indices.iter().zip(errors) {
             self.errors[index] = error;
         }
     }
 
-    /// Encodes the errors for a checkpoint.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let errors = self.errors.iter().flat_map(|error| error.to_le_bytes());
         self.factor.to_le_bytes().into_iter().chain(errors).collect()

@@ -36,7 +36,6 @@ impl TestView {
         self.opacity() < EMPTY_PICTURE
     }
 
-    /// Returns the mean opacity of the picture.
     fn opacity(&self) -> f32 {
         self.image.acc.iter().sum::<f32>() / self.image.acc.len() as f32
     }

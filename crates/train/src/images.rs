@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use infonerf_loss::is_foreground;
 use infonerf_ops::random::permuted;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
@@ -17,10 +16,8 @@ use crate::pixels::{Pixels, central_half, crop};
 pub struct SeenPixels {
     /// The pixels.
     pub pixels: Pixels,
-    /// Colour and alpha of each pixel.
-    pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels around each pixel that do not show the background.
-    pub coverage: Vec<f32>,
+    /// Colour of each pixel.
+    pub rgb: Vec<[f32; 3]>,
     /// Index of each pixel among all pixels of the training images, for error-driven sampling.
     pub indices: Vec<usize>,
     /// Draws that were passed over because the pixel is well fitted.
@@ -42,10 +39,8 @@ pub(crate) struct Images {
     factor: u32,
     width: u32,
     height: u32,
-    /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
-    rgba: Vec<Vec<[f32; 4]>>,
-    /// Share of the 3 × 3 pixels around each that do not show the background, of each view.
-    coverage: Vec<Vec<f32>>,
+    /// Colour of each pixel of each view.
+    rgb: Vec<Vec<[f32; 3]>>,
     /// The pixels that can be drawn, where these are not all.
     valid: Option<ValidPixels>,
 }
@@ -106,9 +101,8 @@ impl TrainingImages {
             .filter_map(|factor| {
                 let (width, height) = (width / factor, height / factor);
                 let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
-                let rgba: Vec<_> = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
-                let coverage = rgba.iter().map(|pixels| coverage(pixels, width, scene.background)).collect();
-                Some(Images { factor, width, height, rgba, coverage, valid })
+                let rgb = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
+                Some(Images { factor, width, height, rgb, valid })
             })
             .collect();
         assert!(sizes.first().is_some_and(Images::is_full_size), "every training view has a valid pixel");
@@ -139,9 +133,8 @@ impl TrainingImages {
             PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
-        let rgba = indices.iter().map(|index| images.rgba[index / area][index % area]).collect();
-        let coverage = indices.iter().map(|index| images.coverage[index / area][index % area]).collect();
-        SeenPixels { pixels, rgba, coverage, indices, rejected }
+        let rgb = indices.iter().map(|index| images.rgb[index / area][index % area]).collect();
+        SeenPixels { pixels, rgb, indices, rejected }
     }
 }
 
@@ -158,7 +151,7 @@ impl Images {
 
     /// Returns the factor by which the images are smaller than at full size, and the number of pixels of all views.
     pub(crate) fn size(&self) -> (u32, usize) {
-        (self.factor, self.area() * self.rgba.len())
+        (self.factor, self.area() * self.rgb.len())
     }
 
     fn area(&self) -> usize {
@@ -192,7 +185,7 @@ impl Images {
                     }
                     let x = left as usize + column.below(ray, k, columns as usize);
                     let y = top as usize + row.below(ray, k, rows as usize);
-                    view.below(ray, k, self.rgba.len()) * area + y * stride + x
+                    view.below(ray, k, self.rgb.len()) * area + y * stride + x
                 };
                 let mut rejected = 0;
                 let choose = |ray| match sampling {
@@ -206,7 +199,7 @@ impl Images {
                 ((0..rays).map(choose).collect(), rejected)
             }
             Batch::Image | Batch::HeldOut => {
-                let image = view.below(0, 0, self.rgba.len());
+                let image = view.below(0, 0, self.rgb.len());
                 let drawable = drawable.map(|all| {
                     let before = |end: usize| all.partition_point(|&index| (index as usize) < end);
                     &all[before(image * area)..before((image + 1) * area)]
@@ -232,37 +225,18 @@ impl Images {
 }
 
 /// Takes means over squares of `factor` × `factor` pixels; the rest at the right and lower edges is cut off.
-fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
+fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 3]> {
     let share = 1.0 / (factor * factor) as f32;
     let square = |x: u32, y: u32| {
-        let mut sum = [0.0; 4];
+        let mut sum = [0.0; 3];
         for (dx, dy) in (0..factor).flat_map(|dy| (0..factor).map(move |dx| (dx, dy))) {
             let at = ((y * factor + dy) * image.width + x * factor + dx) as usize;
-            let [red, green, blue] = image.rgb[at];
-            let alpha = image.alpha.as_ref().map_or(1.0, |alpha| alpha[at]);
-            for (sum, value) in sum.iter_mut().zip([red, green, blue, alpha]) {
-                *sum += value * share;
-            }
+            sum.iter_mut().zip(image.rgb[at]).for_each(|(sum, value)| *sum += value * share);
         }
         sum
     };
     let (width, height) = (image.width / factor, image.height / factor);
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
-}
-
-/// Returns, for each pixel, the share of the 3 × 3 pixels around it, less at the border of the image, that do not show
-/// `background`: 0 in the open, 1 within an object, between the two at its edge, whose pixels are mixtures.
-fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
-    let (width, height) = (width as usize, rgba.len() / width as usize);
-    let foreground: Vec<bool> = rgba.iter().map(|&pixel| is_foreground(pixel, background)).collect();
-    let share = |x: usize, y: usize| {
-        let columns = x.saturating_sub(1)..(x + 2).min(width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        let area = (columns.len() * rows.len()) as f32;
-        let shown = rows.flat_map(|y| columns.clone().map(move |x| (x, y))).filter(|(x, y)| foreground[y * width + x]);
-        shown.count() as f32 / area
-    };
-    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| share(x, y)).collect()
 }
 
 #[cfg(test)]
@@ -273,16 +247,6 @@ mod tests {
     use crate::pixels::tests::two_views;
     use crate::pixels::{UnseenViews, rotation};
     use crate::{Config, Preset};
-
-    #[test]
-    fn coverage_falls_at_the_edge_of_an_object() {
-        let (white, red) = ([1.0; 4], [1.0, 0.0, 0.0, 1.0]);
-        let columns = [white, red, red, red, white, white];
-        let rgba: Vec<[f32; 4]> = (0..3).flat_map(|_| columns).collect();
-        let found = coverage(&rgba, 6, [1.0; 3]);
-        let want = [1.0 / 2.0, 2.0 / 3.0, 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0];
-        assert_eq!(found, want.repeat(3));
-    }
 
     /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]

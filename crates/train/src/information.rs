@@ -73,7 +73,6 @@ pub fn information<F: Field>(
     Some(Information { entropy_bits: entropy_sum / count as f64, gain: gain_sum / count as f64 })
 }
 
-/// Returns the `i`th ray, and its neighbour.
 fn pair<F: Field>(
     trained: &TrainedModel<F>,
     scene: &Scene,

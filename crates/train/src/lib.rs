@@ -6,9 +6,7 @@
 //! ```
 
 mod checkpoint;
-mod collapse;
 pub mod config;
-mod early_stopping;
 mod ensemble;
 mod error;
 mod error_sampling;
@@ -28,9 +26,7 @@ mod training_scene;
 mod weight_averaging;
 
 pub use checkpoint::Checkpoint;
-pub use collapse::EmptySteps;
 pub use config::{Config, Preset};
-pub use early_stopping::EarlyStopping;
 pub use ensemble::{MemberStep, member_seed, step_side_by_side, without_collapsed};
 pub use error::TrainError;
 pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};
@@ -40,6 +36,6 @@ pub use information::{Information, InformationQuery, information};
 pub use memory::{MemoryPlan, available_memory};
 pub use pixels::Pixels;
 pub use profile::{Phase, Profile};
-pub use progress::Progress;
+pub use progress::{EarlyStopping, Progress};
 pub use test_pose::fit_test_pose;
 pub use trainer::{Outcome, StepBatch, Trainer};

@@ -9,7 +9,6 @@ use sysinfo::{CGroupLimits, MemoryRefreshKind, ProcessRefreshKind, ProcessesToUp
 use crate::config::Config;
 use crate::model::sees_images;
 
-/// Bytes of an `f32`.
 const FLOAT: u64 = 4;
 /// Floats that a field keeps per parameter: itself and Adam's two moments.
 const KEPT: u64 = 3;
@@ -17,8 +16,8 @@ const KEPT: u64 = 3;
 const OF_STEP: u64 = 2;
 /// Floats of a pixel as it is loaded: RGB and alpha.
 const LOADED: u64 = 4;
-/// Floats of a pixel as batches are drawn from: RGBA and coverage.
-const DRAWN: f64 = 5.0;
+/// Floats of a pixel as batches are drawn from: RGB.
+const DRAWN: f64 = 3.0;
 /// Floats of a pixel as an image-conditioned field takes it: RGB.
 const SEEN: u64 = 3;
 /// Bytes of a cell of an occupancy grid: its density, and two flags.
@@ -176,8 +175,8 @@ mod tests {
         let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
         let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 6;
-        // Four training views: as loaded, RGBA and coverage at full size and at half of it.
-        let images = 64 * (4 * (4 + 6) + 4) * 4;
+        // Four training views: as loaded, RGB at full size and at half of it.
+        let images = 64 * (4 * (4 + 3) + 4) * 4;
         let plan = plan(&with(&[]));
         assert_eq!(plan.total(), field + images);
         assert!(plan.check(plan.total()).is_ok());

@@ -42,7 +42,6 @@ impl Pixels {
         self.seen_by(self.cameras.iter().map(turned).collect()).rays()
     }
 
-    /// Returns the same pixels, seen by other `cameras`.
     pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
         Self { cameras, ..self.clone() }
     }
@@ -118,7 +117,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::config::{Config, Preset, RotationCentre};
 
-    /// Two views of 16 pixels.
     pub(crate) fn two_views() -> Scene {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count: 2 },

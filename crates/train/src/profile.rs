@@ -74,7 +74,6 @@ impl Profile {
         self.spent[phase as usize]
     }
 
-    /// Adds the traffic since `before`.
     pub(crate) fn count_since(&mut self, before: Traffic) {
         self.traffic = self.traffic + (Traffic::now() - before);
     }

@@ -2,8 +2,12 @@ use infonerf_render::Counts;
 use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
-use crate::collapse::EmptySteps;
-use crate::early_stopping::EarlyStopping;
+use crate::config::EarlyStoppingConfig;
+
+/// A field is empty whose seen rays have less opacity than this share of the pixels that show something ...
+const EMPTY: f32 = 0.01;
+/// ... and has collapsed if it stays so for this many steps while any more than as large a share of the pixels does.
+const COLLAPSE: usize = 50;
 
 /// Progress of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,7 +28,7 @@ pub struct Progress {
     /// Running mean of the number of evaluated samples along a seen ray.
     pub samples_per_ray: f64,
     /// Steps in a row in which the field was empty.
-    pub empty_steps: EmptySteps,
+    pub empty_steps: usize,
     /// Draws of training pixels that were rejected because the pixel is well fitted.
     pub pixels_skipped: u64,
     /// State of early stopping.
@@ -32,12 +36,23 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Adds the samples of a step.
     pub(crate) fn count(&mut self, counts: Counts, samples_per_ray: f64) {
         self.samples_total += counts.total;
         self.samples_evaluated += counts.evaluated;
         let before = if self.samples_per_ray > 0.0 { self.samples_per_ray } else { samples_per_ray };
         self.samples_per_ray = (0.9 * before + 0.1 * samples_per_ray).max(1.0);
+    }
+
+    /// Counts a step whose seen rays have mean opacity `acc`, and of whose pixels a share of `foreground` shows something.
+    /// Returns whether the field has collapsed.
+    pub(crate) fn count_opacity(&mut self, acc: f32, foreground: f32) -> bool {
+        let is_empty = acc < EMPTY * foreground && foreground > EMPTY;
+        self.empty_steps = if is_empty { self.empty_steps + 1 } else { 0 };
+        self.has_collapsed()
+    }
+
+    pub(crate) fn has_collapsed(&self) -> bool {
+        self.empty_steps >= COLLAPSE
     }
 
     /// Returns the progress after a fresh start: nothing is known of the new field.
@@ -47,10 +62,42 @@ impl Progress {
             at: Moment::START,
             restarts: self.restarts + 1,
             samples_per_ray: 0.0,
-            empty_steps: EmptySteps::default(),
+            empty_steps: 0,
             early_stopping: EarlyStopping::default(),
             ..self.clone()
         }
+    }
+}
+
+/// Mean training error over windows of steps: see [`EarlyStoppingConfig`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EarlyStopping {
+    /// Steps of the present window.
+    pub steps: usize,
+    /// Sum of their errors.
+    pub sum: f64,
+    /// Mean error of the window before.
+    pub before: Option<f64>,
+    /// Whether the error has plateaued.
+    pub plateaued: bool,
+}
+
+impl EarlyStopping {
+    /// Adds the error of a step, and returns whether the error has plateaued with this step.
+    pub(crate) fn add(&mut self, config: &EarlyStoppingConfig, error: f64) -> bool {
+        if config.patience == 0 {
+            return false;
+        }
+        self.steps += 1;
+        self.sum += error;
+        if self.steps < config.patience {
+            return false;
+        }
+        let mean = self.sum / self.steps as f64;
+        let plateaued = self.before.is_some_and(|before| mean > (1.0 - config.min_delta) * before);
+        *self = Self { steps: 0, sum: 0.0, before: Some(mean), plateaued };
+        plateaued
     }
 }
 
@@ -65,5 +112,27 @@ mod tests {
         let restarted = progress.restarted();
         assert_eq!((restarted.step, restarted.samples_per_ray, restarted.restarts), (0, 0.0, 1));
         assert_eq!((restarted.seconds, restarted.samples_evaluated), (3.0, 40));
+    }
+
+    #[test]
+    fn stops_when_the_error_plateaus() {
+        let config = EarlyStoppingConfig { patience: 10, min_delta: 0.1 };
+        let mut stopping = EarlyStopping::default();
+        // Halved every ten steps until the thirtieth, then constant: the window from 40 on is the first without a gain.
+        let error = |step: usize| 0.5f64.powi((step / 10).min(3) as i32);
+        let end = (0..100).find(|&step| stopping.add(&config, error(step)));
+        assert_eq!(end, Some(49));
+        assert!(stopping.plateaued);
+        let off = EarlyStoppingConfig { patience: 0, min_delta: 0.1 };
+        assert!((0..100).all(|_| !EarlyStopping::default().add(&off, 1.0)));
+    }
+
+    #[test]
+    fn fifty_empty_steps_are_a_collapse() {
+        let mut progress = Progress::default();
+        assert!((0..49).all(|_| !progress.count_opacity(1e-4, 0.5)));
+        assert!(!progress.count_opacity(0.1, 0.5), "one step with something begins anew");
+        assert_eq!((0..100).find(|_| progress.count_opacity(1e-4, 0.5)), Some(49));
+        assert!((0..100).all(|_| !progress.count_opacity(0.0, 0.0)), "there is nothing to show");
     }
 }

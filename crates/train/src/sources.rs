@@ -23,7 +23,6 @@ impl TrainingSources {
         Self(Sources { views, middle })
     }
 
-    /// Returns all training views as sources, to render with.
     pub(crate) fn all(&self) -> &Sources {
         &self.0
     }

@@ -17,7 +17,6 @@ use crate::sources::TrainingSources;
 pub(crate) struct TrainingScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) renderer: Renderer,
-    /// Region of unseen poses.
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
     /// Training views for fields that are conditioned on images.

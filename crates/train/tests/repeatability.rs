@@ -197,23 +197,6 @@ fn term_of_weight_zero_renders_nothing() {
     assert_eq!(trainer.progress().samples_total, 2 * 24 * (10 + 16));
 }
 
-/// Training lowers the loss that it minimises.
-#[test]
-fn training_lowers_the_loss() {
-    let [flex, _] = devices();
-    let quick = config(&["train.iterations=150", "train.rays=128", "train.lr=1e-2", "loss.kl.weight=0.0"]);
-    let events = steps(&mut trainer(&quick, 0, &flex), 150);
-    let mean = |events: &[Event]| {
-        let rgb = events.iter().map(|event| match event {
-            Event::Step { losses, .. } => losses["rgb"],
-            other => panic!("expected a step: {other:?}"),
-        });
-        rgb.sum::<f32>() / events.len() as f32
-    };
-    let (first, last) = (mean(&events[..20]), mean(&events[130..]));
-    assert!(last < 0.5 * first, "{first} at first, {last} at last");
-}
-
 /// Well-fitted pixels are sampled less often, and only those.
 #[test]
 fn well_fitted_pixels_are_drawn_less_often() {

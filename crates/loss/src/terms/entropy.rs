@@ -50,7 +50,6 @@ pub enum HitRule {
 }
 
 impl EntropyConfig {
-    /// Returns the rays whose neighbours are included.
     fn rays_with_neighbours(&self) -> RaySet {
         if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
     }
@@ -96,7 +95,8 @@ impl TermSpec for EntropyConfig {
 
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let neighbours = renders.neighbours(self.rays_with_neighbours()).filter(|_| self.neighbours);
+        let pairs = renders.pairs(self.rays_with_neighbours());
+        let neighbours = pairs.map(|(_, near)| near).filter(|_| self.neighbours);
         renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
             let sum = match self.bits_and_measure(output) {
                 (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
@@ -141,7 +141,7 @@ mod tests {
         }
         let (_, renders) = scenario(&burn::tensor::Device::flex());
         let term = entropy_term("rays = 'seen', mask = { rule = 'acc', threshold = 0.1 }");
-        let of_rays = to_host(term.of_rays(renders.seen.output()));
+        let of_rays = to_host(term.of_rays(&renders.seen.fine));
         assert!(of_rays[1] == 0.0 && of_rays[3] == 0.0 && of_rays[0] > 1.0 && of_rays[2] > 0.1, "{of_rays:?}");
     }
 

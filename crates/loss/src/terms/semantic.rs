@@ -55,7 +55,6 @@ impl TermSpec for SemanticConfig {
     }
 }
 
-/// The encoder, and its embeddings of the training images.
 struct SemanticTerm {
     config: SemanticConfig,
     clip: ClipVision,

@@ -20,7 +20,6 @@ pub(crate) struct CellState(u16);
 
 impl CellState {
     const EMPTY: u16 = 1 << 15;
-    /// Occupied, at an unknown density.
     const UNKNOWN: Self = Self(Self::EMPTY - 1);
 
     /// Returns the state of an occupied cell; ordered like the density.
@@ -65,7 +64,6 @@ impl Lookup {
         Self { resolution, states: distance.into_iter().enumerate().map(state).collect() }
     }
 
-    /// Returns the state at a [fixed-point](fixed) place.
     #[inline]
     pub(super) fn at(&self, place: I64Vec3) -> CellState {
         let n = self.resolution;

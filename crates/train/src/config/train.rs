@@ -194,7 +194,6 @@ impl TrainConfig {
         Self { weight_averaging, ..self.clone() }
     }
 
-    /// Returns the factor by which images are smaller at a moment of the run.
     pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
         self.downscale.at(at).round().max(1.0) as u32
     }

@@ -29,7 +29,6 @@ pub struct StepBatch {
     pub rotation: DMat4,
 }
 
-/// Draws the batches of a run.
 #[derive(Debug)]
 pub(super) struct Batches {
     pub(super) scenes: Arc<[TrainingScene]>,
@@ -69,10 +68,10 @@ impl Batches {
 
     /// Keeps the errors of the pixels of a step, if later ones are to be drawn by them. On a GPU that reads colours back.
     pub(super) fn remember(&mut self, config: &Config, seen: &SeenPixels, renders: &Renders) {
-        let color = renders.seen.output().color.clone();
+        let color = renders.seen.fine.color.clone();
         let Some(color) = color.filter(|_| config.train.error_sampling.is_on()) else { return };
         let color = to_host(color.detach());
-        let errors = color.chunks_exact(3).zip(&seen.rgba).map(|(color, target)| {
+        let errors = color.chunks_exact(3).zip(&seen.rgb).map(|(color, target)| {
             color.iter().zip(target).map(|(color, target)| (color - target).abs()).fold(0.0, f32::max)
         });
         self.errors.remember(&seen.indices, errors);
@@ -80,7 +79,7 @@ impl Batches {
 }
 
 /// Part that a group of rays has in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
     Seen,
     Unseen,
@@ -97,7 +96,6 @@ pub(super) enum Distances {
     OfPartner(Role),
 }
 
-/// Rays that are rendered alike.
 #[derive(Clone, Debug)]
 pub(super) struct RayGroup {
     pub(super) role: Role,
@@ -153,14 +151,11 @@ impl StepBatch {
 
     /// Returns the colours of the seen pixels, on the device of `model`.
     pub(super) fn target<F: Field>(&self, scene: &TrainingScene, model: &Model<F>) -> Target {
-        let seen = &self.seen;
-        let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        let SeenPixels { rgb, pixels, .. } = &self.seen;
         Target {
-            rgb: upload(channels, [seen.rgba.len(), 3], &model.fine.device()),
-            classes: None,
-            rgba: seen.rgba.clone(),
-            coverage: seen.coverage.clone(),
-            pixels: seen.pixels.at.clone(),
+            rgb: upload(rgb.as_flattened().to_vec(), [rgb.len(), 3], &model.fine.device()),
+            on_host: rgb.clone(),
+            pixels: pixels.at.clone(),
             background: scene.scene.background,
         }
     }

@@ -12,19 +12,19 @@ use burn::tensor::Device;
 use infonerf_field::{Extent, Field, RadianceField};
 use infonerf_ops::{is_gpu, to_host};
 use infonerf_render::{
-    Model, ModelFrame, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp, evaluate_at,
+    Model, ModelFrame, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, evaluate_at,
 };
-use infonerf_scene::{Aabb, Camera, Scene};
+use infonerf_scene::{Camera, Scene};
 use infonerf_schedule::{Fault, Moment};
 
 use self::batch::Batches;
 use self::report::PendingStep;
-use crate::checkpoint::{Checkpoint, RunState};
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, checks};
 use crate::error::TrainError;
 use crate::error_sampling::PixelErrors;
 use crate::event::Event;
-use crate::model::{FieldBuilder, optimizer};
+use crate::model::{FieldBuilder, field_bounds, optimizer};
 use crate::profile::Profile;
 use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
@@ -80,7 +80,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         let scene = scene.into();
-        let builder = FieldBuilder::configured(config, field_bounds(config, &scene), scene.space.body.clone());
+        let builder = FieldBuilder::configured(config, &scene);
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
@@ -92,7 +92,7 @@ impl Trainer {
     pub fn on_scenes(config: &Config, scenes: Vec<Arc<Scene>>, seed: u64, device: &Device) -> Result<Self, TrainError> {
         checks::of_many(config)?;
         let first = scenes.first().ok_or_else(|| Fault::new("scenes", "at least one", "none"))?;
-        let builder = FieldBuilder::configured(config, field_bounds(config, first), first.space.body.clone());
+        let builder = FieldBuilder::configured(config, first);
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
 }
@@ -189,14 +189,9 @@ impl<F: Field> Trainer<F> {
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
     pub fn checkpoint(&mut self, report: &mut impl FnMut(Event)) -> Result<Checkpoint, TrainError> {
         self.catch_up(report)?;
-        Checkpoint::take(RunState {
-            progress: &self.progress,
-            model: &self.model,
-            average: &self.weight_average,
-            optimizer: &self.optimizer,
-            occupancy: self.occupancy.as_ref(),
-            pixel_errors: self.config.train.error_sampling.is_on().then_some(&self.batches.errors),
-        })
+        let pixel_errors = self.config.train.error_sampling.is_on().then_some(&self.batches.errors);
+        let Self { progress, model, weight_average, optimizer, occupancy, .. } = self;
+        Checkpoint::take(progress, model, weight_average, optimizer, occupancy.as_ref(), pixel_errors)
     }
 
     /// Returns steps, time and samples so far.
@@ -206,7 +201,7 @@ impl<F: Field> Trainer<F> {
 
     /// Whether the field went empty with no fresh start left.
     pub fn has_collapsed(&self) -> bool {
-        self.progress.empty_steps.are_collapse()
+        self.progress.has_collapsed()
     }
 
     /// Reads the losses of `steps` steps at once from here on, 1 or more. By default a CPU reads them in each step and a GPU,
@@ -234,7 +229,7 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
-        let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
+        let model = self.weight_average.mean.clone().unwrap_or_else(|| self.model.valid());
         model.conditioned(self.batches.scenes[0].sources.all(), None)
     }
 
@@ -245,8 +240,7 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the occupancy grid once it may be used.
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
-        let config = &self.config.render.occupancy;
-        self.occupancy.as_ref().filter(|_| config.carve || self.progress.step > config.warmup)
+        self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
     }
 
     /// Returns the model and its occupancy grid as training has them.
@@ -258,11 +252,10 @@ impl<F: Field> Trainer<F> {
     /// Returns the training cameras as they are learned, in the model's own frame; those of the scene if they are not.
     pub fn cameras(&self) -> Vec<Camera> {
         let given = self.given_cameras();
-        let mean = self.weight_average.mean().unwrap_or(&self.model);
+        let mean = self.weight_average.mean.as_ref().unwrap_or(&self.model);
         mean.cameras.as_ref().map_or_else(|| given.clone(), |cameras| cameras.apply(&given))
     }
 
-    /// Returns the training cameras with which training began.
     fn given_cameras(&self) -> Vec<Camera> {
         self.scene().train.iter().map(|view| view.camera.clone()).collect()
     }
@@ -310,21 +303,9 @@ impl<F: Field> Trainer<F> {
     }
 }
 
-/// Returns the box that a field of `scene` is made for.
-fn field_bounds(config: &Config, scene: &Scene) -> Aabb {
-    Warp::of(scene, config.render.space).bounds(scene)
-}
-
 fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
-    let bounds = field_bounds(config, scene);
-    let config = &config.render.occupancy;
-    config.enabled.then(|| {
-        let mut grid = OccupancyGrid::new(config, bounds);
-        if config.carve {
-            grid.carve(&scene.train);
-        }
-        grid
-    })
+    let grid = &config.render.occupancy;
+    grid.enabled.then(|| OccupancyGrid::new(grid, field_bounds(config, scene)))
 }
 
 /// Densities at `positions`, three values each, on no ray, for the occupancy grid.

@@ -27,17 +27,16 @@ pub(super) struct StepLosses {
 
 impl StepLosses {
     pub(super) fn new(losses: &LossValues, renders: &Renders) -> Self {
-        let (output, target) = (renders.seen.output(), renders.seen.target.as_ref());
-        let target = target.expect("training images show colours");
         let mse = renders.squared_error.clone().unwrap_or_else(|| renders.zero());
-        let scalars = [losses.total.clone(), mse, output.acc.clone().mean()];
+        let scalars = [losses.total.clone(), mse, renders.seen.fine.acc.clone().mean()];
         let terms = losses.values.iter().map(|(_, value)| value.clone());
-        let shown = target.rgba.iter().filter(|pixel| target.is_foreground(**pixel)).count();
+        let pixels = renders.target.foreground();
+        let count = pixels.len();
         Self {
             names: losses.values.iter().map(|(name, _)| *name).collect(),
             on_device: scalars.into_iter().chain(terms).map(Tensor::inner).collect(),
             values: Vec::new(),
-            foreground: shown as f32 / target.rgba.len() as f32,
+            foreground: pixels.filter(|shown| *shown).count() as f32 / count as f32,
         }
     }
 
@@ -68,17 +67,14 @@ impl StepLosses {
         }
     }
 
-    /// Returns the objective.
     fn total(&self) -> f32 {
         self.values[0]
     }
 
-    /// Returns the mean squared error of the seen rays' colours, over rays and channels.
     fn mse(&self) -> f32 {
         self.values[1]
     }
 
-    /// Returns the mean opacity of the seen rays.
     fn acc(&self) -> f32 {
         self.values[2]
     }
@@ -94,7 +90,6 @@ pub(super) struct PendingStep {
     pub(super) losses: StepLosses,
     pub(super) lr: f64,
     pub(super) rays: usize,
-    /// Share of the candidate samples that a field evaluated.
     pub(super) evaluated: f64,
     /// 1 if the objective was finite in this step and in the pending ones before it, else 0: the model then stays as it was. On
     /// the device.
@@ -181,7 +176,7 @@ impl<F: Field> Trainer<F> {
         if full_size && !stopping.plateaued && stopping.add(config, f64::from(losses.mse())) {
             report(Event::Plateau { step });
         }
-        let empty = self.progress.empty_steps.add(losses.acc(), losses.foreground);
+        let empty = self.progress.count_opacity(losses.acc(), losses.foreground);
         if empty {
             // With the weights of another run there are no other ones to start over with.
             let others = self.config.train.init.as_os_str().is_empty();

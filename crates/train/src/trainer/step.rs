@@ -1,14 +1,16 @@
 //! A step: draw, render, evaluate the objective, optimize.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
-use infonerf_loss::{LossValues, Need, NeighbourBundles, RenderedBundle, Renders, UnseenImage};
+use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
 use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
+use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
 use infonerf_schedule::Moment;
 
@@ -22,7 +24,6 @@ use crate::model::{learning_rates, optimizer};
 use crate::profile::Phase;
 use crate::weight_averaging::WeightAverage;
 
-/// Samples and rays that a step took.
 #[derive(Clone, Copy, Debug, Default)]
 struct RenderCost {
     samples: Counts,
@@ -108,7 +109,6 @@ impl<F: Field> Trainer<F> {
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
-    /// Renders what the terms of the step need.
     fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, RenderCost) {
         let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
         let scene = &self.batches.scenes[batch.scene];
@@ -116,29 +116,22 @@ impl<F: Field> Trainer<F> {
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
         let renderer = &scene.renderer;
         let mut cost = RenderCost::default();
-        let mut rendered: Vec<(Role, Passes)> = Vec::new();
+        let mut rendered: BTreeMap<Role, Passes> = BTreeMap::new();
         for RayGroup { role, rays, distances } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
-            let passes = self.profile.time(role.phase(), || match distances {
+            let mut passes = self.profile.time(role.phase(), || match distances {
                 Distances::Own => {
                     let color = role == Role::Seen && needs.contains(&Need::SeenColor);
                     renderer.render(model, &rays, RenderRequest { color, hidden: false }, occupancy, at)
                 }
                 Distances::OfPartner(partner) => {
-                    let (_, partner) = rendered.iter().find(|(role, _)| *role == partner).expect("partners come first");
-                    Passes { coarse: None, fine: renderer.along(&model.fine, &partner.fine, &rays, at) }
+                    Passes { coarse: None, fine: renderer.along(&model.fine, &rendered[&partner].fine, &rays, at) }
                 }
             });
             cost.add(&passes, rays.len());
-            let exposure = model.exposure.as_ref().zip(rays.pixels());
-            rendered.push((
-                role,
-                match exposure {
-                    Some((exposure, pixels)) => {
-                        passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>())
-                    }
-                    None => passes,
-                },
-            ));
+            if let Some((exposure, pixels)) = model.exposure.as_ref().zip(rays.pixels()) {
+                passes = passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
+            }
+            rendered.insert(role, passes);
         }
         let picture = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         let picture = picture.map(|size| {
@@ -155,20 +148,17 @@ impl<F: Field> Trainer<F> {
             let Need::Penalty(name) = *need else { return None };
             Some((name, model.fine.penalty(name)?))
         };
-        let mut take = |role| {
-            let index = rendered.iter().position(|(known, _)| *known == role)?;
-            Some(rendered.swap_remove(index).1)
-        };
-        let seen = take(Role::Seen).expect("seen rays are always rendered");
-        let seen = RenderedBundle { passes: seen, target: Some(batch.target(scene, model)) };
+        let seen = rendered.remove(&Role::Seen).expect("seen rays are always rendered");
+        let target = batch.target(scene, model);
+        let color = seen.fine.color.clone();
+        let mut fine = |role| rendered.remove(&role).map(|passes| passes.fine);
         let renders = Renders {
-            squared_error: seen.squared_error(),
+            squared_error: color.map(|color| mean_squared_difference(color, target.rgb.clone())),
             seen,
-            unseen: take(Role::Unseen).map(|passes| RenderedBundle { passes, target: None }),
-            neighbours: NeighbourBundles {
-                seen: take(Role::SeenNeighbours).map(|passes| passes.fine),
-                unseen: take(Role::UnseenNeighbours).map(|passes| passes.fine),
-            },
+            target,
+            unseen: fine(Role::Unseen),
+            seen_neighbours: fine(Role::SeenNeighbours),
+            unseen_neighbours: fine(Role::UnseenNeighbours),
             picture,
             penalties: needs.iter().filter_map(penalty).collect(),
         };
@@ -187,8 +177,8 @@ impl<F: Field> Trainer<F> {
     }
 
     fn count_samples(&mut self, batch: &StepBatch, renders: &Renders, cost: RenderCost) {
-        let samples_per_ray = renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64;
-        self.progress.count(cost.samples, samples_per_ray);
+        let segments = renders.seen.fine.segments();
+        self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
         self.progress.pixels_skipped += batch.seen.rejected;
     }
 
@@ -218,12 +208,10 @@ impl<F: Field> Trainer<F> {
         }
     }
 
-    /// Whether there is nothing left to do.
     pub(super) fn is_over(&self) -> bool {
         self.done() >= 1.0 || self.progress.early_stopping.plateaued
     }
 
-    /// Starts over with other weights.
     pub(super) fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
         let seed = Noise::new(self.batches.seed, restarts as u64, RandomStream::Restart).bits();

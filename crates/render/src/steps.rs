@@ -75,7 +75,6 @@ impl<'a> UniformSteps<'a> {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    /// Returns the distance of a place in units of steps.
     fn distance(&self, at: f32) -> f32 {
         self.warp.distance(self.near + at * self.length)
     }
