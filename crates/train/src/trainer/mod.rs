@@ -230,7 +230,7 @@ impl<F: Field> Trainer<F> {
     /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean.clone().unwrap_or_else(|| self.model.valid());
-        model.conditioned(self.batches.scenes[0].sources.all(), None)
+        model.conditioned(&self.batches.scenes[0].sources.0, None)
     }
 
     /// Returns the renderer of the scene.
@@ -336,7 +336,7 @@ mod tests {
         {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.batches.scenes[0].sources.all().views;
+            let copies = &trainer.batches.scenes[0].sources.0.views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
             assert!(Arc::ptr_eq(&trainer.batches.scenes, &trainer.with_seed(1).unwrap().batches.scenes));
         }

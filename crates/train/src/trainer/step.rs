@@ -230,7 +230,7 @@ impl<F: Field> Trainer<F> {
         };
         let scene = &self.batches.scenes[0];
         let noise = Noise::new(self.batches.seed, at.step as u64, RandomStream::Occupancy);
-        let field = self.model.fine.valid().conditioned(scene.sources.all(), None);
+        let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {
