@@ -168,12 +168,7 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
         .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
     StepBatch {
         scene: 0,
-        seen: SeenPixels {
-            pixels: seen,
-            rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect(),
-            indices: numbers.iter().map(|n| view * size * size + n).collect(),
-            rejected: 0,
-        },
+        seen: SeenPixels { pixels: seen, rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect() },
         unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),
         rotation: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
     }

@@ -34,10 +34,9 @@ const SWITCHES: &[Switch] = &[
     },
 ];
 
-/// Name, label and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
+/// Name, label and settings of cases on top of all ways of skipping: one that is off in the presets, and the cost of the terms
 /// on unseen rays.
 const EXTRAS: &[(&str, &str, &[&str])] = &[
-    ("all, and error sampling", "+errors", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
     ("all, and early stopping", "+early stop", &["train.early_stopping={patience=100,min_delta=0.02}"]),
     ("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"]),
 ];

@@ -40,10 +40,8 @@ pub enum RandomStream {
     Row,
     /// A number of items.
     Count,
-    /// Acceptance of a well-fitted pixel.
-    Acceptance,
-    /// Distances of samples along rays.
-    Samples,
+    /// Distances of samples along rays. Its number is that of earlier versions, so that runs repeat theirs.
+    Samples = 18,
     /// Samples of a fine pass.
     FineSamples,
     /// A background colour.

@@ -15,7 +15,6 @@ use infonerf_render::{Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::progress::Progress;
 use crate::weight_averaging::WeightAverage;
 
@@ -33,7 +32,6 @@ const MODEL: &str = "model.bpk";
 const AVERAGE: &str = "average.bpk";
 const OPTIMIZER: &str = "optimiser.bpk";
 const OCCUPANCY: &str = "occupancy.bin";
-const PIXEL_ERRORS: &str = "pixel_errors.bin";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -53,18 +51,16 @@ struct CheckpointFile {
     crc32: u32,
 }
 
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
-    /// Takes the state of a run; `pixel_errors` if pixels are drawn by them.
     pub(crate) fn take<F: Field>(
         progress: &Progress,
         model: &Model<F>,
         average: &WeightAverage<F>,
         optimizer: &ModuleOptimizer,
         occupancy: Option<&OccupancyGrid>,
-        pixel_errors: Option<&PixelErrors>,
     ) -> Result<Self, TrainError> {
         if let Some(value) = not_finite(model) {
             return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: progress.step });
@@ -77,7 +73,6 @@ impl Checkpoint {
             (AVERAGE, average.mean.as_ref().map(bytes).transpose()?),
             (OPTIMIZER, Some(optimizer.to_record().into_bytes().map_err(record)?.to_vec())),
             (OCCUPANCY, occupancy.map(encode_occupancy)),
-            (PIXEL_ERRORS, pixel_errors.map(PixelErrors::to_bytes)),
         ];
         let parts = parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))).collect();
         Ok(Self { progress: progress.clone(), averaged: average.count, parts })
@@ -143,7 +138,7 @@ impl Checkpoint {
             return Err(TrainError::file(&path, cause));
         }
         let mut parts = BTreeMap::new();
-        for name in [MODEL, AVERAGE, OPTIMIZER, OCCUPANCY, PIXEL_ERRORS] {
+        for name in [MODEL, AVERAGE, OPTIMIZER, OCCUPANCY] {
             let Some(part) = manifest.files.iter().find(|part| part.name == name) else { continue };
             let path = folder.join(name);
             let bytes = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
@@ -177,12 +172,6 @@ impl Checkpoint {
         let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.parts[OPTIMIZER].clone()))
             .map_err(|error| TrainError::Config(format!("checkpoint: {error}")))?;
         Ok(optimizer.load_record(record))
-    }
-
-    pub(crate) fn restore_pixel_errors(&self) -> Result<PixelErrors, TrainError> {
-        let Some(bytes) = self.parts.get(PIXEL_ERRORS) else { return Ok(PixelErrors::default()) };
-        let fault = "checkpoint: pixel_errors.bin: expected numbers of four bytes";
-        PixelErrors::from_bytes(bytes).ok_or_else(|| TrainError::Config(fault.into()))
     }
 
     /// Puts the occupancy back into a grid of the same config.

@@ -8,7 +8,6 @@ use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
-use crate::error_sampling::PixelErrors;
 use crate::pixels::{Pixels, central_half, crop};
 
 /// Pixels of training images, with what they show.
@@ -18,10 +17,6 @@ pub struct SeenPixels {
     pub pixels: Pixels,
     /// Colour of each pixel.
     pub rgb: Vec<[f32; 3]>,
-    /// Index of each pixel among all pixels of the training images, for error-driven sampling.
-    pub indices: Vec<usize>,
-    /// Draws that were passed over because the pixel is well fitted.
-    pub rejected: u64,
 }
 
 /// The training images of a scene at every size that a run uses.
@@ -115,17 +110,10 @@ impl TrainingImages {
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
     }
 
-    /// Draws `rays` pixels for the step at `at`; fewer of well-fitted ones, if `config` asks for that.
-    pub(crate) fn draw(
-        &self,
-        config: &TrainConfig,
-        rays: usize,
-        at: Moment,
-        noise: Noise,
-        errors: &PixelErrors,
-    ) -> SeenPixels {
+    /// Draws `rays` pixels for the step at `at`.
+    pub(crate) fn draw(&self, config: &TrainConfig, rays: usize, at: Moment, noise: Noise) -> SeenPixels {
         let images = self.at(config, at);
-        let (indices, rejected) = images.indices(config, rays, at.step, noise, errors);
+        let indices = images.indices(config, rays, at.step, noise);
         let (stride, area) = (images.width as usize, images.area());
         let scale = images.pixel_width();
         let position = |&index: &usize| {
@@ -134,7 +122,7 @@ impl TrainingImages {
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
         let rgb = indices.iter().map(|index| images.rgb[index / area][index % area]).collect();
-        SeenPixels { pixels, rgb, indices, rejected }
+        SeenPixels { pixels, rgb }
     }
 }
 
@@ -149,54 +137,31 @@ impl Images {
         self.factor == 1
     }
 
-    /// Returns the factor by which the images are smaller than at full size, and the number of pixels of all views.
-    pub(crate) fn size(&self) -> (u32, usize) {
-        (self.factor, self.area() * self.rgb.len())
-    }
-
     fn area(&self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Draws the indices of `rays` pixels; also returns how many draws were rejected.
-    fn indices(
-        &self,
-        config: &TrainConfig,
-        rays: usize,
-        step: usize,
-        noise: Noise,
-        errors: &PixelErrors,
-    ) -> (Vec<usize>, u64) {
+    /// Draws the indices of `rays` pixels among all pixels of the training images.
+    fn indices(&self, config: &TrainConfig, rays: usize, step: usize, noise: Noise) -> Vec<usize> {
         let ((left, columns), (top, rows)) = (crop(config, step, self.width), crop(config, step, self.height));
         let (stride, area) = (self.width as usize, self.area());
-        let [view, column, row, acceptance] =
-            [RandomStream::View, RandomStream::Column, RandomStream::Row, RandomStream::Acceptance]
-                .map(|stream| noise.child(stream));
-        let sampling = config.error_sampling.is_on().then_some(&config.error_sampling);
+        let [view, column, row] =
+            [RandomStream::View, RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
         let drawable = self.valid.as_ref().map(|valid| match step < config.precrop_steps {
             true => valid.central.as_slice(),
             false => valid.whole.as_slice(),
         });
         match config.batch {
             Batch::Pixels => {
-                let draw = |ray: usize, k: usize| {
+                let draw = |ray: usize| {
                     if let Some(drawable) = drawable {
-                        return drawable[row.below(ray, k, drawable.len())] as usize;
+                        return drawable[row.below(ray, 0, drawable.len())] as usize;
                     }
-                    let x = left as usize + column.below(ray, k, columns as usize);
-                    let y = top as usize + row.below(ray, k, rows as usize);
-                    view.below(ray, k, self.rgb.len()) * area + y * stride + x
+                    let x = left as usize + column.below(ray, 0, columns as usize);
+                    let y = top as usize + row.below(ray, 0, rows as usize);
+                    view.below(ray, 0, self.rgb.len()) * area + y * stride + x
                 };
-                let mut rejected = 0;
-                let choose = |ray| match sampling {
-                    None => draw(ray, 0),
-                    Some(sampling) => {
-                        let (index, passed) = errors.choose(sampling, ray, acceptance, |k| draw(ray, k));
-                        rejected += passed as u64;
-                        index
-                    }
-                };
-                ((0..rays).map(choose).collect(), rejected)
+                (0..rays).map(draw).collect()
             }
             Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, self.rgb.len());
@@ -212,13 +177,7 @@ impl Images {
                         image * area + y as usize * stride + x as usize
                     }
                 };
-                let candidates = if sampling.is_some() { PixelErrors::DRAWS * rays } else { rays };
-                let drawn: Vec<usize> =
-                    (0..candidates.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect();
-                match sampling {
-                    None => (drawn, 0),
-                    Some(sampling) => errors.among(sampling, acceptance, &drawn, rays.min(pixels)),
-                }
+                (0..rays.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect()
             }
         }
     }
@@ -267,7 +226,7 @@ mod tests {
             for step in 0..60 {
                 let at = Moment { step, progress: if step % 2 == 0 { 0.0 } else { 1.0 } };
                 let noise = Noise::new(0, step as u64, RandomStream::SeenRays);
-                let seen = images.draw(&config, 20, at, noise, &PixelErrors::default());
+                let seen = images.draw(&config, 20, at, noise);
                 let half = seen.pixels.width / 2.0;
                 for PixelAt { view, x, y } in seen.pixels.at {
                     let corners = [(x - half, y - half), (x + half - 1.0, y + half - 1.0)];
@@ -296,7 +255,7 @@ mod tests {
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
-            let seen = images.draw(&config, 8, at, noise, &PixelErrors::default()).pixels;
+            let seen = images.draw(&config, 8, at, noise).pixels;
             let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
             for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
                 let ratio = ray.radius / centre;

@@ -9,7 +9,6 @@ mod checkpoint;
 pub mod config;
 mod ensemble;
 mod error;
-mod error_sampling;
 mod evaluate;
 mod event;
 mod images;

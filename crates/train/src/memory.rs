@@ -43,9 +43,8 @@ impl MemoryPlan {
         let copies = fields * (KEPT + averaged) + side_by_side * OF_STEP;
         let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
         let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
-        let errors = if config.train.error_sampling.is_on() { fields } else { 0 };
         let seen = if sees_images(&config.field) { SEEN } else { 0 };
-        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + errors + seen);
+        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + seen);
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };

@@ -29,8 +29,6 @@ pub struct Progress {
     pub samples_per_ray: f64,
     /// Steps in a row in which the field was empty.
     pub empty_steps: usize,
-    /// Draws of training pixels that were rejected because the pixel is well fitted.
-    pub pixels_skipped: u64,
     /// State of early stopping.
     pub early_stopping: EarlyStopping,
 }

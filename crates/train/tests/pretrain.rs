@@ -100,7 +100,6 @@ fn config_of_one_scene_cannot_learn_from_many() {
     for (config, key) in [
         (config(&[]), "field.kind: expected `pixelnerf`"),
         (pixel_config(&[]), "render.occupancy.enabled: "),
-        (lesson_config(&["train.error_sampling.threshold=0.1"]), "train.error_sampling.threshold: "),
         (lesson_config(&["train.exposure_compensation=true"]), "train.exposure_compensation: "),
     ] {
         let message = fault(&config, scenes());

@@ -197,24 +197,6 @@ fn term_of_weight_zero_renders_nothing() {
     assert_eq!(trainer.progress().samples_total, 2 * 24 * (10 + 16));
 }
 
-/// Well-fitted pixels are sampled less often, and only those.
-#[test]
-fn well_fitted_pixels_are_drawn_less_often() {
-    let [flex, _] = devices();
-    let passed = |batch: &str, threshold: &str| {
-        let setting = format!("train.error_sampling={{threshold={threshold},keep=0.0}}");
-        let config = config(&[&format!("train.batch={batch}"), "train.iterations=40", &setting]);
-        let mut trainer = trainer(&config, 1, &flex);
-        steps(&mut trainer, 40);
-        trainer.progress().pixels_skipped
-    };
-    for batch in ["pixels", "image"] {
-        assert_eq!(passed(batch, "0.0"), 0);
-        assert!(passed(batch, "0.3") > 0, "{batch}");
-    }
-    assert!(passed("pixels", "1.0") > passed("pixels", "0.3"));
-}
-
 /// A run whose error has plateaued ends, and stays at its end when it is resumed.
 #[test]
 fn run_that_stopped_early_stays_finished() {

@@ -114,7 +114,6 @@ pub fn total_progress(trainers: &[Trainer]) -> Progress {
         total.samples_total += progress.samples_total;
         total.samples_evaluated += progress.samples_evaluated;
         total.restarts += progress.restarts;
-        total.pixels_skipped += progress.pixels_skipped;
     }
     total
 }

@@ -94,8 +94,6 @@ pub fn of_many(config: &Config) -> Result<(), Fault> {
         Fault::unless(!of_one, key, format!("{expected} where there are many scenes"), found)
     };
     off(render.occupancy.enabled, "render.occupancy.enabled", "false", "true".to_owned())?;
-    let threshold = train.error_sampling.threshold.to_string();
-    off(train.error_sampling.is_on(), "train.error_sampling.threshold", "0", threshold)?;
     off(train.exposure_compensation, "train.exposure_compensation", "false", "true".to_owned())
 }
 

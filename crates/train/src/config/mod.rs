@@ -12,8 +12,7 @@ pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{TestViewChoice, Views};
 pub use train::{
-    Batch, EarlyStoppingConfig, EnsembleConfig, ErrorSamplingConfig, NeighbourConfig, NeighbourSampling,
-    RotationCentre, TrainConfig, Unseen,
+    Batch, EarlyStoppingConfig, EnsembleConfig, NeighbourConfig, NeighbourSampling, RotationCentre, TrainConfig, Unseen,
 };
 
 use std::path::PathBuf;

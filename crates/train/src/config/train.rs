@@ -27,8 +27,6 @@ pub struct TrainConfig {
     pub downscale: Schedule,
     /// Source of a step's pixels.
     pub batch: Batch,
-    /// Whether well-fitted pixels are sampled less often.
-    pub error_sampling: ErrorSamplingConfig,
     /// Whether a run ends before its time when its error plateaus.
     pub early_stopping: EarlyStoppingConfig,
     /// Maximum number of source images that an image-conditioned field is shown in a step: a random number of random
@@ -125,24 +123,6 @@ pub enum NeighbourSampling {
     Own,
 }
 
-/// Error-driven sampling of training pixels: one whose colour was fitted to within `threshold` when a step last drew it is
-/// drawn less often, so that the loss is of what is not fitted yet.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ErrorSamplingConfig {
-    /// Greatest error of a colour channel below which a pixel is well fitted; 0 draws all alike.
-    pub threshold: f32,
-    /// Probability with which a drawn pixel that is well fitted is taken.
-    pub keep: f32,
-}
-
-impl ErrorSamplingConfig {
-    /// Whether error-driven sampling is on. Steps on a GPU then read their colours back.
-    pub(crate) fn is_on(&self) -> bool {
-        self.threshold > 0.0
-    }
-}
-
 /// Early stopping: a run ends when its training error over `patience` steps is not smaller by a share of `min_delta` than
 /// over those before. Steps with images smaller than the full size (`train.downscale`) do not count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -218,8 +198,6 @@ impl TrainConfig {
         number("unseen_rays", self.unseen_rays as f64, 0.0, 65_536.0)?;
         number("target_samples", self.target_samples as f64, 0.0, 1e8)?;
         schedule("downscale", &self.downscale, 1.0, 64.0)?;
-        number("error_sampling.threshold", self.error_sampling.threshold.into(), 0.0, 1.0)?;
-        number("error_sampling.keep", self.error_sampling.keep.into(), 0.0, 1.0)?;
         number("early_stopping.patience", self.early_stopping.patience as f64, 0.0, 1e9)?;
         number("early_stopping.min_delta", self.early_stopping.min_delta, 0.0, 1.0)?;
         number("neighbours.max_angle_deg", self.neighbours.max_angle_deg, 0.0, 180.0)?;

@@ -4,14 +4,13 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use infonerf_field::Field;
-use infonerf_loss::{Need, Renders, Target};
-use infonerf_ops::{to_host, upload};
+use infonerf_loss::{Need, Target};
+use infonerf_ops::upload;
 use infonerf_render::{CameraRefinement, Model, Noise, RandomStream, RayBatch};
 use infonerf_scene::ViewRegion;
 use infonerf_schedule::Moment;
 
 use crate::config::{Config, NeighbourSampling};
-use crate::error_sampling::PixelErrors;
 use crate::images::SeenPixels;
 use crate::pixels::{Pixels, UnseenViews, rotation};
 use crate::training_scene::TrainingScene;
@@ -33,15 +32,13 @@ pub struct StepBatch {
 pub(super) struct Batches {
     pub(super) scenes: Arc<[TrainingScene]>,
     pub(super) seed: u64,
-    /// Errors of training pixels, by which later ones are drawn.
-    pub(super) errors: PixelErrors,
 }
 
 impl Batches {
     /// Draws the batch of the step at `at`: `seen` pixels and, if a term `needs` them, `unseen` ones. Unseen poses are near the
     /// training cameras, as far as `cameras` corrects them.
     pub(super) fn draw(
-        &mut self,
+        &self,
         config: &Config,
         [seen, unseen]: [usize; 2],
         at: Moment,
@@ -57,24 +54,12 @@ impl Batches {
             let views = UnseenViews { region: learned.as_ref().unwrap_or(&scene.region), ..scene.unseen(train) };
             views.pixels(unseen, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
         };
-        self.errors.resize(images.size());
         StepBatch {
             scene: index,
-            seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays), &self.errors),
+            seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays)),
             unseen: scene.needs(at).contains(&Need::Unseen).then(draw_unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         }
-    }
-
-    /// Keeps the errors of the pixels of a step, if later ones are to be drawn by them. On a GPU that reads colours back.
-    pub(super) fn remember(&mut self, config: &Config, seen: &SeenPixels, renders: &Renders) {
-        let color = renders.seen.fine.color.clone();
-        let Some(color) = color.filter(|_| config.train.error_sampling.is_on()) else { return };
-        let color = to_host(color.detach());
-        let errors = color.chunks_exact(3).zip(&seen.rgb).map(|(color, target)| {
-            color.iter().zip(target).map(|(color, target)| (color - target).abs()).fold(0.0, f32::max)
-        });
-        self.errors.remember(&seen.indices, errors);
     }
 }
 

@@ -22,7 +22,6 @@ use self::report::PendingStep;
 use crate::checkpoint::Checkpoint;
 use crate::config::{Config, checks};
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::event::Event;
 use crate::model::{FieldBuilder, field_bounds, optimizer};
 use crate::profile::Profile;
@@ -154,7 +153,7 @@ impl<F: Field> Trainer<F> {
             occupancy: occupancy_grid(&config, &scenes[0].scene),
             read_every: if is_gpu(&device) { READ_EVERY } else { 1 },
             config,
-            batches: Batches { scenes, seed, errors: PixelErrors::default() },
+            batches: Batches { scenes, seed },
             budget,
             device,
             builder,
@@ -176,7 +175,6 @@ impl<F: Field> Trainer<F> {
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
         }
-        self.batches.errors = checkpoint.restore_pixel_errors()?;
         self.progress = checkpoint.progress().clone();
         self.pending.clear();
         Ok(())
@@ -189,9 +187,8 @@ impl<F: Field> Trainer<F> {
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
     pub fn checkpoint(&mut self, report: &mut impl FnMut(Event)) -> Result<Checkpoint, TrainError> {
         self.catch_up(report)?;
-        let pixel_errors = self.config.train.error_sampling.is_on().then_some(&self.batches.errors);
         let Self { progress, model, weight_average, optimizer, occupancy, .. } = self;
-        Checkpoint::take(progress, model, weight_average, optimizer, occupancy.as_ref(), pixel_errors)
+        Checkpoint::take(progress, model, weight_average, optimizer, occupancy.as_ref())
     }
 
     /// Returns steps, time and samples so far.

@@ -18,7 +18,6 @@ use super::batch::{Distances, RayGroup, Role, StepBatch};
 use super::report::{PendingStep, StepLosses};
 use super::{Outcome, Trainer, densities, occupancy_grid};
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
 use crate::profile::Phase;
@@ -68,9 +67,8 @@ impl<F: Field> Trainer<F> {
         let batch = batch.unwrap_or_else(|| self.draw(at));
         let model = self.conditioned(&batch, at);
         let (renders, cost) = self.render(&batch, &model, at);
-        self.batches.remember(&self.config, &batch.seen, &renders);
         let losses = self.evaluate(&batch, &model, &renders, at);
-        self.count_samples(&batch, &renders, cost);
+        self.count_samples(&renders, cost);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
         // Adam changes weights in place that nobody else holds.
         drop((model, renders));
@@ -176,10 +174,9 @@ impl<F: Field> Trainer<F> {
         losses
     }
 
-    fn count_samples(&mut self, batch: &StepBatch, renders: &Renders, cost: RenderCost) {
+    fn count_samples(&mut self, renders: &Renders, cost: RenderCost) {
         let segments = renders.seen.fine.segments();
         self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
-        self.progress.pixels_skipped += batch.seen.rejected;
     }
 
     /// Takes an Adam step on the objective, unless the objective is not finite.
@@ -219,7 +216,6 @@ impl<F: Field> Trainer<F> {
         self.weight_average = WeightAverage::default();
         self.optimizer = optimizer(&self.config);
         self.occupancy = occupancy_grid(&self.config, self.scene());
-        self.batches.errors = PixelErrors::default();
         self.progress = self.progress.restarted();
         Ok(())
     }
