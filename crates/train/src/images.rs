@@ -100,7 +100,7 @@ impl TrainingImages {
                 Some(Images { factor, width, height, rgb, valid })
             })
             .collect();
-        assert!(sizes.first().is_some_and(Images::is_full_size), "every training view has a valid pixel");
+        assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
     }
 
@@ -130,11 +130,6 @@ impl Images {
     /// Returns the width of the images' pixels, in pixels of the full size.
     pub(crate) fn pixel_width(&self) -> f32 {
         self.factor as f32
-    }
-
-    /// Whether the images have the full size.
-    pub(crate) fn is_full_size(&self) -> bool {
-        self.factor == 1
     }
 
     fn area(&self) -> usize {

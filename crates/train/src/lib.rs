@@ -1,4 +1,4 @@
-//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events, early stopping,
+//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events,
 //! ensembles and evaluation on test views.
 //!
 //! ```text
@@ -35,6 +35,6 @@ pub use information::{Information, InformationQuery, information};
 pub use memory::{MemoryPlan, available_memory};
 pub use pixels::Pixels;
 pub use profile::{Phase, Profile};
-pub use progress::{EarlyStopping, Progress};
+pub use progress::Progress;
 pub use test_pose::fit_test_pose;
 pub use trainer::{Outcome, StepBatch, Trainer};

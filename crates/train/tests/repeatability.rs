@@ -196,29 +196,3 @@ fn term_of_weight_zero_renders_nothing() {
     // Two steps of 24 rays, 10 coarse samples and 16 fine ones.
     assert_eq!(trainer.progress().samples_total, 2 * 24 * (10 + 16));
 }
-
-/// A run whose error has plateaued ends, and stays at its end when it is resumed.
-#[test]
-fn run_that_stopped_early_stays_finished() {
-    let [flex, _] = devices();
-    let settings = ["train.batch=pixels", "train.iterations=40", "train.early_stopping={patience=5,min_delta=1.0}"];
-    let config = config(&settings);
-    // Where losses are read in the middle of a window, the plateau is noticed later.
-    for (read_every, end) in [(1, 10), (4, 12)] {
-        let mut late = trainer(&config, 1, &flex);
-        late.read_every(read_every);
-        let events = steps(&mut late, 40);
-        assert!(events.contains(&Event::Plateau { step: 10 }));
-        assert_eq!((events.len(), late.progress().step), (end + 1, end));
-    }
-    let mut first = trainer(&config, 1, &flex);
-    let mut events = Vec::new();
-    while first.step(&mut |event| events.push(event)).unwrap() == Outcome::Running {}
-    assert_eq!(first.progress().step, 10, "two windows");
-    assert_eq!(events.last(), Some(&Event::Plateau { step: 10 }));
-
-    let mut again = trainer(&config, 1, &flex);
-    again.resume(&first.checkpoint(&mut |_| ()).unwrap()).unwrap();
-    assert_eq!(again.step(&mut |_| ()).unwrap(), Outcome::Finished);
-    assert_eq!(again.progress().step, 10);
-}

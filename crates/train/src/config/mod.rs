@@ -11,9 +11,7 @@ mod train;
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{TestViewChoice, Views};
-pub use train::{
-    Batch, EarlyStoppingConfig, EnsembleConfig, NeighbourConfig, NeighbourSampling, RotationCentre, TrainConfig, Unseen,
-};
+pub use train::{Batch, EnsembleConfig, NeighbourConfig, NeighbourSampling, RotationCentre, TrainConfig, Unseen};
 
 use std::path::PathBuf;
 

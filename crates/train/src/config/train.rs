@@ -27,8 +27,6 @@ pub struct TrainConfig {
     pub downscale: Schedule,
     /// Source of a step's pixels.
     pub batch: Batch,
-    /// Whether a run ends before its time when its error plateaus.
-    pub early_stopping: EarlyStoppingConfig,
     /// Maximum number of source images that an image-conditioned field is shown in a step: a random number of random
     /// ones; 0 shows all.
     pub sources: usize,
@@ -123,17 +121,6 @@ pub enum NeighbourSampling {
     Own,
 }
 
-/// Early stopping: a run ends when its training error over `patience` steps is not smaller by a share of `min_delta` than
-/// over those before. Steps with images smaller than the full size (`train.downscale`) do not count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EarlyStoppingConfig {
-    /// Number of steps per window; 0 for no early stopping.
-    pub patience: usize,
-    /// Least relative improvement between windows with which a run goes on.
-    pub min_delta: f64,
-}
-
 /// An ensemble: fields that differ in their random numbers alone, each taking all steps, whose pictures are averaged. A CPU
 /// trains as many side by side as it has cores, other devices one after another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -198,8 +185,6 @@ impl TrainConfig {
         number("unseen_rays", self.unseen_rays as f64, 0.0, 65_536.0)?;
         number("target_samples", self.target_samples as f64, 0.0, 1e8)?;
         schedule("downscale", &self.downscale, 1.0, 64.0)?;
-        number("early_stopping.patience", self.early_stopping.patience as f64, 0.0, 1e9)?;
-        number("early_stopping.min_delta", self.early_stopping.min_delta, 0.0, 1.0)?;
         number("neighbours.max_angle_deg", self.neighbours.max_angle_deg, 0.0, 180.0)?;
         self.cameras.validate().map_err(|fault| within(fault.within("cameras")))?;
         schedule("lr", &self.lr, 0.0, 1e3)?;

@@ -56,7 +56,7 @@ pub struct Trainer<F: Field = RadianceField> {
 pub enum Outcome {
     /// More steps are to be taken.
     Running,
-    /// All steps are taken, the budget is spent, or the training error has plateaued.
+    /// All steps are taken, or the budget is spent.
     Finished,
     /// The field went empty and no fresh start is left.
     Collapsed,
@@ -202,7 +202,7 @@ impl<F: Field> Trainer<F> {
     }
 
     /// Reads the losses of `steps` steps at once from here on, 1 or more. By default a CPU reads them in each step and a GPU,
-    /// which idles while it is waited for, after 16. Losses and steps are the same; a plateau or a collapse is noticed up to
+    /// which idles while it is waited for, after 16. Losses and steps are the same; a collapse is noticed up to
     /// `steps` − 1 steps later.
     pub fn read_every(&mut self, steps: usize) {
         self.read_every = steps;

@@ -1,4 +1,4 @@
-//! Reading of losses, and what follows from them: events, plateaus, collapses.
+//! Reading of losses, and what follows from them: events and collapses.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -167,15 +167,9 @@ impl<F: Field> Trainer<F> {
         })
     }
 
-    /// Checks whether the training error has plateaued and whether the field went empty; an empty field starts over
-    /// with other weights while that is allowed. Returns whether the field went empty.
+    /// Returns whether the field went empty; it then starts over with other weights while that is allowed.
     fn watch(&mut self, at: Moment, losses: &StepLosses, report: &mut impl FnMut(Event)) -> Result<bool, TrainError> {
         let step = at.step + 1;
-        let full_size = self.batches.scenes[0].images.at(&self.config.train, at).is_full_size();
-        let (config, stopping) = (&self.config.train.early_stopping, &mut self.progress.early_stopping);
-        if full_size && !stopping.plateaued && stopping.add(config, f64::from(losses.mse())) {
-            report(Event::Plateau { step });
-        }
         let empty = self.progress.count_opacity(losses.acc(), losses.foreground);
         if empty {
             // With the weights of another run there are no other ones to start over with.

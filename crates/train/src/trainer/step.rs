@@ -206,7 +206,7 @@ impl<F: Field> Trainer<F> {
     }
 
     pub(super) fn is_over(&self) -> bool {
-        self.done() >= 1.0 || self.progress.early_stopping.plateaued
+        self.done() >= 1.0
     }
 
     pub(super) fn restart(&mut self) -> Result<(), TrainError> {
