@@ -1,15 +1,14 @@
 //! Batches of steps: pixels, the groups of rays through them, and the colours that they show.
 
-use std::sync::Arc;
-
 use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Need, Target};
 use infonerf_ops::upload;
-use infonerf_render::{CameraRefinement, Model, Noise, RandomStream, RayBatch};
+use infonerf_render::{Model, Noise, RandomStream, RayBatch};
 use infonerf_scene::ViewRegion;
 use infonerf_schedule::Moment;
 
+use super::Trainer;
 use crate::config::{Config, NeighbourSampling};
 use crate::images::SeenPixels;
 use crate::pixels::{Pixels, UnseenViews, rotation};
@@ -28,31 +27,20 @@ pub struct StepBatch {
     pub rotation: DMat4,
 }
 
-#[derive(Debug)]
-pub(super) struct Batches {
-    pub(super) scenes: Arc<[TrainingScene]>,
-    pub(super) seed: u64,
-}
-
-impl Batches {
-    /// Draws the batch of the step at `at`: `seen` pixels and, if a term `needs` them, `unseen` ones. Unseen poses are near the
-    /// training cameras, as far as `cameras` corrects them.
-    pub(super) fn draw(
-        &self,
-        config: &Config,
-        [seen, unseen]: [usize; 2],
-        at: Moment,
-        cameras: Option<&CameraRefinement>,
-    ) -> StepBatch {
+impl<F: Field> Trainer<F> {
+    /// Draws the batch of the step at `at`. Unseen poses are near the training cameras, as far as these are corrected.
+    pub(super) fn draw(&self, at: Moment) -> StepBatch {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
-        let train = &config.train;
+        let train = &self.config.train;
         let index = noise(RandomStream::TrainingScene).below(0, 0, self.scenes.len());
         let scene = &self.scenes[index];
-        let images = scene.images.at(train, at);
+        let [seen, unseen] = self.ray_counts();
         let draw_unseen = || {
+            let cameras = self.model.cameras.as_ref();
             let learned = cameras.map(|cameras| ViewRegion::new(&cameras.apply(&scene.images.cameras)));
             let views = UnseenViews { region: learned.as_ref().unwrap_or(&scene.region), ..scene.unseen(train) };
-            views.pixels(unseen, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
+            let width = scene.images.at(train, at).pixel_width();
+            views.pixels(unseen, width, at.step, noise(RandomStream::UnseenRays))
         };
         StepBatch {
             scene: index,
@@ -60,6 +48,19 @@ impl Batches {
             unseen: scene.needs(at).contains(&Need::Unseen).then(draw_unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         }
+    }
+
+    /// Returns the numbers of rays of training images and of unseen poses of a step.
+    fn ray_counts(&self) -> [usize; 2] {
+        let train = &self.config.train;
+        let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
+        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
+            return [train.rays, train.unseen_rays];
+        }
+        let rays =
+            (train.target_samples as f64 / self.progress.samples_per_ray).clamp(seen / 4.0, seen * 16.0).max(1.0);
+        let unseen_rays = (rays * unseen / seen) as usize;
+        [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
     }
 }
 

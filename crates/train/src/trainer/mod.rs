@@ -17,7 +17,6 @@ use infonerf_render::{
 use infonerf_scene::{Camera, Scene};
 use infonerf_schedule::{Fault, Moment};
 
-use self::batch::Batches;
 use self::report::PendingStep;
 use crate::checkpoint::Checkpoint;
 use crate::config::{Config, checks};
@@ -35,7 +34,8 @@ const READ_EVERY: usize = 16;
 /// The training of one field on one scene or, for a field that looks at images, on many.
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
-    batches: Batches,
+    scenes: Arc<[TrainingScene]>,
+    seed: u64,
     /// Time budget in seconds; `None` if the number of steps decides when training ends.
     budget: Option<f64>,
     device: Device,
@@ -135,7 +135,7 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// If a file of weights that the config names cannot be used.
     pub fn with_seed(&self, seed: u64) -> Result<Self, TrainError> {
-        let (config, scenes) = (self.config.clone(), self.batches.scenes.clone());
+        let (config, scenes) = (self.config.clone(), self.scenes.clone());
         Self::of_parts(config, scenes, seed, self.budget, self.device.clone(), self.builder.clone())
     }
 
@@ -153,7 +153,8 @@ impl<F: Field> Trainer<F> {
             occupancy: occupancy_grid(&config, &scenes[0].scene),
             read_every: if is_gpu(&device) { READ_EVERY } else { 1 },
             config,
-            batches: Batches { scenes, seed },
+            scenes,
+            seed,
             budget,
             device,
             builder,
@@ -221,18 +222,18 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the scene that the field learns; the first of many.
     pub fn scene(&self) -> &Arc<Scene> {
-        &self.batches.scenes[0].scene
+        &self.scenes[0].scene
     }
 
     /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean.clone().unwrap_or_else(|| self.model.valid());
-        model.conditioned(&self.batches.scenes[0].sources.0, None)
+        model.conditioned(&self.scenes[0].sources.0, None)
     }
 
     /// Returns the renderer of the scene.
     pub fn renderer(&self) -> &Renderer {
-        &self.batches.scenes[0].renderer
+        &self.scenes[0].renderer
     }
 
     /// Returns the occupancy grid once it may be used.
@@ -276,7 +277,7 @@ impl<F: Field> Trainer<F> {
             if factor == 1 {
                 return grid;
             }
-            let noise = Noise::new(self.batches.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
+            let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
@@ -333,9 +334,9 @@ mod tests {
         {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.batches.scenes[0].sources.0.views;
+            let copies = &trainer.scenes[0].sources.0.views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
-            assert!(Arc::ptr_eq(&trainer.batches.scenes, &trainer.with_seed(1).unwrap().batches.scenes));
+            assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
         }
     }
 }

@@ -64,7 +64,9 @@ impl<F: Field> Trainer<F> {
         let before = Traffic::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
+        let start = Instant::now();
         let batch = batch.unwrap_or_else(|| self.draw(at));
+        self.profile.book(Phase::Rays, start);
         let model = self.conditioned(&batch, at);
         let (renders, cost) = self.render(&batch, &model, at);
         let losses = self.evaluate(&batch, &model, &renders, at);
@@ -79,37 +81,18 @@ impl<F: Field> Trainer<F> {
         true
     }
 
-    fn draw(&mut self, at: Moment) -> StepBatch {
-        let counts = self.ray_counts();
-        let Self { batches, profile, config, model, .. } = self;
-        profile.time(Phase::Rays, || batches.draw(config, counts, at, model.cameras.as_ref()))
-    }
-
-    /// Returns the numbers of rays of training images and of unseen poses of a step.
-    fn ray_counts(&self) -> [usize; 2] {
-        let train = &self.config.train;
-        let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
-        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
-            return [train.rays, train.unseen_rays];
-        }
-        let rays =
-            (train.target_samples as f64 / self.progress.samples_per_ray).clamp(seen / 4.0, seen * 16.0).max(1.0);
-        let unseen_rays = (rays * unseen / seen) as usize;
-        [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
-    }
-
     /// Returns the model as the step has it: conditioned on the images that its fields are shown.
     fn conditioned(&mut self, batch: &StepBatch, at: Moment) -> Model<F> {
-        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
+        let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
-        let scene = &self.batches.scenes[batch.scene];
+        let scene = &self.scenes[batch.scene];
         let sources = scene.sources.draw(&self.config.train, batch.seen.pixels.view(), sources);
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
     fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, RenderCost) {
-        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
-        let scene = &self.batches.scenes[batch.scene];
+        let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
+        let scene = &self.scenes[batch.scene];
         let needs = scene.needs(at);
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
         let renderer = &scene.renderer;
@@ -165,7 +148,7 @@ impl<F: Field> Trainer<F> {
 
     /// Evaluates the objective, with the pull of refined cameras towards their start.
     fn evaluate(&self, batch: &StepBatch, model: &Model<F>, renders: &Renders, at: Moment) -> LossValues {
-        let mut losses = LossValues::of(&self.batches.scenes[batch.scene].objective.due(at), renders);
+        let mut losses = LossValues::of(&self.scenes[batch.scene].objective.due(at), renders);
         if let Some(cameras) = &model.cameras {
             let prior = cameras.prior();
             losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
@@ -211,7 +194,7 @@ impl<F: Field> Trainer<F> {
 
     pub(super) fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        let seed = Noise::new(self.batches.seed, restarts as u64, RandomStream::Restart).bits();
+        let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
         self.model = self.builder.model(&self.config, self.scene(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
         self.optimizer = optimizer(&self.config);
@@ -224,8 +207,8 @@ impl<F: Field> Trainer<F> {
         let Some(grid) = self.occupancy.as_mut().filter(|grid: &&mut OccupancyGrid| grid.is_due(at.step)) else {
             return;
         };
-        let scene = &self.batches.scenes[0];
-        let noise = Noise::new(self.batches.seed, at.step as u64, RandomStream::Occupancy);
+        let scene = &self.scenes[0];
+        let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
         let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
