@@ -182,8 +182,7 @@ impl LevelTable {
     }
 }
 
-/// Features of a pyramid of grids, whose finer levels share entries by a spatial hash, through a small MLP to density and
-/// colour.
+/// Features of a pyramid of grids, whose finer levels share entries by a hash → small MLP → density and colour.
 #[derive(Module, Debug)]
 pub struct HashGrid {
     tables: Param<Tensor<2>>,
@@ -235,8 +234,7 @@ impl HashGrid {
         weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
     }
 
-    /// Computes the gradients of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), times each
-    /// level's share in `present`: `[M, levels · 8, 3]`.
+    /// Computes the gradients of all corners' weights at `positions` `[M, 3]`, times each level's share: `[M, levels · 8, 3]`.
     fn weight_gradients(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
         let of_point = |p: &[f32]| {
             let u = [p[0], p[1], p[2]];

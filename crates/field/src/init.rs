@@ -44,8 +44,7 @@ fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     layer
 }
 
-/// Builds a dense layer before an activation of this `gain` (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in +
-/// fan_out)), biases 0.
+/// Builds a dense layer (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in + fan_out)), biases 0.
 pub(crate) fn glorot_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
     let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / (fan_in + fan_out) as f32).sqrt());
     dense(weight, vec![0.0; fan_out], device)

@@ -9,8 +9,7 @@ use crate::warp::SpaceChoice;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
-    /// Samples per ray: of the coarse pass, or of the single one if `fine_samples` is 0. Pictures are rendered with the
-    /// schedule's value at the last step.
+    /// Samples per ray of the coarse or only pass. Pictures are rendered with the schedule's value at the last step.
     pub samples: Schedule,
     /// Further samples per ray, drawn from the coarse weights (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,

@@ -24,8 +24,7 @@ impl Exposure {
         Self { gain: parameter(1.0), bias: parameter(0.0) }
     }
 
-    /// Shifts gains to a mean of 1 and biases to a mean of 0 over the views, for each channel. Brighter colours with smaller gains
-    /// explain images as well, so that the means would drift.
+    /// Shifts gains to a mean of 1 and biases to a mean of 0 over the views, for each channel: otherwise both would drift.
     #[must_use]
     pub fn centred(self) -> Self {
         let with_mean = |values: Param<Tensor<2>>, mean: f32| {

@@ -81,8 +81,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
 }
 
 impl RenderedImage {
-    /// Puts the picture before the backdrop of `renderer`'s scene. Before an unknown one, pixels of rays that meet nothing show
-    /// what is next to them.
+    /// Puts the picture before the scene's backdrop; before an unknown one, rays that meet nothing show what is next to them.
     fn before(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop == Backdrop::Unknown {
             let background = renderer.background;

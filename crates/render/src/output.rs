@@ -9,8 +9,7 @@ use crate::samples::Samples;
 pub struct RenderRequest {
     /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
     pub color: bool,
-    /// Samples behind the optical depth `render.hidden_depth`: skipped in
-    /// training, evaluated for pictures.
+    /// Samples behind the optical depth `render.hidden_depth`: skipped in training, evaluated for pictures.
     pub hidden: bool,
 }
 

@@ -56,8 +56,7 @@ impl RayBatch {
         }
     }
 
-    /// Returns the batch with samples jittered by `noise`, of which ray `r` has item `r`. Samples are evenly spaced
-    /// without.
+    /// Returns the batch with samples jittered by `noise`, whose item `r` is of ray `r`; without it they are evenly spaced.
     #[must_use]
     pub fn jittered(self, noise: Noise) -> Self {
         Self { jitter: Some(noise), ..self }
@@ -73,8 +72,7 @@ impl RayBatch {
         Self { pixels: Some(pixels), ..self }
     }
 
-    /// Returns the batch with `origins` and `directions`, `[R, 3]`, that have the same values and are in an autodiff
-    /// graph.
+    /// Returns the batch with `origins` and `directions`, `[R, 3]`, of the same values in an autodiff graph.
     #[must_use]
     pub fn tracked(self, [origins, directions]: [Tensor<2>; 2]) -> Self {
         Self { origins, directions, is_tracked: true, ..self }

@@ -50,8 +50,7 @@ impl Renderer {
         self.sampler.warp()
     }
 
-    /// Returns the background colour of a batch. In training before an unknown backdrop it is drawn from `noise` for
-    /// each batch, so that the field learns to be opaque.
+    /// Returns a batch's background: random in training before an unknown backdrop, so that the field learns to be opaque.
     fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
         match (self.backdrop, noise) {
             (Backdrop::Unknown, Some(noise)) => {

@@ -11,8 +11,7 @@ use crate::rendered_image::RenderedImage;
 const NEAREST: usize = 6;
 /// θ₀ of [`Residuals`], radians.
 const ANGLE: f32 = 0.03;
-/// c of [`Residuals`]: a single photograph contributes half of its residual where its weight is c, which it is at θ =
-/// 0.27.
+/// c of [`Residuals`]: a single photograph of weight c, at θ = 0.27, contributes half of its residual.
 const PRIOR: f32 = 0.01;
 /// ε of [`Residuals`]: relative difference of distances.
 const TOLERANCE: f32 = 0.02;

@@ -12,16 +12,14 @@ pub struct Samples {
     /// Distance of each sample along its ray, `[M]`, scene units.
     pub distance: Tensor<1>,
     on_host: Arc<OnceLock<Vec<f32>>>,
-    /// Length of each sample's interval, `[M]`: in scene units, or in warped space in units of
-    /// [`Warp::coordinate`](crate::Warp::coordinate).
+    /// Length of each sample's interval, `[M]`, in units of [`Warp::coordinate`](crate::Warp::coordinate).
     pub delta: Tensor<1>,
     /// Number of candidates before skipping.
     pub candidates: usize,
 }
 
 impl Samples {
-    /// Returns the samples at `distance`, `[M]`, with intervals of length `delta`, `[M]`, of `candidates` before
-    /// skipping.
+    /// Returns samples at `distance`, `[M]`, with intervals of length `delta`, `[M]`, of `candidates` before skipping.
     pub fn new(segments: Segments, distance: Tensor<1>, delta: Tensor<1>, candidates: usize) -> Self {
         Self { segments, distance, on_host: Arc::default(), delta, candidates }
     }
@@ -43,8 +41,7 @@ impl Samples {
         Self { distance, delta, ..self }
     }
 
-    /// Returns the distance of each sample along its ray on the host, `[M]`, scene units. A device that placed the
-    /// samples is read once.
+    /// Returns the distance of each sample on the host, `[M]`, scene units; read once from a device that placed them.
     pub fn t(&self) -> &[f32] {
         self.on_host.get_or_init(|| to_host(self.distance.clone()))
     }

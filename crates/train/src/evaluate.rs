@@ -59,8 +59,7 @@ pub struct Evaluated {
     pub seconds_per_image: f64,
     /// Mean opacity of the pictures.
     pub opacity: f64,
-    /// Whether all pictures are empty: of a field so faint that nothing of it is left, though training went on to the
-    /// end.
+    /// Whether all pictures are empty: the field is so faint that nothing of it is left.
     pub shows_nothing: bool,
 }
 

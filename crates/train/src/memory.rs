@@ -115,8 +115,7 @@ pub fn available_memory() -> Option<u64> {
     least(system.available_memory(), group)
 }
 
-/// Returns the minimum of what is free on the machine, 0 if unknown, and what the control group may still take. Its
-/// page cache counts as free.
+/// Returns the minimum of what is free on the machine, 0 if unknown, and what its control group may still take.
 fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
     let machine = Some(machine).filter(|&bytes| bytes > 0);
     let group = group.map(|group| group.total_memory.saturating_sub(group.rss));

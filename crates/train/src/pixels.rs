@@ -47,8 +47,7 @@ impl Pixels {
     }
 }
 
-/// Returns the columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps`
-/// they are the central half.
+/// Returns the first and the number of columns (or rows) that are drawn from: the central half until `train.precrop_steps`.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { central_half(size) } else { (0, size) }
 }

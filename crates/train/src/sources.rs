@@ -61,8 +61,7 @@ fn source(view: &View, background: [f32; 3]) -> SourceView {
     }
 }
 
-/// Resamples the image of a view, bilinearly, as its camera would have taken it without distortion: the nearest pixel beyond
-/// the border, `background` beyond the lens.
+/// Resamples a view's image bilinearly without distortion; `background` beyond the lens, the nearest pixel beyond the border.
 fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
     let (camera, image) = (&view.camera, &view.image);
     let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));

@@ -51,8 +51,7 @@ impl Sites {
         Self::new(size, reaching)
     }
 
-    /// Returns the sites that each site of `out` reaches with a kernel of 3³ about the cell `stride` times its own, x fastest:
-    /// `[out.len(), 27]`, [`Self::len`] for an empty cell.
+    /// Returns the sites in the 3³ cells about `stride` times each site of `out`, x fastest; [`Self::len`] for an empty cell.
     pub(super) fn neighbours(&self, out: &Self, stride: usize) -> Vec<i32> {
         let empty = self.len() as i32;
         let at = |cell: [usize; 3], k: usize| {

@@ -44,8 +44,7 @@ impl Code {
     }
 }
 
-/// Initial ln σ of a latent code: σ is small compared with the code, so that short runs are not dominated by its noise. The divergence
-/// term raises it.
+/// Initial ln σ of a latent code: small, so that short runs are not dominated by its noise; the divergence term raises it.
 const FIRST_LOG_DEVIATION: f32 = -4.0;
 
 /// The latent code of one frame, learned as it is.

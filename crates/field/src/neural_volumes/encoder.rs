@@ -71,8 +71,7 @@ impl CodeEncoderConfig {
     }
 }
 
-/// A tower of convolutions for each image, then dense layers to the mean and deviation of a code, with leaky ReLUs
-/// between (Neural Volumes, Lombardi et al. 2019, Sec. 4.1; sizes of the released code).
+/// A tower of convolutions for each image, then dense layers to mean and deviation of a code (Lombardi et al. 2019, Sec. 4.1).
 #[derive(Module, Debug)]
 pub(super) struct CodeEncoder {
     towers: Vec<Tower>,
@@ -136,8 +135,7 @@ impl CodeEncoder {
     }
 }
 
-/// Returns an image as the network takes it, `[1, 3, rows, columns]`: stretched to that size, corners on corners, and with
-/// colours (255x − 100)/25.
+/// Returns an image stretched to `[1, 3, rows, columns]`, corners on corners, with colours (255x − 100)/25.
 fn image(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
     let (mean, deviation, white) = COLOR;
     let normalised: Vec<f32> = view.rgb.iter().flatten().map(|x| (white * x - mean) / deviation).collect();

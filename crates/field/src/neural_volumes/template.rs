@@ -12,8 +12,7 @@ use crate::init::{glorot_linear, uniform};
 const KERNEL: usize = 4;
 const CHANNELS: usize = 4;
 
-/// From a code to the voxels of a cube: a dense layer to one voxel, then transposed convolutions that double the
-/// resolution, with leaky ReLUs between.
+/// Code → dense layer to one voxel → transposed convolutions that double the resolution, with leaky ReLUs between.
 #[derive(Module, Debug)]
 pub(super) struct Template {
     dense: Linear,

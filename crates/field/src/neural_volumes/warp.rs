@@ -73,8 +73,7 @@ impl VolumeWarp {
         Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Border }
     }
 
-    /// Computes where the template is read for each voxel of the grid, by a code `[1, latent]`: `[resolution³, 3]` in the cube
-    /// [−1, 1]³, x fastest and z slowest.
+    /// Computes where the template is read for each voxel, by a code `[1, latent]`: `[resolution³, 3]` in [−1, 1]³, x fastest.
     pub(super) fn field(&self, code: Tensor<2>) -> Tensor<2> {
         let (maps, voxels) = (self.maps, self.resolution.pow(3));
         let (linear, offset) = self.affine(code.clone());
@@ -88,8 +87,7 @@ impl VolumeWarp {
         (mixed / weights.sum_dim(1).clamp_min(MIN_WEIGHT)).squeeze_dim(1)
     }
 
-    /// Returns all maps side by side: `[3, 3·maps]` and `[1, 3·maps]`, such that `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear +
-    /// offset`.
+    /// Returns all maps, `[3, 3·maps]` and `[1, 3·maps]`: `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear + offset`.
     fn affine(&self, code: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         let maps = self.maps;
         let scales = self.scales.forward(code.clone()).reshape([maps, 3, 1]);

@@ -32,8 +32,7 @@ pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32
     views.par_iter().enumerate().flat_map_iter(of_view).collect()
 }
 
-/// Computes ω·R (x − middle) of each position x and R d of its direction d, in the axes R of each view, `[V·M, 3]` each, view by view;
-/// ω is `frequency`.
+/// Computes ω·R (x − middle) of positions and R d of directions in each view's axes R, `[V·M, 3]` each; ω is `frequency`.
 pub(super) fn view_points(
     views: &[SourceView],
     points: &Points,

@@ -98,8 +98,7 @@ impl OccupancyGrid {
         !self.updated || noise.uniform(cell, 3) < share
     }
 
-    /// Marks the six neighbours of every occupied cell as occupied: a surface moves by less than a cell between
-    /// updates.
+    /// Marks the six neighbours of every occupied cell: a surface moves by less than a cell between updates.
     fn dilate(&mut self) {
         let n = self.config.resolution;
         let before = std::mem::take(&mut self.occupied);
@@ -188,8 +187,7 @@ impl OccupancyGrid {
         self.lookup.at(place)
     }
 
-    /// Computes the box and the lookup that follow from which cells are occupied, and from the density near each if it
-    /// is known.
+    /// Computes the box and the lookup of the occupied cells, with the density near each if it is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         self.tighten();

@@ -67,8 +67,7 @@ pub struct SceneConfig {
     pub disturb: Disturbance,
 }
 
-/// Disturbance of the training cameras from their true poses, in directions that the run's seed draws: see
-/// [`infonerf_scene::Scene::disturbed`].
+/// Disturbance of the training cameras from their true poses, drawn by the run's seed ([`infonerf_scene::Scene::disturbed`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
@@ -88,8 +87,7 @@ pub enum PixelPosition {
     Corner,
 }
 
-/// Whether a key has its default value and is then not written: config files of earlier versions, which lack the key,
-/// stay identical.
+/// Whether a key has its default value and is not written: config files of earlier versions stay identical.
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -104,8 +102,7 @@ pub struct EvalConfig {
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
-    /// Steps that fit the pose of each test view to its photograph before it is measured, as BARF does where training cameras
-    /// are learned ([`crate::fit_test_pose`]); 0 for none.
+    /// Steps that fit each test view's pose before it is measured (BARF, [`crate::fit_test_pose`]); 0 for none.
     #[serde(default, skip_serializing_if = "is_default")]
     pub pose_steps: usize,
 }

@@ -25,8 +25,7 @@ fn parse(table: Table) -> Result<Config, (String, String)> {
     })
 }
 
-/// Finds the key that is at fault in the table of a `kind` at `path`, within which Serde loses track: without it there
-/// is another fault.
+/// Finds the key at fault in the table of a `kind` at `path`, within which Serde loses track: without it the fault differs.
 fn within(table: &Table, path: &str, message: &str) -> Option<String> {
     let inner = |table: &mut Table| -> Option<Table> {
         let mut table = table;

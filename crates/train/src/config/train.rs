@@ -20,15 +20,13 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Rays of unseen poses per step, |R_u|.
     pub unseen_rays: usize,
-    /// Target number of evaluated samples per step; 0 for none. As space is found empty, a step then takes more rays of
-    /// both kinds, in proportion.
+    /// Target number of evaluated samples per step, which steps take more rays for as space is found empty; 0 for none.
     pub target_samples: usize,
     /// Factor by which training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
     pub downscale: Schedule,
     /// Source of a step's pixels.
     pub batch: Batch,
-    /// Maximum number of source images that an image-conditioned field is shown in a step: a random number of random
-    /// ones; 0 shows all.
+    /// Maximum number of source images shown to an image-conditioned field in a step, drawn at random; 0 shows all.
     pub sources: usize,
     /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
     /// of a run with `exposure_compensation`, whose gains are of its own views.
@@ -39,8 +37,7 @@ pub struct TrainConfig {
     pub unseen: Unseen,
     /// The neighbours of rays.
     pub neighbours: NeighbourConfig,
-    /// Whether each training view has a gain and a bias of its own for each channel, which are learned
-    /// ([`infonerf_render::Exposure`]). Pictures of other cameras have none.
+    /// Whether each training view has a learned gain and bias per channel ([`infonerf_render::Exposure`]).
     pub exposure_compensation: bool,
     /// Refinement of training cameras.
     #[serde(default, skip_serializing_if = "is_default")]
@@ -128,8 +125,7 @@ pub enum NeighbourSampling {
 pub struct EnsembleConfig {
     /// Number of fields.
     pub size: usize,
-    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to
-    /// `size`.
+    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to `size`.
     pub seconds_per_member: f64,
 }
 
@@ -144,8 +140,7 @@ impl RotationCentre {
 }
 
 impl EnsembleConfig {
-    /// Returns the number of fields that a run trains: `size`, or with a budget of `budget` seconds as many as have
-    /// `seconds_per_member` each if those are more.
+    /// Returns the number of fields of a run: `size`, or as many as `seconds_per_member` allows in `budget` seconds if more.
     pub fn members(&self, budget: Option<f64>) -> usize {
         let seconds = self.seconds_per_member;
         let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
@@ -165,8 +160,7 @@ impl TrainConfig {
         self.downscale.at(at).round().max(1.0) as u32
     }
 
-    /// Returns 1 and every whole factor between the extremes of `downscale`: all images of factors above 1 together are
-    /// smaller than those of full size.
+    /// Returns 1 and every whole factor between the extremes of `downscale`.
     pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
         let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
         std::iter::once(1).chain(least.max(2)..=largest)

@@ -258,8 +258,7 @@ impl<F: Field> Trainer<F> {
         self.scene().train.iter().map(|view| view.camera.clone()).collect()
     }
 
-    /// Returns the map from the scene's frame, which is that of test views, to that of the cameras as they are learned;
-    /// `None` if both are one.
+    /// Returns the map from the scene's frame to that of the cameras as they are learned; `None` if both are one.
     fn frame(&self) -> Option<ModelFrame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();

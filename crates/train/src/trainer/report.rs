@@ -40,8 +40,7 @@ impl StepLosses {
         }
     }
 
-    /// Reads the losses of several steps in one transfer: a GPU has to be waited for each time. Returns whether any was not read
-    /// yet.
+    /// Reads the losses of several steps in one transfer, and returns whether any was not read yet.
     fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) -> bool {
         let mut steps: Vec<&mut Self> = steps.filter(|losses| !losses.is_read()).collect();
         if steps.is_empty() {
@@ -91,8 +90,7 @@ pub(super) struct PendingStep {
     pub(super) lr: f64,
     pub(super) rays: usize,
     pub(super) evaluated: f64,
-    /// 1 if the objective was finite in this step and in the pending ones before it, else 0: the model then stays as it was. On
-    /// the device.
+    /// 1 if the objective was finite in this step and those pending before, else 0 and the model stays. On the device.
     pub(super) finite: Tensor<1>,
     /// Seconds that the step took, and of training so far, once they are counted.
     pub(super) seconds: [f64; 2],

@@ -55,8 +55,7 @@ impl<F: Field> Trainer<F> {
         self.count_step(taken, start.elapsed().as_secs_f64(), report)
     }
 
-    /// Takes a step on `batch`, or on one that is drawn, and counts no time yet. Returns false if training is over, and nothing
-    /// was done.
+    /// Takes a step on `batch`, or on one that is drawn, and counts no time. Returns false if training is over.
     pub(crate) fn advance(&mut self, batch: Option<StepBatch>) -> bool {
         if self.has_collapsed() || self.is_over() {
             return false;
