@@ -34,7 +34,6 @@ mod testing;
 pub use objective::{DueTerm, LossConfig, LossValues, Objective, needs};
 pub use renders::{Need, RaySet, Renders, Target, UnseenImage};
 pub use term::{Term, TermSetup, TermSpec, Weighted};
-pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
 pub use terms::kl::{Direction, KlConfig};
 pub use terms::opacity_prior::OpacityPriorConfig;

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders, union};
 use crate::term::{Term, TermSetup, TermSpec, Weighted};
-use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
 use crate::terms::opacity_prior::OpacityPriorConfig;
@@ -60,8 +59,6 @@ terms! {
     kl: KlConfig,
     /// 1 − φᵀφ̂ of the CLIP embeddings of a render and a training image (DietNeRF, Jain et al. 2021, Eq. 5).
     semantic: SemanticConfig,
-    /// Mean Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σᵢ wᵢ² δᵢ of intervals with middles m and lengths δ (mip-NeRF 360, Eq. 15).
-    distortion: DistortionConfig,
     /// Mean ln(π + (1 − π) P)/ln π, P the probability that a ray ends at the depth that stereo matched.
     stereo: StereoConfig,
     /// Mean ln(0.1 + A) + ln(1.1 − A), 0 for A of 0 and 1 (Neural Volumes, Lombardi et al. 2019).
@@ -98,14 +95,12 @@ impl LossConfig {
         Ok(())
     }
 
-    /// Returns the entropy of each ray in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for
-    /// masked rays.
+    /// Returns each ray's entropy in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for masked rays.
     pub fn ray_entropy(&self, output: &RenderOutput) -> Tensor<1> {
         self.entropy.of_rays(output)
     }
 
-    /// Returns the divergence of each ray from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq.
-    /// 9). Samples of `near` are paired with those of `output`.
+    /// Returns each ray's divergence from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq. 9).
     pub fn information_gain(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
         self.kl.of_rays(output, near)
     }
@@ -184,7 +179,6 @@ impl LossValues {
 mod tests {
     use burn::tensor::Device;
     use infonerf_field::Penalty;
-    use infonerf_render::Warp;
     use infonerf_scene::Scene;
 
     use super::*;
@@ -203,7 +197,6 @@ mod tests {
             ("kl = { weight = 1, rays = 'seen' }", vec![SeenNeighbours]),
             ("kl = { weight = 1, rays = 'unseen' }", vec![Unseen, UnseenNeighbours]),
             ("semantic.weight = 1", vec![Need::Picture { size: 64 }]),
-            ("distortion.weight = 1", vec![Unseen]),
             ("stereo.weight = 1", vec![]),
             ("opacity_prior.weight = 1", vec![]),
             ("opacity_prior = { weight = 1, rays = 'all' }", vec![Unseen]),
@@ -218,7 +211,7 @@ mod tests {
             assert_eq!(config.needs(), needs, "{setting}");
         }
         assert_eq!(config("").needs(), []);
-        let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1\ndistortion.weight = 1");
+        let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1");
         assert_eq!(both.needs(), [SeenColor, Unseen, SeenNeighbours, UnseenNeighbours]);
     }
 
@@ -244,7 +237,7 @@ mod tests {
     fn the_total_is_the_weighted_sum_of_what_is_due() {
         let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
         let (scene, device) = (Scene::default(), Device::flex());
-        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &device };
+        let setup = TermSetup { scene: &scene, device: &device };
         let objective = Objective::new(&config, &setup).unwrap();
         let (_, renders) = scenario(&device);
         let values = |at: Moment| {
@@ -268,7 +261,7 @@ mod tests {
     fn terms_that_skip_the_scene_are_left_out() {
         let config = config("rgb.weight = 1\nsilhouette.weight = 1");
         let scene = Scene { backdrop: infonerf_scene::Backdrop::Unknown, ..Scene::default() };
-        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &Device::flex() };
+        let setup = TermSetup { scene: &scene, device: &Device::flex() };
         let due =
             |objective: &Objective| objective.due(Moment::END).iter().map(|due| due.built.name).collect::<Vec<_>>();
         assert_eq!(due(&Objective::new(&config, &setup).unwrap()), ["rgb"]);

@@ -19,7 +19,6 @@ pub fn config(settings: &str) -> LossConfig {
                     mask = { rule = 'acc', threshold = 0.1 } }
         kl = { weight = 0, direction = 'paper', rays = 'all', epsilon = 1e-10 }
         semantic = { weight = 0, every = 10, size = 64, weights = '' }
-        distortion = { weight = 0, rays = 'all' }
         stereo = { weight = 0 }
         opacity_prior = { weight = 0, rays = 'seen' }
         silhouette = { weight = 0 }

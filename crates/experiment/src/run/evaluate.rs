@@ -195,7 +195,7 @@ mod tests {
             |set: &[&str]| noted("unseen poses", &[&["train.unseen=dataset", "loss.entropy.rays=seen"], set].concat());
         assert!(!unseen(&["loss.entropy.weight=1e-3", "loss.kl.weight=0"]));
         assert!(unseen(&["loss.entropy.weight=0", "loss.kl.weight=1e-3", "loss.kl.rays=unseen"]));
-        assert!(unseen(&["loss.entropy.weight=0", "loss.distortion={weight=1e-3,rays=\"all\"}"]));
+        assert!(unseen(&["loss.entropy.weight=0", "loss.opacity_prior={weight=1e-3,rays=\"all\"}"]));
         for (key, set) in [
             ("render.early_stop_transmittance", "render.placement=left"),
             ("render.early_stop_transmittance", "render.fine_samples=8"),

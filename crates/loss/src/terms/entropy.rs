@@ -16,8 +16,7 @@ pub struct EntropyConfig {
     pub weight: Schedule,
     /// The rays over which the term is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
-    /// Whether neighbours are included: those of seen rays and, if `rays` includes unseen ones, of these, as in the released
-    /// code with the KL loss.
+    /// Whether neighbours of seen rays and, if `rays` includes them, of unseen rays are included, as in the released code.
     pub neighbours: bool,
     /// The distribution along the ray.
     pub distribution: RayDistribution,
@@ -62,8 +61,7 @@ impl EntropyConfig {
         }
     }
 
-    /// Computes H(r) of each ray in bits, `[R]`, and the measure that is compared with the mask's threshold, `[R]`; `None` if
-    /// every ray counts.
+    /// Computes H(r) of each ray in bits, `[R]`, and its measure for the mask, `[R]`; `None` if every ray counts.
     fn bits_and_measure(&self, output: &RenderOutput) -> (Tensor<1>, Option<Tensor<1>>) {
         let entropy = ray_entropy(output.tau.clone(), output.segments(), self.distribution, self.epsilon);
         let measure = match self.mask.rule {

@@ -1,6 +1,5 @@
 //! One file for each term; those on a field's own parameters share one.
 
-pub(crate) mod distortion;
 pub(crate) mod entropy;
 pub(crate) mod kl;
 pub(crate) mod opacity_prior;
