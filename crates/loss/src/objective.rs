@@ -1,6 +1,5 @@
 use burn::tensor::Tensor;
 use infonerf_ops::means::weighted_sum;
-use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
@@ -93,16 +92,6 @@ impl LossConfig {
                 .map_err(|fault| fault.within(&format!("loss.{name}")))?;
         }
         Ok(())
-    }
-
-    /// Returns each ray's entropy in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for masked rays.
-    pub fn ray_entropy(&self, output: &RenderOutput) -> Tensor<1> {
-        self.entropy.of_rays(output)
-    }
-
-    /// Returns each ray's divergence from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq. 9).
-    pub fn information_gain(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
-        self.kl.of_rays(output, near)
     }
 }
 

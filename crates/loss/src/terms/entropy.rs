@@ -54,7 +54,7 @@ impl EntropyConfig {
     }
 
     /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
-    pub(crate) fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
+    pub fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
         match self.bits_and_measure(output) {
             (bits, Some(measure)) => mask_above(bits, measure, self.mask.threshold),
             (bits, None) => bits,

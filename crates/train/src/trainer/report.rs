@@ -1,6 +1,5 @@
 //! Reading of losses, and what follows from them: events and collapses.
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::tensor::Tensor;
@@ -55,31 +54,6 @@ impl StepLosses {
 
     fn is_read(&self) -> bool {
         !self.values.is_empty()
-    }
-
-    /// # Errors
-    /// If a term, or the objective, is not finite.
-    fn check(&self, step: usize) -> Result<(), TrainError> {
-        match self.terms().chain([("total", self.total())]).find(|(_, value)| !value.is_finite()) {
-            Some((term, value)) => Err(TrainError::NonFinite { what: format!("loss `{term}`"), value, step }),
-            None => Ok(()),
-        }
-    }
-
-    fn total(&self) -> f32 {
-        self.values[0]
-    }
-
-    fn mse(&self) -> f32 {
-        self.values[1]
-    }
-
-    fn acc(&self) -> f32 {
-        self.values[2]
-    }
-
-    fn terms(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
-        self.names.iter().copied().zip(self.values[3..].iter().copied())
     }
 }
 
@@ -138,23 +112,34 @@ impl<F: Field> Trainer<F> {
         let rays: usize = pending.iter().map(|step| step.rays).sum();
         let rays_per_second = rays as f64 / pending.iter().map(|step| step.seconds[0]).sum::<f64>();
         for PendingStep { at, losses, lr, evaluated, seconds, .. } in pending {
-            if let Err(error) = losses.check(at.step) {
+            let (&[loss, mse, acc], terms) = losses.values.split_first_chunk().expect("losses are read");
+            let terms = losses.names.iter().copied().zip(terms.iter().copied());
+            let is_bad = |(_, value): &(&str, f32)| !value.is_finite();
+            if let Some((term, value)) = terms.clone().chain([("total", loss)]).find(is_bad) {
                 self.progress.step = at.step;
-                return Err(error);
+                return Err(TrainError::NonFinite { what: format!("loss `{term}`"), value, step: at.step });
             }
+            let step = at.step + 1;
             report(Event::Step {
-                step: at.step + 1,
+                step,
                 seconds: seconds[1],
-                loss: losses.total(),
-                psnr: -10.0 * losses.mse().max(1e-12).log10(),
+                loss,
+                losses: terms.map(|(name, value)| (name.to_owned(), value)).collect(),
+                psnr: -10.0 * mse.max(1e-12).log10(),
                 lr,
                 rays_per_second,
-                acc: losses.acc(),
+                acc,
                 evaluated,
-                losses: losses.terms().map(|(name, value)| (name.to_owned(), value)).collect::<BTreeMap<_, _>>(),
             });
-            if self.watch(at, &losses, report)? {
-                // What came after it is of a field that is given up.
+            if self.progress.count_opacity(acc, losses.foreground) {
+                // What came after it is of a field that is given up. With the weights of another run there are no other ones
+                // to start over with.
+                let others = self.config.train.init.as_os_str().is_empty();
+                let restarted = others && self.progress.restarts < self.config.train.restarts;
+                report(Event::Collapse { step, restarted });
+                if restarted {
+                    self.restart()?;
+                }
                 break;
             }
         }
@@ -163,21 +148,5 @@ impl<F: Field> Trainer<F> {
             () if self.is_over() => Outcome::Finished,
             () => Outcome::Running,
         })
-    }
-
-    /// Returns whether the field went empty; it then starts over with other weights while that is allowed.
-    fn watch(&mut self, at: Moment, losses: &StepLosses, report: &mut impl FnMut(Event)) -> Result<bool, TrainError> {
-        let step = at.step + 1;
-        let empty = self.progress.count_opacity(losses.acc(), losses.foreground);
-        if empty {
-            // With the weights of another run there are no other ones to start over with.
-            let others = self.config.train.init.as_os_str().is_empty();
-            let restarted = others && self.progress.restarts < self.config.train.restarts;
-            report(Event::Collapse { step, restarted });
-            if restarted {
-                self.restart()?;
-            }
-        }
-        Ok(empty)
     }
 }

@@ -69,7 +69,8 @@ impl<F: Field> Trainer<F> {
         let model = self.conditioned(&batch, at);
         let (renders, cost) = self.render(&batch, &model, at);
         let losses = self.evaluate(&batch, &model, &renders, at);
-        self.count_samples(&renders, cost);
+        let segments = renders.seen.fine.segments();
+        self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
         // Adam changes weights in place that nobody else holds.
         drop((model, renders));
@@ -154,11 +155,6 @@ impl<F: Field> Trainer<F> {
             losses.values.push(("cameras", prior));
         }
         losses
-    }
-
-    fn count_samples(&mut self, renders: &Renders, cost: RenderCost) {
-        let segments = renders.seen.fine.segments();
-        self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
     }
 
     /// Takes an Adam step on the objective, unless the objective is not finite.
