@@ -163,23 +163,12 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     };
     let view = number(&step["view"]);
     let (seen, numbers) = pixels(view, &step["seen"]);
-    let rgba = |&n: &usize| {
-        let [red, green, blue] = scene.train[view].image.rgb[n];
-        [red, green, blue, 1.0]
-    };
     let [x, y, z] = floats(&step["turn"])[..] else { panic!("three angles") };
     let turn = [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)]
         .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
     StepBatch {
         scene: 0,
-        seen: SeenPixels {
-            pixels: seen,
-            rgba: numbers.iter().map(rgba).collect(),
-            // Of silhouettes, which are off here.
-            coverage: vec![1.0; numbers.len()],
-            indices: numbers.iter().map(|n| view * size * size + n).collect(),
-            rejected: 0,
-        },
+        seen: SeenPixels { pixels: seen, rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect() },
         unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),
         rotation: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
     }

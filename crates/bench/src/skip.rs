@@ -1,4 +1,4 @@
-//! Time, samples and quality of each way of skipping: all off, all on, each off alone, and what is off by default on top.
+//! Time, samples and quality of each way of skipping: all off, all on, each off alone, and without unseen rays.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
@@ -34,13 +34,9 @@ const SWITCHES: &[Switch] = &[
     },
 ];
 
-/// Name, label and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
-/// on unseen rays.
-const EXTRAS: &[(&str, &str, &[&str])] = &[
-    ("all, and error sampling", "+errors", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
-    ("all, and early stopping", "+early stop", &["train.early_stopping={patience=100,min_delta=0.02}"]),
-    ("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"]),
-];
+/// Name, label and settings of cases on top of all ways of skipping: the cost of the terms on unseen rays.
+const EXTRAS: &[(&str, &str, &[&str])] =
+    &[("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"])];
 
 /// Setting that gives every run the same number of rays, however few samples they need.
 const FIXED_RAYS: &str = "train.target_samples=0";

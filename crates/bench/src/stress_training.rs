@@ -90,7 +90,7 @@ const SETTINGS: [StressSetting; 27] = [
     }),
     fast("a scene of 1e-3 units", &[], |scene| scale(scene, 1e-3)),
     fast("a scene of 1e3 units", &[], |scene| scale(scene, 1e3)),
-    fast("silhouette of 1", &["loss.silhouette={weight=1.0,foreground=0.0}"], keep),
+    fast("silhouette of 1", &["loss.silhouette.weight=1.0"], keep),
     nerf("NeRF MLP", &[]),
     nerf("NeRF MLP, lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"]),
     nerf("NeRF MLP, lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"]),

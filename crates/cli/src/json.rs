@@ -61,9 +61,6 @@ impl JsonEvents {
                 let done = trainer.done();
                 json!({ "event": "step", "run": run, "step": step, "seconds": seconds, "done": done, "loss": loss, "psnr": psnr })
             }
-            RunEvent::Training { event: Event::Plateau { step }, .. } => {
-                json!({ "event": "plateau", "run": run, "step": step })
-            }
             RunEvent::Training { event: Event::Collapse { step, restarted }, .. } => {
                 json!({ "event": "collapse", "run": run, "step": step, "restarted": restarted })
             }

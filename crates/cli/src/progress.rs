@@ -135,9 +135,6 @@ impl ProgressDisplay {
                     ));
                 }
             }
-            Event::Plateau { step } => {
-                self.bar.println(format!("step {step}: the training error has plateaued; the run ends here"));
-            }
             Event::Collapse { step, restarted } => {
                 let next = if *restarted { "starting over with other weights" } else { "giving up" };
                 self.bar.println(format!("step {step}: the field went empty; {next}"));

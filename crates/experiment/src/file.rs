@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn variants_come_in_the_order_of_the_files() {
-        let base = "[variants.z]\n[variants.m.loss.mask]\nweight = 1.0\n";
+        let base = "[variants.z]\n[variants.m.loss.tv]\nweight = 1.0\n";
         let found = variants(&[base, "[variants.b]\n[variants.m.train]\nlr = 1.0\n[variants.a]\n"]).unwrap();
         assert_eq!(found.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>(), ["z", "m", "b", "a"]);
         assert_eq!(found[1].changes.len(), 2);

@@ -71,9 +71,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
 /// Returns how far the model in `folder` is, if there is nothing more to train.
 fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> {
     let progress = Checkpoint::load(folder)?.0.map(|checkpoint| checkpoint.progress().clone());
-    let is_over =
-        |progress: &Progress| progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued;
-    Ok(progress.filter(is_over))
+    Ok(progress.filter(|progress| progress.step >= plan.config.train.iterations))
 }
 
 /// Returns a plan with as few test views as can be: none is looked at.

@@ -10,14 +10,12 @@ pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool)
     Fault::unless(good, key, expected, found).map_err(|fault| fault.within("field"))
 }
 
-/// Refuses a precision that the device does not support.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
     let supported = has_host_kernels(device) || device.supports_dtype(FloatDType::BF16);
     let good = precision == Precision::F32 || supported;
     check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
-/// Refuses shares of detail outside [0, 1].
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {
     let range = format!("{} to {}", detail.least(), detail.largest());
     check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)

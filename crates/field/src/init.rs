@@ -12,12 +12,10 @@ pub(crate) fn uniform(rng: &mut impl Rng, count: usize, bound: f32) -> Vec<f32> 
     (0..count).map(|_| rng.random_range(-1.0f32..=1.0) * bound).collect()
 }
 
-/// Draws values of the standard normal distribution.
 pub(crate) fn normal(rng: &mut impl Rng, count: usize) -> Vec<f32> {
     (0..count).map(|_| rng.sample(StandardNormal)).collect()
 }
 
-/// Initialisation of a dense layer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Init {
     /// PyTorch's default: weights and biases uniform in ±1/√fan_in.
@@ -27,7 +25,6 @@ pub(crate) enum Init {
 }
 
 impl Init {
-    /// Builds a dense layer.
     pub(crate) fn linear(self, rng: &mut impl Rng, fan_in: usize, fan_out: usize, device: &Device) -> Linear {
         let (bound, bias_bound) = match self {
             Self::FanIn => ((1.0 / fan_in as f32).sqrt(), (1.0 / fan_in as f32).sqrt()),
@@ -47,8 +44,7 @@ fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     layer
 }
 
-/// Builds a dense layer before an activation of this `gain` (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in +
-/// fan_out)), biases 0.
+/// Builds a dense layer (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in + fan_out)), biases 0.
 pub(crate) fn glorot_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
     let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / (fan_in + fan_out) as f32).sqrt());
     dense(weight, vec![0.0; fan_out], device)

@@ -127,37 +127,3 @@ fn gaussians(points: &Points) -> (Tensor<2>, Tensor<2>) {
     let across = (squares.clone().neg() + 1.0).clamp_min(0.0) * across.unsqueeze_dim(1);
     (positions + directions * (mean - t).unsqueeze_dim(1), squares * along.unsqueeze_dim(1) + across)
 }
-
-#[cfg(test)]
-mod tests {
-    use infonerf_ops::{Segments, to_host};
-
-    use super::*;
-
-    /// Two rays from the origin: one along y, one along the diagonal of x and y.
-    #[test]
-    fn gaussians_of_slanted_cones_by_hand() {
-        let (half, root) = (0.5f32, 0.5f32.sqrt());
-        let device = Device::flex();
-        let [t, delta, radii] = [[2.0, 2.0], [1.0, 1.0], [0.1, 0.2]].map(|row| Tensor::from_floats(row, &device));
-        let frusta = frustum_gaussians(t.clone(), delta.clone(), radii.clone());
-        let [mean, along, across] = [frusta.mean, frusta.along, frusta.across].map(to_host);
-        let points = Points {
-            positions: Tensor::from_floats([[0.0, 2.0, 0.0], [2.0 * root, 2.0 * root, 0.0]], &device),
-            directions: Tensor::from_floats([[0.0, 1.0, 0.0], [root, root, 0.0]], &device),
-            segments: Segments::from_counts([1, 1]),
-            extent: Extent::Cones { t, delta, radii },
-        };
-        let (means, variances) = gaussians(&points);
-        let want_means = [0.0, mean[0], 0.0, mean[1] * root, mean[1] * root, 0.0];
-        let slanted = half * (along[1] + across[1]);
-        let want = [across[0], along[0], across[0], slanted, slanted, across[1]];
-        let found = [to_host(means), to_host(variances)].concat();
-        for (got, want) in found.iter().zip(want_means.iter().chain(&want)) {
-            approx::assert_abs_diff_eq!(got, want, epsilon = 1e-6);
-        }
-        let ball = Points { extent: Extent::Ball { variance: 0.3 }, ..points };
-        let (means, variances) = gaussians(&ball);
-        assert_eq!((to_host(means), to_host(variances)), (to_host(ball.positions), vec![0.3; 6]));
-    }
-}

@@ -14,7 +14,6 @@ use crate::field::FieldSetup;
 use crate::init::Init;
 use crate::points::{FieldOutput, Points};
 
-/// Sizes of [`Mlp`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MlpSize {
     /// Width of the encoded position.
@@ -27,12 +26,10 @@ pub(crate) struct MlpSize {
     pub(crate) skip: usize,
     /// Frequencies of the direction's encoding.
     pub(crate) direction_frequencies: usize,
-    /// Precision of the matrix products.
     pub(crate) precision: Precision,
 }
 
 impl MlpSize {
-    /// Checks the sizes of a config's MLP.
     pub(crate) fn validate(&self) -> Result<(), Fault> {
         let &Self { layers, width, direction_frequencies, .. } = self;
         check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;

@@ -40,8 +40,7 @@ pub struct NerfConfig {
     pub direction_frequencies: usize,
     /// Activation from raw density to σ.
     pub density: DensityActivation,
-    /// Standard deviation of Gaussian noise on raw density in training steps (released InfoNeRF code: `raw_noise_std`, 1 on
-    /// DTU, 0 on Blender).
+    /// Standard deviation of noise on raw density in training steps (released InfoNeRF code: 1 on DTU, 0 on Blender).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub density_noise: f32,
     /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
@@ -117,8 +116,7 @@ pub struct NerfMlp {
 }
 
 impl NerfMlp {
-    /// Draws the noise on raw density of a training step, `[M]`; `None` in renders and without noise. The seed depends on the
-    /// first position, so that the bundles of a step get noise of their own.
+    /// Draws a training step's noise on raw density, `[M]`, by its seed and the first position; `None` without noise.
     fn density_noise(&self, points: &Points) -> Option<Tensor<1>> {
         let deviation = self.config.density_noise;
         let step = self.step_seed.filter(|_| deviation > 0.0 && !points.is_empty())?;

@@ -75,7 +75,6 @@ pub enum Extent {
 pub struct FieldOutput {
     /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
     pub sigma: Tensor<1>,
-    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond; Neural Volumes: not bounded above), `[M, 3]`, if
-    /// requested.
+    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond; Neural Volumes: not bounded), `[M, 3]`, if requested.
     pub color: Option<Tensor<2>>,
 }

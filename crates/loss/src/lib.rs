@@ -32,18 +32,13 @@ mod terms;
 mod testing;
 
 pub use objective::{DueTerm, LossConfig, LossValues, Objective, needs};
-pub use renders::{
-    Need, NeighbourBundles, RaySet, RenderedBundle, Renders, Target, UnseenImage, is_foreground, pixel_class,
-};
+pub use renders::{Need, RaySet, Renders, Target, UnseenImage};
 pub use term::{Term, TermSetup, TermSpec, Weighted};
-pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
 pub use terms::kl::{Direction, KlConfig};
-pub use terms::latent::LatentConfig;
-pub use terms::mask::MaskConfig;
 pub use terms::opacity_prior::OpacityPriorConfig;
+pub use terms::penalties::{LatentConfig, TvConfig};
 pub use terms::photometric::{Norm, PhotometricConfig, photometric_loss};
 pub use terms::semantic::{SemanticConfig, semantic_loss};
 pub use terms::silhouette::SilhouetteConfig;
 pub use terms::stereo::StereoConfig;
-pub use terms::tv::TvConfig;

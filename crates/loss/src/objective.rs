@@ -1,22 +1,18 @@
 use burn::tensor::Tensor;
 use infonerf_ops::means::weighted_sum;
-use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders, union};
 use crate::term::{Term, TermSetup, TermSpec, Weighted};
-use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
-use crate::terms::latent::LatentConfig;
-use crate::terms::mask::MaskConfig;
 use crate::terms::opacity_prior::OpacityPriorConfig;
+use crate::terms::penalties::{LatentConfig, TvConfig};
 use crate::terms::photometric::PhotometricConfig;
 use crate::terms::semantic::SemanticConfig;
 use crate::terms::silhouette::SilhouetteConfig;
 use crate::terms::stereo::StereoConfig;
-use crate::terms::tv::TvConfig;
 
 /// Defines [`LossConfig`] from a list of terms: the name of each, which is its table in config files, and its config.
 macro_rules! terms {
@@ -62,16 +58,12 @@ terms! {
     kl: KlConfig,
     /// 1 − φᵀφ̂ of the CLIP embeddings of a render and a training image (DietNeRF, Jain et al. 2021, Eq. 5).
     semantic: SemanticConfig,
-    /// Mean Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σᵢ wᵢ² δᵢ of intervals with middles m and lengths δ (mip-NeRF 360, Eq. 15).
-    distortion: DistortionConfig,
     /// Mean ln(π + (1 − π) P)/ln π, P the probability that a ray ends at the depth that stereo matched.
     stereo: StereoConfig,
     /// Mean ln(0.1 + A) + ln(1.1 − A), 0 for A of 0 and 1 (Neural Volumes, Lombardi et al. 2019).
     opacity_prior: OpacityPriorConfig,
-    /// Mean ±A, its sign and factor by whether a pixel shows the known background colour.
+    /// Mean ±A, its sign by whether a pixel shows the known background colour.
     silhouette: SilhouetteConfig,
-    /// Mean (A − alpha)², alpha from the training images' alpha channel.
-    mask: MaskConfig,
     /// Total variation of a field's tables.
     tv: TvConfig,
     /// KL(N(μ, σ²) ‖ N(0, 1)) of a field's latent code (Neural Volumes).
@@ -101,18 +93,6 @@ impl LossConfig {
         }
         Ok(())
     }
-
-    /// Returns the entropy of each ray in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for
-    /// masked rays.
-    pub fn ray_entropy(&self, output: &RenderOutput) -> Tensor<1> {
-        self.entropy.of_rays(output)
-    }
-
-    /// Returns the divergence of each ray from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq.
-    /// 9). Samples of `near` are paired with those of `output`.
-    pub fn information_gain(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
-        self.kl.of_rays(output, near)
-    }
 }
 
 /// The active terms of a run, built for a scene.
@@ -132,12 +112,9 @@ struct BuiltTerm {
 /// A term that takes part in a step.
 #[derive(Clone, Copy, Debug)]
 pub struct DueTerm<'a> {
-    /// Name of the term: its table in config files.
-    pub name: &'static str,
     /// Weight in this step, above 0.
-    pub weight: f32,
-    needs: &'a [Need],
-    term: &'a dyn Term,
+    weight: f32,
+    built: &'a BuiltTerm,
 }
 
 /// Values of the terms of a step.
@@ -164,39 +141,33 @@ impl Objective {
     }
 
     /// Lists the terms that take part in the step at `at`: those of positive weight that are due.
-    pub fn due(&self, at: Moment) -> Vec<DueTerm<'_>> {
-        let due = self.terms.iter().filter_map(|BuiltTerm { name, weight, needs, term }| {
-            let weight = weight.at(at) as f32;
-            (weight > 0.0 && term.is_due(at)).then_some(DueTerm { name, weight, needs, term: term.as_ref() })
-        });
-        due.collect()
+    pub fn due<'a>(&'a self, at: Moment) -> Vec<DueTerm<'a>> {
+        let due = |built: &'a BuiltTerm| {
+            let weight = built.weight.at(at) as f32;
+            (weight > 0.0 && built.term.is_due(at)).then_some(DueTerm { weight, built })
+        };
+        self.terms.iter().filter_map(due).collect()
     }
 }
 
 /// Collects what `terms` need rendered, each need once.
 pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
-    union(terms.iter().flat_map(|due| due.needs).copied())
+    union(terms.iter().flat_map(|due| &due.built.needs).copied())
 }
 
 impl LossValues {
     /// Evaluates `terms` on the renders that they need.
     pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
-        let values: Vec<_> = terms.iter().map(|due| (due.name, due.term.value(renders))).collect();
+        let values: Vec<_> = terms.iter().map(|due| (due.built.name, due.built.term.value(renders))).collect();
         let weighted = values.iter().zip(terms).map(|((_, value), due)| (value.clone(), due.weight)).collect();
         Self { total: weighted_sum(weighted).unwrap_or_else(|| renders.zero()), values }
     }
-}
-
-/// Multiplies `value` by `factor`, without a product if that is 1: on a GPU each is a kernel launch, forward and backward.
-pub(crate) fn scaled(value: Tensor<1>, factor: f32) -> Tensor<1> {
-    if factor == 1.0 { value } else { value * factor }
 }
 
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
     use infonerf_field::Penalty;
-    use infonerf_render::Warp;
     use infonerf_scene::Scene;
 
     use super::*;
@@ -215,12 +186,10 @@ mod tests {
             ("kl = { weight = 1, rays = 'seen' }", vec![SeenNeighbours]),
             ("kl = { weight = 1, rays = 'unseen' }", vec![Unseen, UnseenNeighbours]),
             ("semantic.weight = 1", vec![Need::Picture { size: 64 }]),
-            ("distortion.weight = 1", vec![Unseen]),
             ("stereo.weight = 1", vec![]),
             ("opacity_prior.weight = 1", vec![]),
             ("opacity_prior = { weight = 1, rays = 'all' }", vec![Unseen]),
             ("silhouette.weight = 1", vec![]),
-            ("mask.weight = 1", vec![]),
             ("tv.weight = 1", vec![Need::Penalty(Penalty::TOTAL_VARIATION)]),
             ("latent.weight = 1", vec![Need::Penalty(Penalty::LATENT_DIVERGENCE)]),
         ];
@@ -231,7 +200,7 @@ mod tests {
             assert_eq!(config.needs(), needs, "{setting}");
         }
         assert_eq!(config("").needs(), []);
-        let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1\ndistortion.weight = 1");
+        let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1");
         assert_eq!(both.needs(), [SeenColor, Unseen, SeenNeighbours, UnseenNeighbours]);
     }
 
@@ -247,11 +216,6 @@ mod tests {
             ("kl.epsilon = 0", "loss.kl.epsilon"),
             ("semantic.every = 0", "loss.semantic.every"),
             ("semantic.size = 2000", "loss.semantic.size"),
-            ("stereo.width = 0", "loss.stereo.width"),
-            ("stereo.outliers = 1", "loss.stereo.outliers"),
-            ("silhouette.background = -1", "loss.silhouette.background"),
-            ("silhouette.foreground = -1", "loss.silhouette.foreground"),
-            ("silhouette.edge = 1e7", "loss.silhouette.edge"),
         ] {
             assert_eq!(config(setting).validate().unwrap_err().key, key);
         }
@@ -262,7 +226,7 @@ mod tests {
     fn the_total_is_the_weighted_sum_of_what_is_due() {
         let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
         let (scene, device) = (Scene::default(), Device::flex());
-        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &device };
+        let setup = TermSetup { scene: &scene, device: &device };
         let objective = Objective::new(&config, &setup).unwrap();
         let (_, renders) = scenario(&device);
         let values = |at: Moment| {
@@ -286,8 +250,9 @@ mod tests {
     fn terms_that_skip_the_scene_are_left_out() {
         let config = config("rgb.weight = 1\nsilhouette.weight = 1");
         let scene = Scene { backdrop: infonerf_scene::Backdrop::Unknown, ..Scene::default() };
-        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &Device::flex() };
-        let due = |objective: &Objective| objective.due(Moment::END).iter().map(|due| due.name).collect::<Vec<_>>();
+        let setup = TermSetup { scene: &scene, device: &Device::flex() };
+        let due =
+            |objective: &Objective| objective.due(Moment::END).iter().map(|due| due.built.name).collect::<Vec<_>>();
         assert_eq!(due(&Objective::new(&config, &setup).unwrap()), ["rgb"]);
         assert!(config.silhouette.skip_reason(&scene).is_some());
     }

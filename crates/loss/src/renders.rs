@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use burn::tensor::Tensor;
 use infonerf_field::Penalty;
-use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Passes, RenderOutput};
 use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
@@ -54,7 +53,6 @@ impl Need {
     }
 }
 
-/// Lists each of `needs` once, in order of appearance.
 pub(crate) fn union(needs: impl Iterator<Item = Need>) -> Vec<Need> {
     let mut union = Vec::new();
     for need in needs {
@@ -94,12 +92,8 @@ impl RaySet {
 pub struct Target {
     /// Colours on the background, `[R, 3]`.
     pub rgb: Tensor<2>,
-    /// Colours on the host with alpha, which is 1 for images without it.
-    pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels about each pixel that do not show the background: 1 within an object, less at its edge.
-    pub coverage: Vec<f32>,
-    /// [Class](pixel_class) of each pixel, `[R]`, if a GPU drew them.
-    pub classes: Option<Tensor<1>>,
+    /// Colours on the host.
+    pub on_host: Vec<[f32; 3]>,
     /// View and position of each pixel.
     pub pixels: Vec<PixelAt>,
     /// The scene's background.
@@ -107,62 +101,13 @@ pub struct Target {
 }
 
 impl Target {
-    /// Whether a pixel shows something other than the scene's background.
-    pub fn is_foreground(&self, pixel: [f32; 4]) -> bool {
-        is_foreground(pixel, self.background)
+    /// Lists for each pixel whether it shows something other than the background: whether it differs from it by half an 8-bit
+    /// step or more.
+    pub fn foreground(&self) -> impl ExactSizeIterator<Item = bool> {
+        const TOLERANCE: f32 = 0.5 / 255.0;
+        let differs = |pixel: &[f32; 3]| (0..3).any(|c| (pixel[c] - self.background[c]).abs() >= TOLERANCE);
+        self.on_host.iter().map(differs)
     }
-}
-
-/// Whether a pixel shows something other than `background`: it differs from it by half an 8-bit step or more.
-pub fn is_foreground(pixel: [f32; 4], background: [f32; 3]) -> bool {
-    const TOLERANCE: f32 = 0.5 / 255.0;
-    (0..3).any(|channel| (pixel[channel] - background[channel]).abs() >= TOLERANCE)
-}
-
-/// Class of a pixel: 0 if it shows the background, 1 at the edge of an object, 2 within one, where the `coverage` around it
-/// is 1.
-pub fn pixel_class(pixel: [f32; 4], coverage: f32, background: [f32; 3]) -> f32 {
-    match (is_foreground(pixel, background), coverage) {
-        (false, _) => 0.0,
-        (true, 1.0) => 2.0,
-        (true, _) => 1.0,
-    }
-}
-
-/// Rays with the model's output along them.
-#[derive(Clone, Debug)]
-pub struct RenderedBundle {
-    /// The passes.
-    pub passes: Passes,
-    /// The training pixels; `None` for rays of unseen poses.
-    pub target: Option<Target>,
-}
-
-impl RenderedBundle {
-    /// Returns the fine or only pass.
-    pub fn output(&self) -> &RenderOutput {
-        &self.passes.fine
-    }
-
-    /// Returns the number of rays.
-    pub fn rays(&self) -> usize {
-        self.output().segments().rays()
-    }
-
-    /// Computes the mean squared error of the colours over rays and channels; `None` without colours or pixels.
-    pub fn squared_error(&self) -> Option<Tensor<1>> {
-        let (color, target) = (self.output().color.clone()?, self.target.as_ref()?.rgb.clone());
-        Some(mean_squared_difference(color, target))
-    }
-}
-
-/// Density along neighbouring rays, paired with those of a bundle by index.
-#[derive(Clone, Debug, Default)]
-pub struct NeighbourBundles {
-    /// Neighbours of rays of training images.
-    pub seen: Option<RenderOutput>,
-    /// Neighbours of rays of the unseen pose.
-    pub unseen: Option<RenderOutput>,
 }
 
 /// A whole image from an unseen pose.
@@ -180,13 +125,17 @@ pub struct UnseenImage {
 #[derive(Clone, Debug)]
 pub struct Renders {
     /// Rays of training images.
-    pub seen: RenderedBundle,
-    /// [`RenderedBundle::squared_error`] of the rays of training images, which is both minimised and reported.
+    pub seen: Passes,
+    /// Pixels along these rays.
+    pub target: Target,
+    /// Mean squared error of their colours over rays and channels, if requested: it is both minimised and reported.
     pub squared_error: Option<Tensor<1>>,
     /// Rays of an unseen pose, if requested.
-    pub unseen: Option<RenderedBundle>,
-    /// Neighbours, if requested.
-    pub neighbours: NeighbourBundles,
+    pub unseen: Option<RenderOutput>,
+    /// Neighbours of rays of training images, paired with them by index, if requested.
+    pub seen_neighbours: Option<RenderOutput>,
+    /// Neighbours of rays of the unseen pose, if requested.
+    pub unseen_neighbours: Option<RenderOutput>,
     /// An image from an unseen pose, if requested.
     pub picture: Option<UnseenImage>,
     /// Requested penalties on the field's own parameters that the field has, scalars.
@@ -196,22 +145,14 @@ pub struct Renders {
 impl Renders {
     /// Lists the outputs of `rays` that were rendered.
     pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
-        let unseen = self.unseen.as_ref().filter(|_| rays.unseen());
-        rays.seen().then_some(&self.seen).into_iter().chain(unseen).map(RenderedBundle::output)
-    }
-
-    /// Lists the neighbours of `rays` that were rendered.
-    pub fn neighbours(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
-        let NeighbourBundles { seen, unseen } = &self.neighbours;
-        seen.as_ref().filter(|_| rays.seen()).into_iter().chain(unseen.as_ref().filter(|_| rays.unseen()))
+        rays.seen().then_some(&self.seen.fine).into_iter().chain(self.unseen.as_ref().filter(|_| rays.unseen()))
     }
 
     /// Lists the outputs of `rays` with those of their neighbours, where both were rendered.
     pub fn pairs(&self, rays: RaySet) -> impl Iterator<Item = (&RenderOutput, &RenderOutput)> {
-        let NeighbourBundles { seen, unseen } = &self.neighbours;
-        let seen = seen.as_ref().filter(|_| rays.seen()).map(|near| (self.seen.output(), near));
-        let unseen = self.unseen.as_ref().zip(unseen.as_ref()).filter(|_| rays.unseen());
-        seen.into_iter().chain(unseen.map(|(bundle, near)| (bundle.output(), near)))
+        let seen = self.seen_neighbours.as_ref().filter(|_| rays.seen()).map(|near| (&self.seen.fine, near));
+        let unseen = self.unseen.as_ref().zip(self.unseen_neighbours.as_ref()).filter(|_| rays.unseen());
+        seen.into_iter().chain(unseen)
     }
 
     /// Computes the mean over all rays, given the sum over each bundle with its number of rays; 0 without rays.
@@ -229,6 +170,6 @@ impl Renders {
 
     /// Returns a scalar 0 on the device of the renders.
     pub fn zero(&self) -> Tensor<1> {
-        Tensor::zeros([1], &self.seen.output().acc.device())
+        Tensor::zeros([1], &self.seen.fine.acc.device())
     }
 }

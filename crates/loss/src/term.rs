@@ -2,7 +2,6 @@ use std::fmt::Debug;
 use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
-use infonerf_render::Warp;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Moment, Schedule};
 
@@ -19,8 +18,7 @@ pub trait Term: Debug + Send + Sync {
     }
 }
 
-/// The scheduled weight of a term, implemented by the list of terms. A term of weight 0 is off: nothing is rendered or
-/// computed for it.
+/// Scheduled weight of a term. A term of weight 0 is off: nothing is rendered or computed for it.
 pub trait Weighted {
     /// Returns the weight.
     fn weight(&self) -> &Schedule;
@@ -67,13 +65,11 @@ pub trait TermSpec: Weighted {
     }
 }
 
-/// Scene, warp and device that a term is built for.
+/// Scene and device that a term is built for.
 #[derive(Clone, Copy, Debug)]
 pub struct TermSetup<'a> {
     /// The scene that is learned.
     pub scene: &'a Scene,
-    /// Map from the world into the space of the field.
-    pub warp: &'a Warp,
     /// Device of the field.
     pub device: &'a Device,
 }

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use burn::tensor::{Device, Tensor};
+use infonerf_ops::means::mean_squared_difference;
 use infonerf_ops::{Segments, composite, to_host};
 use infonerf_render::{Passes, RenderOutput, Samples};
 
 use crate::objective::LossConfig;
-use crate::renders::{NeighbourBundles, RenderedBundle, Renders, Target};
+use crate::renders::{Renders, Target};
 use crate::term::Term;
 
 /// The config of every term, all off, with `settings` (TOML) merged in.
@@ -18,11 +19,9 @@ pub fn config(settings: &str) -> LossConfig {
                     mask = { rule = 'acc', threshold = 0.1 } }
         kl = { weight = 0, direction = 'paper', rays = 'all', epsilon = 1e-10 }
         semantic = { weight = 0, every = 10, size = 64, weights = '' }
-        distortion = { weight = 0, rays = 'all' }
-        stereo = { weight = 0, width = 2, outliers = 0.01 }
+        stereo = { weight = 0 }
         opacity_prior = { weight = 0, rays = 'seen' }
-        silhouette = { weight = 0, background = 1, foreground = 1, edge = 0 }
-        mask = { weight = 0 }
+        silhouette = { weight = 0 }
         tv = { weight = 0, views = 0 }
         latent = { weight = 0 }
     "
@@ -97,19 +96,18 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
     let rgb = PIXELS.iter().flatten().map(|c| *c as f32).collect::<Vec<_>>();
     let target = Target {
         rgb: infonerf_ops::upload(rgb, [rays, 3], device),
-        rgba: PIXELS.map(|[r, g, b]| [r as f32, g as f32, b as f32, 1.0]).to_vec(),
-        coverage: vec![1.0; rays],
-        classes: None,
+        on_host: PIXELS.map(|pixel| pixel.map(|c| c as f32)).to_vec(),
         pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
         background: [1.0; 3],
     };
-    let bundle = |coarse, fine, target| RenderedBundle { passes: Passes { coarse, fine }, target };
-    let bundles = bundle(Some(coarse.1), seen.1, Some(target));
+    let seen_color = seen.1.color.clone().unwrap();
     let renders = Renders {
-        squared_error: bundles.squared_error(),
-        seen: bundles,
-        unseen: Some(bundle(None, unseen.1, None)),
-        neighbours: NeighbourBundles { seen: Some(near_seen.1), unseen: Some(near_unseen.1) },
+        squared_error: Some(mean_squared_difference(seen_color, target.rgb.clone())),
+        seen: Passes { coarse: Some(coarse.1), fine: seen.1 },
+        target,
+        unseen: Some(unseen.1),
+        seen_neighbours: Some(near_seen.1),
+        unseen_neighbours: Some(near_unseen.1),
         picture: None,
         penalties: BTreeMap::new(),
     };

@@ -12,14 +12,6 @@ pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tenso
     mask_above(values, measure, threshold).sum()
 }
 
-/// Returns the mean of `values` `[R]`, each times the weight of its class, `[1]`; differentiable in `values`.
-///
-/// - `classes`: class of each value, 0, 1 or 2, `[R]`.
-pub fn mean_by_class(values: Tensor<1>, classes: Tensor<1>, weights: [f32; 3]) -> Tensor<1> {
-    let weigh = |class: usize| classes.clone().equal_elem(class as f32).float() * weights[class];
-    (values * (weigh(0) + weigh(1) + weigh(2))).mean()
-}
-
 /// Replaces those of `values` `[R]` by 0 whose `measure` `[R]`, which has no gradient, does not exceed `threshold`.
 pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     values * measure.detach().greater_elem(threshold).float()
@@ -54,12 +46,6 @@ mod tests {
             let grads = sum.clone().backward();
             assert_eq!(to_host(sum), [12.0]);
             assert_eq!(to_host(a.grad(&grads).unwrap()), [0.0, 0.0, 1.0, 1.0]);
-            let flat = a.clone().flatten(0, 1);
-            let classes = Tensor::from_floats([2.0, 0.0, 1.0, 2.0], &device);
-            let mean = mean_by_class(flat, classes, [0.5, -1.0, 2.0]);
-            let grads = mean.clone().backward();
-            assert_eq!(to_host(mean), [(2.0 + 1.0 - 4.0 + 16.0) / 4.0]);
-            assert_eq!(to_host(a.grad(&grads).unwrap()), [0.5, 0.125, -0.25, 0.5]);
             let [x, y] = [3.0, 5.0].map(|x| Tensor::<1>::from_floats([x], &device).require_grad());
             let sum = weighted_sum(vec![(x.clone(), 1.0), (y.clone(), -2.0)]).unwrap();
             let grads = sum.clone().backward();

@@ -112,7 +112,6 @@ impl CameraRefinement {
         corrected.collect()
     }
 
-    /// Returns the cameras with their focal lengths corrected alone.
     fn refocused(&self, cameras: &[Camera]) -> Vec<Camera> {
         let Some(focal) = &self.focal else { return cameras.to_vec() };
         let factors = to_host(focal.val());

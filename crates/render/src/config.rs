@@ -2,15 +2,14 @@ use infonerf_ops::sampling::LastInterval;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::sampler::Placement;
+use crate::placement::Placement;
 use crate::warp::SpaceChoice;
 
 /// Config of rendering: sampling of rays, compositing, and skipping.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
-    /// Samples per ray: of the coarse pass, or of the single one if `fine_samples` is 0. Pictures are rendered with the
-    /// schedule's value at the last step.
+    /// Samples per ray of the coarse or only pass. Pictures are rendered with the schedule's value at the last step.
     pub samples: Schedule,
     /// Further samples per ray, drawn from the coarse weights (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
@@ -68,8 +67,6 @@ pub struct OccupancyConfig {
     pub decay: f32,
     /// Factor on the resolution for pictures, whose grid is made from the trained field; 1 uses the grid of training.
     pub refine: usize,
-    /// Whether cells that the alpha channel of a training view shows to be background are empty for good.
-    pub carve: bool,
 }
 
 impl Default for RenderConfig {
@@ -94,16 +91,7 @@ impl Default for RenderConfig {
 impl Default for OccupancyConfig {
     /// Returns the values of preset `paper`: no grid.
     fn default() -> Self {
-        Self {
-            enabled: false,
-            resolution: 64,
-            warmup: 500,
-            every: 50,
-            alpha_threshold: 0.01,
-            decay: 0.8,
-            refine: 1,
-            carve: false,
-        }
+        Self { enabled: false, resolution: 64, warmup: 500, every: 50, alpha_threshold: 0.01, decay: 0.8, refine: 1 }
     }
 }
 
@@ -156,8 +144,7 @@ impl RenderConfig {
     /// Returns the keys that are set but have no effect with the others as they are, one line each.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = self.early_stop_transmittance > 0.0 && !self.marches();
-        let [hidden, carve] =
-            [self.hidden_depth > 0.0, self.occupancy.carve].map(|is_set| is_set && !self.occupancy.enabled);
+        let hidden = self.hidden_depth > 0.0 && !self.occupancy.enabled;
         [
             (
                 stop,
@@ -165,7 +152,6 @@ impl RenderConfig {
                     render.placement = \"mid\"",
             ),
             (hidden, "render.hidden_depth has no effect without render.occupancy.enabled"),
-            (carve, "render.occupancy.carve has no effect without render.occupancy.enabled"),
         ]
         .into_iter()
         .filter_map(|(applies, line)| applies.then_some(line))
@@ -179,6 +165,6 @@ impl RenderConfig {
 
     /// Whether a single pass has steps of one length: pictures are then composited front to back and rays stop early.
     pub(crate) fn marches(&self) -> bool {
-        self.placement.rule().marches() && !self.is_hierarchical()
+        self.placement == Placement::Mid && !self.is_hierarchical()
     }
 }

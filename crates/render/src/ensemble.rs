@@ -3,8 +3,9 @@
 use infonerf_field::Field;
 use infonerf_scene::{Camera, View};
 
-use crate::image::{HIT, RenderedImage, render_one};
+use crate::image::render_one;
 use crate::model::TrainedModel;
+use crate::rendered_image::{HIT, RenderedImage};
 use crate::renderer::Renderer;
 
 /// Renders the picture that `camera` sees: of several members their mean.
@@ -77,15 +78,6 @@ mod tests {
             acc: pixels.map(|inside| if inside { 1.0 } else { 0.0 }).collect(),
             counts: Counts::default(),
         }
-    }
-
-    #[test]
-    fn equal_pictures_stay_as_they_are() {
-        let combined = combine(vec![edge(20, 3.0), edge(20, 3.0)]);
-        for (got, want) in combined.rgb.iter().zip(&edge(20, 3.0).rgb) {
-            assert!(got.iter().zip(want).all(|(got, want)| (got - want).abs() < 1e-4), "{got:?} for {want:?}");
-        }
-        assert_eq!(combined.depth, edge(20, 3.0).depth);
     }
 
     #[test]

@@ -2,7 +2,8 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::{to_host, upload};
 
-use crate::RenderedImage;
+use crate::output::{Passes, RenderOutput};
+use crate::rendered_image::RenderedImage;
 
 /// A gain and a bias per training view and channel: exposure and white balance that differ between images of one scene.
 ///
@@ -24,8 +25,7 @@ impl Exposure {
         Self { gain: parameter(1.0), bias: parameter(0.0) }
     }
 
-    /// Shifts gains to a mean of 1 and biases to a mean of 0 over the views, for each channel. Brighter colours with smaller gains
-    /// explain images as well, so that the means would drift.
+    /// Shifts gains to a mean of 1 and biases to a mean of 0 over the views, for each channel: otherwise both would drift.
     #[must_use]
     pub fn centred(self) -> Self {
         let with_mean = |values: Param<Tensor<2>>, mean: f32| {
@@ -56,6 +56,23 @@ impl Exposure {
         let acc = upload(picture.acc.clone(), [rays], &device);
         let exposed = to_host(self.apply(color, acc, background, &vec![view; rays]));
         RenderedImage { rgb: exposed.as_chunks().0.to_vec(), ..picture }
+    }
+}
+
+impl RenderOutput {
+    fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
+        let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
+        Self { color, ..self }
+    }
+}
+
+impl Passes {
+    /// Returns both passes with the exposure of each ray's training view.
+    pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
+        Self {
+            coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
+            fine: self.fine.exposed(exposure, views),
+        }
     }
 }
 

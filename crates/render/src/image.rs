@@ -1,4 +1,3 @@
-use glam::Vec3;
 use infonerf_field::Field;
 use infonerf_ops::{has_host_kernels, to_host};
 use infonerf_scene::{Backdrop, Camera, Ray};
@@ -8,24 +7,8 @@ use crate::fill::filled;
 use crate::march::march;
 use crate::model::TrainedModel;
 use crate::output::{Counts, RenderOutput, RenderRequest};
+use crate::rendered_image::{HIT, RenderedImage};
 use crate::renderer::Renderer;
-
-/// A rendered picture with distances, opacities and sample counts. All row-major.
-#[derive(Clone, Debug)]
-pub struct RenderedImage {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Colour on the background, not clamped; before an unknown one, on the neighbouring pixels.
-    pub rgb: Vec<[f32; 3]>,
-    /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
-    pub depth: Vec<f32>,
-    /// Opacity.
-    pub acc: Vec<f32>,
-    /// Points along rays before and after skipping.
-    pub counts: Counts,
-}
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
@@ -45,7 +28,7 @@ pub(crate) fn render_one<F: Field>(
         let render = |view: usize, camera: &Camera| {
             let picture = render_in_frame(renderer, trained, camera);
             match &trained.model.exposure {
-                Some(exposure) => exposure.expose(picture, renderer.background(), view),
+                Some(exposure) => exposure.expose(picture, renderer.background, view),
                 None => picture,
             }
         };
@@ -72,7 +55,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         acc: Vec::with_capacity(rays.len()),
         counts: Counts::default(),
     };
-    if renderer.sampler().config().marches() {
+    if renderer.sampler.config.marches() {
         let host = trained.model.fine.on_host(trained.at);
         let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
         let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {
@@ -98,11 +81,10 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
 }
 
 impl RenderedImage {
-    /// Puts the picture before the backdrop of `renderer`'s scene. Before an unknown one, pixels of rays that meet nothing show
-    /// what is next to them.
+    /// Puts the picture before the scene's backdrop; before an unknown one, rays that meet nothing show what is next to them.
     fn before(mut self, renderer: &Renderer) -> Self {
-        if renderer.backdrop() == Backdrop::Unknown {
-            let background = renderer.background();
+        if renderer.backdrop == Backdrop::Unknown {
+            let background = renderer.background;
             let own = |(rgb, acc): (&[f32; 3], &f32)| {
                 let [r, g, b] = std::array::from_fn(|channel| rgb[channel] - (1.0 - acc) * background[channel]);
                 [r, g, b, *acc]
@@ -111,13 +93,6 @@ impl RenderedImage {
             self.rgb = filled(&pixels, (self.width as usize, self.height as usize), background);
         }
         self
-    }
-
-    /// Returns the end of the ray of `pixel`, and its direction; `None` if it hits nothing.
-    pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
-        let (width, depth) = (self.width as usize, self.depth[pixel]);
-        let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-        depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
     }
 
     fn append(&mut self, output: &RenderOutput) {
@@ -129,7 +104,6 @@ impl RenderedImage {
         }
     }
 
-    /// Adds a pixel; `depth` is Σ w t.
     fn push(&mut self, rgb: [f32; 3], depth: f32, acc: f32) {
         self.rgb.push(rgb);
         self.depth.push(if acc > HIT { depth / acc } else { f32::INFINITY });
@@ -137,13 +111,10 @@ impl RenderedImage {
     }
 }
 
-/// Opacity from which a ray is said to hit something, for depth.
-pub(crate) const HIT: f32 = 0.5;
-
 #[cfg(test)]
 pub(crate) mod testing {
     use crate::config::{OccupancyConfig, RenderConfig};
-    use crate::sampler::Placement;
+    use crate::placement::Placement;
 
     /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {
@@ -169,7 +140,7 @@ pub(crate) mod testing {
 mod tests {
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
-    use glam::{DMat4, DVec3};
+    use glam::{DMat4, DVec3, Vec3};
     use infonerf_field::{FieldOutput, Points};
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;

@@ -16,7 +16,7 @@ use crate::config::Compositing;
 use crate::model::TrainedModel;
 use crate::output::Counts;
 use crate::renderer::Renderer;
-use crate::sampler::UniformSteps;
+use crate::steps::UniformSteps;
 
 /// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +24,6 @@ pub(crate) struct MarchedRay {
     pub(crate) rgb: [f32; 3],
     /// Σ w t.
     pub(crate) depth: f32,
-    /// Transmittance so far.
     pub(crate) trans: f32,
 }
 
@@ -74,10 +73,10 @@ pub(crate) fn march<F: Field>(
             parts
         }
     };
-    let sampler = renderer.sampler();
-    let total = (rays.len() as f32 * sampler.longest() / sampler.step_length(trained.at)) as u64;
+    let sampler = &renderer.sampler;
+    let total = (rays.len() as f32 * sampler.longest / sampler.step_length(trained.at)) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
-    let background = renderer.background();
+    let background = renderer.background;
     let behind = |mut ray: MarchedRay| {
         ray.rgb.iter_mut().zip(background).for_each(|(value, behind)| *value += ray.trans * behind);
         ray
@@ -112,7 +111,6 @@ fn evaluate<'a, F: Field>(
     values.map(|(sigma, &[r, g, b])| [sigma, r, g, b]).collect()
 }
 
-/// Rays that march side by side.
 struct MarchingRays<'a> {
     renderer: &'a Renderer,
     rays: &'a [Ray],
@@ -123,7 +121,6 @@ struct MarchingRays<'a> {
     evaluated: u64,
 }
 
-/// The next samples of the rays of a part.
 struct MarchRound {
     /// Samples of each ray that has not stopped.
     counts: Vec<usize>,
@@ -136,7 +133,6 @@ struct MarchRound {
 }
 
 impl MarchRound {
-    /// Returns a round with capacity for the samples of `rays` rays.
     fn for_rays(rays: usize) -> Self {
         let samples = ROUND * rays;
         Self {
@@ -156,7 +152,7 @@ impl MarchRound {
 
 impl<'a> MarchingRays<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
-        let (sampler, grid) = (renderer.sampler(), trained.occupancy.as_ref());
+        let (sampler, grid) = (&renderer.sampler, trained.occupancy.as_ref());
         let step = sampler.step_length(trained.at);
         Self {
             renderer,
@@ -171,11 +167,10 @@ impl<'a> MarchingRays<'a> {
         }
     }
 
-    /// Returns the next samples, unless all rays have stopped.
     fn next_round(&mut self) -> Option<MarchRound> {
         let mut round = MarchRound::for_rays(self.active.len());
         let warp = self.renderer.warp();
-        let stop = self.renderer.sampler().config().early_stop_transmittance;
+        let stop = self.renderer.sampler.config.early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
             let Some(steps) = &mut self.steps[index] else { return false };
@@ -198,7 +193,7 @@ impl<'a> MarchingRays<'a> {
 
     /// Composites the samples of a round, of which `values` are σ, r, g, b.
     fn composite(&mut self, round: &MarchRound, values: &[[f32; 4]]) {
-        let config = self.renderer.sampler().config();
+        let config = &self.renderer.sampler.config;
         let mut samples = round.t.iter().zip(&round.delta).zip(values);
         let mut counts = round.counts.iter();
         self.active.retain(|&index| {

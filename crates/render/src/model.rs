@@ -81,8 +81,7 @@ pub struct TrainedModel<F: Field = RadianceField> {
     pub occupancy: Option<OccupancyGrid>,
     /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learned.
     pub at: Moment,
-    /// Map from the scene's frame to that of the cameras that the model was trained with; `None` if these are the
-    /// scene's own.
+    /// Map from the scene's frame to that of the cameras it was trained with; `None` if these are the scene's own.
     pub frame: Option<ModelFrame>,
     /// Residuals that pictures add to what the field shows; `None` for the field alone.
     pub residuals: Option<Arc<Residuals>>,

@@ -8,8 +8,9 @@ use infonerf_scene::Camera;
 use infonerf_schedule::Moment;
 
 use crate::ensemble::combine;
-use crate::image::{RenderedImage, render_one};
+use crate::image::render_one;
 use crate::model::{Model, TrainedModel};
+use crate::rendered_image::RenderedImage;
 use crate::renderer::Renderer;
 use crate::warp::Warp;
 
@@ -72,7 +73,7 @@ mod tests {
 
     use super::*;
     use crate::image::testing::config;
-    use crate::sampler::Placement;
+    use crate::placement::Placement;
     use crate::warp::SpaceChoice;
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).

@@ -1,7 +1,6 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{Segments, upload};
 
-use crate::exposure::Exposure;
 use crate::samples::Samples;
 
 /// Request: outputs to evaluate in addition to opacity and distance.
@@ -9,8 +8,7 @@ use crate::samples::Samples;
 pub struct RenderRequest {
     /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
     pub color: bool,
-    /// Samples behind the optical depth `render.hidden_depth`: skipped in
-    /// training, evaluated for pictures.
+    /// Samples behind the optical depth `render.hidden_depth`: skipped in training, evaluated for pictures.
     pub hidden: bool,
 }
 
@@ -39,13 +37,6 @@ impl RenderOutput {
         &self.samples.segments
     }
 
-    /// Returns the output with the exposure of each ray's training view.
-    fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
-        let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
-        Self { color, ..self }
-    }
-
-    /// Returns the output of rays without samples.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3]) -> Self {
         let (rays, device) = (samples.segments.rays(), samples.distance.device());
         let zeros = Tensor::<1>::zeros([rays], &device);
@@ -71,14 +62,6 @@ pub struct Passes {
 }
 
 impl Passes {
-    /// Returns both passes with the exposure of each ray's training view.
-    pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
-        Self {
-            coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
-            fine: self.fine.exposed(exposure, views),
-        }
-    }
-
     /// Returns the samples of both passes before and after skipping.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts::from(&self.fine.samples);

@@ -9,7 +9,7 @@ use infonerf_ops::{is_gpu, upload, upload_together};
 use infonerf_scene::{PixelAt, Ray};
 
 use crate::noise::{Noise, RandomStream};
-use crate::samples::Samples;
+use crate::samples::{Samples, on};
 use crate::warp::Warp;
 
 /// Batch of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
@@ -17,9 +17,9 @@ use crate::warp::Warp;
 /// The host keeps the rays that it was given, and places samples along them; a GPU places samples along the tensors.
 #[derive(Clone, Debug)]
 pub struct RayBatch {
-    on_host: Arc<[Ray]>,
+    pub(crate) on_host: Arc<[Ray]>,
     /// Near and far of each ray, coordinates of the [`Warp`]; `None` for a ray that misses the scene.
-    ends: Arc<[Option<[f32; 2]>]>,
+    pub(crate) ends: Arc<[Option<[f32; 2]>]>,
     /// `[R, 3]`, scene units. In an autodiff graph if cameras are learned with the field.
     origins: Tensor<2>,
     /// Unit vectors, `[R, 3]`; in a graph likewise.
@@ -27,8 +27,9 @@ pub struct RayBatch {
     /// Radius of each ray's cone at distance 1, `[R]`.
     radii: Tensor<1>,
     pixels: Option<Vec<PixelAt>>,
-    jitter: Option<Noise>,
-    is_tracked: bool,
+    /// Random numbers of the batch; `None` for samples that are evenly spaced.
+    pub(crate) jitter: Option<Noise>,
+    pub(crate) is_tracked: bool,
 }
 
 impl RayBatch {
@@ -55,8 +56,7 @@ impl RayBatch {
         }
     }
 
-    /// Returns the batch with samples jittered by `noise`, of which ray `r` has item `r`. Samples are evenly spaced
-    /// without.
+    /// Returns the batch with samples jittered by `noise`, whose item `r` is of ray `r`; without it they are evenly spaced.
     #[must_use]
     pub fn jittered(self, noise: Noise) -> Self {
         Self { jitter: Some(noise), ..self }
@@ -72,16 +72,10 @@ impl RayBatch {
         Self { pixels: Some(pixels), ..self }
     }
 
-    /// Returns the batch with `origins` and `directions`, `[R, 3]`, that have the same values and are in an autodiff
-    /// graph.
+    /// Returns the batch with `origins` and `directions`, `[R, 3]`, of the same values in an autodiff graph.
     #[must_use]
     pub fn tracked(self, [origins, directions]: [Tensor<2>; 2]) -> Self {
         Self { origins, directions, is_tracked: true, ..self }
-    }
-
-    /// Whether the rays are in an autodiff graph.
-    pub(crate) fn is_tracked(&self) -> bool {
-        self.is_tracked
     }
 
     /// Returns the number of rays `R`.
@@ -99,22 +93,6 @@ impl RayBatch {
         self.pixels.as_deref()
     }
 
-    /// Returns the random numbers of the batch; `None` for samples that are evenly spaced.
-    pub(crate) fn jitter(&self) -> Option<Noise> {
-        self.jitter
-    }
-
-    /// Returns the rays on the host.
-    pub(crate) fn on_host(&self) -> &[Ray] {
-        &self.on_host
-    }
-
-    /// Returns near and far of each ray, coordinates of the warp; `None` for a ray that misses the scene.
-    pub(crate) fn ends(&self) -> &[Option<[f32; 2]>] {
-        &self.ends
-    }
-
-    /// Returns the indices of the rays that meet the scene, in order.
     pub(crate) fn hits(&self) -> impl Iterator<Item = usize> + Clone + '_ {
         self.ends.iter().enumerate().filter_map(|(ray, ends)| ends.map(|_| ray))
     }
@@ -174,14 +152,5 @@ impl RayBatch {
         let position = |ray: &Ray, t: f32| warp.point(ray.at(t)).to_array();
         let positions = rays.flat_map(|(range, ray)| t[range].iter().flat_map(move |&t| position(ray, t))).collect();
         self.points_at(upload(positions, [samples.segments.samples(), 3], device), samples, device)
-    }
-}
-
-/// Returns `tensor` as one of `device`, which differs from its own in tracking gradients at most.
-pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
-    match (tensor.device().is_autodiff(), device.is_autodiff()) {
-        (false, true) => tensor.clone().autodiff(),
-        (true, false) => tensor.clone().inner(),
-        _ => tensor.clone(),
     }
 }

@@ -17,9 +17,9 @@ use crate::warp::Warp;
 /// Renderer of one scene: renders batches of rays.
 #[derive(Clone, Debug)]
 pub struct Renderer {
-    sampler: Sampler,
-    background: [f32; 3],
-    backdrop: Backdrop,
+    pub(crate) sampler: Sampler,
+    pub(crate) background: [f32; 3],
+    pub(crate) backdrop: Backdrop,
 }
 
 /// Bounds the memory of pictures: 256 activations per sample take 64 MiB, half of WebGPU's guaranteed buffer size.
@@ -41,21 +41,8 @@ impl Renderer {
         (SAMPLES_AT_ONCE / self.sampler.max_samples(at).max(1)).max(1)
     }
 
-    /// Returns the renderer before a black background.
     pub(crate) fn on_black(&self) -> Self {
         Self { background: [0.0; 3], backdrop: Backdrop::Colour, ..self.clone() }
-    }
-
-    pub(crate) fn sampler(&self) -> &Sampler {
-        &self.sampler
-    }
-
-    pub(crate) fn background(&self) -> [f32; 3] {
-        self.background
-    }
-
-    pub(crate) fn backdrop(&self) -> Backdrop {
-        self.backdrop
     }
 
     /// Returns the map from the world into the box of fields and occupancy grids.
@@ -63,8 +50,7 @@ impl Renderer {
         self.sampler.warp()
     }
 
-    /// Returns the background colour of a batch. In training before an unknown backdrop it is drawn from `noise` for
-    /// each batch, so that the field learns to be opaque.
+    /// Returns a batch's background: random in training before an unknown backdrop, so that the field learns to be opaque.
     fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
         match (self.backdrop, noise) {
             (Backdrop::Unknown, Some(noise)) => {
@@ -90,17 +76,17 @@ impl Renderer {
         at: Moment,
     ) -> Passes {
         let sampler = &self.sampler;
-        let background = self.behind(rays.jitter());
-        let hidden_depth = if request.hidden { f32::INFINITY } else { sampler.config().hidden_depth() };
+        let background = self.behind(rays.jitter);
+        let hidden_depth = if request.hidden { f32::INFINITY } else { sampler.config.hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
         let evaluate = |field: &F, samples: Samples, points: &Points| {
             self.evaluate(field, samples, points, request, background, at)
         };
-        if sampler.config().marches() {
+        if sampler.config.marches() {
             let placed = sampler.march(rays, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, placed.samples, &placed.points) };
         }
-        let is_hierarchical = sampler.config().is_hierarchical();
+        let is_hierarchical = sampler.config.is_hierarchical();
         if rays.hits().next().is_none() {
             let empty = || RenderOutput::empty(Samples::none(rays.len(), &model.fine.device()), request, background);
             return Passes { coarse: is_hierarchical.then(empty), fine: empty() };
@@ -141,7 +127,7 @@ impl Renderer {
         }
         let sampled = field.evaluate(points, request.color, at);
         let tau = sampled.sigma * samples.delta.clone();
-        let tau = match self.sampler.config().compositing {
+        let tau = match self.sampler.config.compositing {
             Compositing::Exponential => tau,
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };

@@ -24,8 +24,7 @@ pub enum SpaceChoice {
     Content,
 }
 
-/// The greatest coordinate `s` in warped space: about the length of a ray through a bounded scene, so that densities have a
-/// similar scale.
+/// The greatest coordinate `s` in warped space: about that of a bounded scene, so that densities have a similar scale.
 const REACH: f32 = 4.0;
 /// Distances are clamped to this many near depths or radii.
 const HORIZON: f32 = 1e4;
@@ -97,8 +96,7 @@ impl Warp {
         *self == Self::Identity
     }
 
-    /// Returns the distance up to which rays are sampled whatever the scene's far distance; contraction holds any
-    /// distance.
+    /// Returns the distance up to which rays are sampled whatever the scene's far distance, in contraction.
     pub(crate) fn horizon(&self) -> Option<f32> {
         if let Self::Contraction { radius, .. } = self { Some(radius * HORIZON) } else { None }
     }
@@ -159,19 +157,6 @@ impl Warp {
             Self::Contraction { radius, .. } => {
                 let far = (s.clone().neg() + REACH).clamp_min(4.0 / HORIZON).recip() * 4.0;
                 s.clone().mask_where(s.greater_elem(2.0), far) * *radius
-            }
-        }
-    }
-
-    /// Returns the lengths in scene units of intervals at `distance`, `[M]`, whose lengths in the coordinate are
-    /// `delta`: δ dt/ds, the inverse of [`Self::rate`].
-    pub fn lengths(&self, distance: &Tensor<1>, delta: Tensor<1>) -> Tensor<1> {
-        match self {
-            Self::Identity => delta,
-            Self::Ndc { near, .. } => delta * distance.clone().clamp_min(*near).square() / (REACH * near),
-            Self::Contraction { radius, .. } => {
-                let u = distance.clone() / *radius;
-                delta * (u.square() / 4.0).clamp_min(1.0) * *radius
             }
         }
     }
@@ -261,8 +246,7 @@ impl Warp {
     }
 }
 
-/// Returns the radius of the ball about the centre that holds [`SHARE`] of the surface points; at most that of the
-/// cameras, which it is without points.
+/// Returns the radius of the ball that holds [`SHARE`] of the surface points, at most the cameras'; theirs without points.
 fn content_radius(space: &infonerf_scene::Space) -> f32 {
     let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
     let Some(last) = distances.len().checked_sub(1) else { return space.radius };
@@ -270,13 +254,11 @@ fn content_radius(space: &infonerf_scene::Space) -> f32 {
     distance.clamp(1e-3 * space.radius, space.radius)
 }
 
-/// Returns all training cameras, of chosen and other views.
 fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
 }
 
-/// Returns the first camera moved to the mean position and direction of all; none if any faces away from that
-/// direction.
+/// Returns the first camera at the mean position and direction of all; `None` if any faces away from that direction.
 fn mean_camera(scene: &Scene) -> Option<Camera> {
     let first = cameras(scene).next()?;
     let count = cameras(scene).count() as f64;
@@ -342,25 +324,6 @@ mod tests {
                         assert!((derivative - want).abs() < 1e-3, "{warp:?} at {point}: {derivative} for {want}");
                     }
                 }
-            }
-        }
-    }
-
-    /// Short intervals have the lengths that they span, before, within and behind what a warp only scales.
-    #[test]
-    fn lengths_are_in_scene_units() {
-        use burn::tensor::Device;
-        use infonerf_ops::{from_host, to_host};
-
-        const SHORT: f32 = 1e-3;
-        let contraction = Warp::Contraction { centre: Vec3::ZERO, radius: 2.0 };
-        for warp in [Warp::Identity, Warp::of(&forward(), SpaceChoice::Ndc), contraction] {
-            for t in [1.5f32, 3.9, 4.1, 20.0] {
-                let s = warp.coordinate(t);
-                let span = warp.distance(s + 0.5 * SHORT) - warp.distance(s - 0.5 * SHORT);
-                let [t, delta] = [t, SHORT].map(|number| from_host(&[number], 1, &Device::flex()).flatten(0, 1));
-                let length = to_host(warp.lengths(&t, delta))[0];
-                assert!((length / span - 1.0).abs() < 0.02, "{warp:?}: {length} for {span}");
             }
         }
     }

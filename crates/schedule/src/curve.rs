@@ -1,44 +1,38 @@
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::Moment;
-use crate::parse::ScheduleForm;
 
-/// A number as a function of the [`Moment`] of a run. The crate's documentation has its forms and their TOML.
+/// A number as a function of the [`Moment`] of a run. The crate's documentation has its forms and their TOML. Defaults are not
+/// written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "ScheduleForm", into = "ScheduleForm")]
-pub struct Schedule {
-    /// The shape over time.
-    pub curve: Curve,
-    /// Training steps over which the value rises linearly from 0; 0 for none.
-    pub warmup: usize,
-}
-
-/// The shape of a [`Schedule`].
-#[derive(Clone, Debug, PartialEq)]
-pub enum Curve {
+#[serde(
+    remote = "Self",
+    untagged,
+    deny_unknown_fields,
+    expecting = "expected a number, { from, to [, start, end, curve, warmup] }, { from, factor, every [, stairs, warmup] } \
+                 or { steps = [[share, value], ...] [, warmup] }"
+)]
+pub enum Schedule {
     /// One value throughout.
     Constant(f64),
-    /// `from + (to − from)·s`, with `s` rising from 0 to 1 between the shares `start` and `end` of the run.
-    Linear {
+    /// A way from one value to another, with `s` rising from 0 to 1 between the shares `start` and `end` of the run.
+    Ramp {
         /// Value until `start`.
         from: f64,
         /// Value from `end` on.
         to: f64,
         /// Share of the run, in [0, 1].
+        #[serde(default, skip_serializing_if = "is_default")]
         start: f64,
         /// Share of the run, in [start, 1].
+        #[serde(default = "whole", skip_serializing_if = "is_whole")]
         end: f64,
-    },
-    /// `from·(to/from)^s`, with `s` as for [`Curve::Linear`].
-    Exponential {
-        /// Value until `start`, above 0.
-        from: f64,
-        /// Value from `end` on, above 0.
-        to: f64,
-        /// Share of the run, in [0, 1].
-        start: f64,
-        /// Share of the run, in [start, 1].
-        end: f64,
+        /// Shape of the way.
+        #[serde(default, skip_serializing_if = "is_default")]
+        curve: RampShape,
+        /// Training steps over which the value rises linearly from 0; 0 for none.
+        #[serde(default, skip_serializing_if = "is_default")]
+        warmup: usize,
     },
     /// `from·factor^(step/every)`, with the exponent rounded down if `stairs`.
     Decay {
@@ -49,22 +43,118 @@ pub enum Curve {
         /// Training steps, at least 1.
         every: usize,
         /// Whether the value changes every `every` steps only, instead of smoothly.
+        #[serde(default, skip_serializing_if = "is_default")]
         stairs: bool,
+        /// Training steps over which the value rises linearly from 0; 0 for none.
+        #[serde(default, skip_serializing_if = "is_default")]
+        warmup: usize,
     },
-    /// Piecewise constant: the value of the last `(share, value)` whose share of the run has been reached. Shares rise
-    /// from 0.
-    Steps(Vec<(f64, f64)>),
+    /// Piecewise constant: the value of the last `(share, value)` whose share of the run has been reached.
+    Steps {
+        /// Shares of the run, which rise from 0, and values.
+        steps: Vec<(f64, f64)>,
+        /// Training steps over which the value rises linearly from 0; 0 for none.
+        #[serde(default, skip_serializing_if = "is_default")]
+        warmup: usize,
+    },
+}
+
+/// Shape of a [`Schedule::Ramp`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RampShape {
+    /// `from + (to − from)·s`.
+    #[default]
+    Linear,
+    /// `from·(to/from)^s`, both above 0.
+    Exponential,
+}
+
+impl Serialize for Schedule {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Schedule {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let schedule = Self::deserialize(deserializer)?;
+        schedule.validate().map_err(de::Error::custom)?;
+        Ok(schedule)
+    }
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+fn is_whole(share: &f64) -> bool {
+    *share == 1.0
 }
 
 impl Schedule {
     /// Returns a schedule of one value throughout.
     pub const fn constant(value: f64) -> Self {
-        Self { curve: Curve::Constant(value), warmup: 0 }
+        Self::Constant(value)
+    }
+
+    /// Refuses values that are not finite, and shares, factors and periods out of range.
+    fn validate(&self) -> Result<(), String> {
+        let finite = |values: &[f64]| {
+            let found = values.iter().find(|value| !value.is_finite());
+            found.map_or(Ok(()), |value| Err(format!("expected finite numbers, found {value}")))
+        };
+        let unless = |good: bool, message: String| if good { Ok(()) } else { Err(message) };
+        match self {
+            Self::Constant(value) => finite(&[*value]),
+            &Self::Ramp { from, to, start, end, curve, .. } => {
+                finite(&[from, to, start, end])?;
+                let shares = "expected shares of the run 0 <= start <= end <= 1, found";
+                let rising = 0.0 <= start && start <= end && end <= 1.0;
+                unless(rising, format!("{shares} start = {start}, end = {end}"))?;
+                let message = format!("expected from and to above 0 for an exponential curve, found {from} and {to}");
+                unless(curve == RampShape::Linear || from > 0.0 && to > 0.0, message)
+            }
+            &Self::Decay { from, factor, every, .. } => {
+                finite(&[from, factor])?;
+                let message = format!("expected factor above 0 and every of at least 1, found {factor} and {every}");
+                unless(factor > 0.0 && every > 0, message)
+            }
+            Self::Steps { steps, .. } => {
+                steps.iter().try_for_each(|(share, value)| finite(&[*share, *value]))?;
+                let starts = steps.first().is_some_and(|(share, _)| *share == 0.0);
+                let rising = steps.windows(2).all(|pair| pair[0].0 < pair[1].0);
+                let within = steps.last().is_some_and(|(share, _)| *share <= 1.0);
+                let message = "expected steps whose shares of the run begin with 0, rise, and do not exceed 1";
+                unless(starts && rising && within, message.into())
+            }
+        }
     }
 
     /// Returns the value at a moment of the run.
-    pub fn at(&self, moment: Moment) -> f64 {
-        self.curve.at(moment) * self.warm(moment.step)
+    pub fn at(&self, Moment { step, progress }: Moment) -> f64 {
+        let value = match self {
+            Self::Constant(value) => *value,
+            Self::Ramp { from, to, start, end, curve, .. } => match (between(*start, *end, progress), curve) {
+                // Exact at both ends.
+                (s, RampShape::Linear) => from * (1.0 - s) + to * s,
+                (1.0, RampShape::Exponential) => *to,
+                (s, RampShape::Exponential) => from * (to / from).powf(s),
+            },
+            Self::Decay { from, factor, every, stairs, .. } => {
+                let periods = step as f64 / *every as f64;
+                from * factor.powf(if *stairs { periods.floor() } else { periods })
+            }
+            Self::Steps { steps, .. } => {
+                let reached = steps.iter().take_while(|(share, _)| *share <= progress).last();
+                reached.or(steps.first()).map_or(0.0, |(_, value)| *value)
+            }
+        };
+        value * self.warm(step)
     }
 
     /// Returns whether the value is 0 throughout the run.
@@ -74,56 +164,21 @@ impl Schedule {
 
     /// Returns the largest value of a run of any length.
     pub fn largest(&self) -> f64 {
-        let largest = self.curve.extremes().1;
+        let largest = self.extremes().1;
         largest.max(largest * self.warm(0))
     }
 
     /// Returns the least value of a run of any length. A warm-up begins at a share of the curve.
     pub fn least(&self) -> f64 {
-        let least = self.curve.extremes().0;
+        let least = self.extremes().0;
         least.min(least * self.warm(0))
     }
 
-    fn warm(&self, step: usize) -> f64 {
-        if step < self.warmup { (step + 1) as f64 / self.warmup as f64 } else { 1.0 }
-    }
-}
-
-impl From<f64> for Schedule {
-    fn from(value: f64) -> Self {
-        Self::constant(value)
-    }
-}
-
-impl Curve {
-    fn at(&self, Moment { step, progress }: Moment) -> f64 {
-        match self {
-            Self::Constant(value) => *value,
-            Self::Linear { from, to, start, end } => {
-                let s = between(*start, *end, progress);
-                // Exact at both ends.
-                from * (1.0 - s) + to * s
-            }
-            Self::Exponential { from, to, start, end } => match between(*start, *end, progress) {
-                1.0 => *to,
-                s => from * (to / from).powf(s),
-            },
-            Self::Decay { from, factor, every, stairs } => {
-                let periods = step as f64 / *every as f64;
-                from * factor.powf(if *stairs { periods.floor() } else { periods })
-            }
-            Self::Steps(steps) => {
-                let reached = steps.iter().take_while(|(share, _)| *share <= progress).last();
-                reached.or(steps.first()).map_or(0.0, |(_, value)| *value)
-            }
-        }
-    }
-
-    /// Returns the least and the largest value.
+    /// Returns the least and the largest value without a warm-up.
     fn extremes(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
-            Self::Linear { from, to, .. } | Self::Exponential { from, to, .. } => (from.min(*to), from.max(*to)),
+            Self::Ramp { from, to, .. } => (from.min(*to), from.max(*to)),
             Self::Decay { from, factor, .. } => {
                 let last = match *factor {
                     factor if factor < 1.0 || *from == 0.0 => 0.0,
@@ -132,10 +187,25 @@ impl Curve {
                 };
                 (from.min(last), from.max(last))
             }
-            Self::Steps(steps) => steps
+            Self::Steps { steps, .. } => steps
                 .iter()
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, largest), (_, v)| (least.min(*v), largest.max(*v))),
         }
+    }
+
+    /// Returns the share of the value that a warm-up leaves at `step`.
+    fn warm(&self, step: usize) -> f64 {
+        let warmup = match *self {
+            Self::Constant(_) => 0,
+            Self::Ramp { warmup, .. } | Self::Decay { warmup, .. } | Self::Steps { warmup, .. } => warmup,
+        };
+        if step < warmup { (step + 1) as f64 / warmup as f64 } else { 1.0 }
+    }
+}
+
+impl From<f64> for Schedule {
+    fn from(value: f64) -> Self {
+        Self::constant(value)
     }
 }
 
@@ -154,64 +224,86 @@ fn between(start: f64, end: f64, progress: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn at(curve: Curve, progress: f64) -> f64 {
-        curve.at(Moment { step: 0, progress })
+    fn parse(text: &str) -> Result<Schedule, String> {
+        let table: toml::Table = format!("w = {text}").parse().unwrap();
+        table["w"].clone().try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    }
+
+    /// Values at shares of the run, and least and largest ones; every form survives TOML and JSON.
+    #[test]
+    fn values_over_the_run() {
+        let at_shares: [(&str, &[(f64, f64)], (f64, f64)); 10] = [
+            ("3", &[(0.0, 3.0), (1.0, 3.0)], (3.0, 3.0)),
+            ("0.0", &[(0.5, 0.0)], (0.0, 0.0)),
+            (
+                "{ from = 1.0, to = 3.0, start = 0.2, end = 0.6 }",
+                &[(0.0, 1.0), (0.2, 1.0), (0.4, 2.0), (0.6, 3.0), (1.0, 3.0)],
+                (1.0, 3.0),
+            ),
+            ("{ from = 1.0, to = 0.01, curve = \"exponential\" }", &[(0.0, 1.0), (0.5, 0.1), (1.0, 0.01)], (0.01, 1.0)),
+            (
+                "{ from = 0.0, to = 1.0, start = 0.5, end = 0.5 }",
+                &[(0.0, 0.0), (0.499, 0.0), (0.5, 1.0), (1.0, 1.0)],
+                (0.0, 1.0),
+            ),
+            (
+                "{ steps = [[0.0, 4], [0.1, 2], [0.4, 1]] }",
+                &[(0.0, 4.0), (0.09, 4.0), (0.1, 2.0), (0.3, 2.0), (0.4, 1.0), (1.0, 1.0)],
+                (1.0, 4.0),
+            ),
+            ("{ from = 2.0, factor = 0.5, every = 10 }", &[(0.5, 2.0)], (0.0, 2.0)),
+            ("{ from = 2.0, factor = 1.0, every = 10 }", &[], (2.0, 2.0)),
+            ("{ from = -2.0, factor = 2.0, every = 10 }", &[], (f64::NEG_INFINITY, -2.0)),
+            ("{ from = -1.0, to = -1.0, warmup = 4 }", &[(0.0, -0.25)], (-1.0, -0.25)),
+        ];
+        for (text, values, extremes) in at_shares {
+            let schedule = parse(text).unwrap();
+            for (progress, want) in values {
+                let found = schedule.at(Moment { step: 0, progress: *progress });
+                assert!((found - want).abs() < 1e-12, "{text} at {progress}: {found}");
+            }
+            assert_eq!((schedule.least(), schedule.largest()), extremes, "{text}");
+            assert_eq!(schedule.is_zero(), text == "0.0");
+            assert_eq!(toml::Value::try_from(&schedule).unwrap().try_into::<Schedule>().unwrap(), schedule, "{text}");
+            let json = serde_json::to_string(&schedule).unwrap();
+            assert_eq!(serde_json::from_str::<Schedule>(&json).unwrap(), schedule, "{json}");
+        }
     }
 
     #[test]
-    fn linear_and_exponential_keep_their_ends() {
-        let linear = Curve::Linear { from: 1.0, to: 3.0, start: 0.2, end: 0.6 };
-        assert_eq!([0.0, 0.2, 0.6, 1.0].map(|p| at(linear.clone(), p)), [1.0, 1.0, 3.0, 3.0]);
-        assert!((at(linear, 0.4) - 2.0).abs() < 1e-12);
-        let falling = Curve::Exponential { from: 1.0, to: 0.01, start: 0.0, end: 1.0 };
-        assert_eq!([0.0, 1.0].map(|p| at(falling.clone(), p)), [1.0, 0.01]);
-        assert!((at(falling, 0.5) - 0.1).abs() < 1e-12);
+    fn values_by_step() {
+        let warm = "{ from = 2.0, to = 2.0, warmup = 4 }";
+        for (text, values) in [
+            ("{ from = 8.0, factor = 0.5, every = 10, stairs = true }", [(9, 8.0), (10, 4.0), (25, 2.0)]),
+            ("{ from = 8.0, factor = 0.5, every = 10 }", [(0, 8.0), (5, 8.0 * 0.5f64.sqrt()), (usize::MAX, 0.0)]),
+            (warm, [(0, 0.5), (2, 1.5), (9, 2.0)]),
+        ] {
+            for (step, want) in values {
+                let found = parse(text).unwrap().at(Moment { step, progress: 0.0 });
+                assert!((found - want).abs() < 1e-12, "{text} at {step}: {found}");
+            }
+        }
+        assert_eq!(toml::Value::try_from(parse(warm).unwrap()).unwrap().as_table().unwrap().len(), 3, "no defaults");
     }
 
     #[test]
-    fn a_ramp_of_no_length_is_a_step() {
-        let step = Curve::Linear { from: 0.0, to: 1.0, start: 0.5, end: 0.5 };
-        assert_eq!([0.0, 0.499, 0.5, 1.0].map(|p| at(step.clone(), p)), [0.0, 0.0, 1.0, 1.0]);
-    }
-
-    #[test]
-    fn decay_is_smooth_or_in_stairs() {
-        let decay = |stairs, step| {
-            Curve::Decay { from: 8.0, factor: 0.5, every: 10, stairs }.at(Moment { step, progress: 0.0 })
-        };
-        assert_eq!([0, 9, 10, 25].map(|step| decay(true, step)), [8.0, 8.0, 4.0, 2.0]);
-        assert!((decay(false, 5) - 8.0 * 0.5f64.sqrt()).abs() < 1e-12);
-        assert_eq!(Curve::Decay { from: 8.0, factor: 0.5, every: 10, stairs: false }.at(Moment::END), 0.0);
-    }
-
-    #[test]
-    fn steps_hold_until_the_next() {
-        let steps = Curve::Steps(vec![(0.0, 4.0), (0.1, 2.0), (0.4, 1.0)]);
-        assert_eq!([0.0, 0.09, 0.1, 0.3, 0.4, 1.0].map(|p| at(steps.clone(), p)), [4.0, 4.0, 2.0, 2.0, 1.0, 1.0]);
-    }
-
-    #[test]
-    fn warm_up_rises_by_step() {
-        let schedule = Schedule { curve: Curve::Constant(2.0), warmup: 4 };
-        assert_eq!([0, 1, 3, 4, 9].map(|step| schedule.at(Moment { step, progress: 0.0 })), [0.5, 1.0, 2.0, 2.0, 2.0]);
-    }
-
-    #[test]
-    fn zero_and_extremes() {
-        assert!(Schedule::constant(0.0).is_zero());
-        let ramp = Schedule { curve: Curve::Linear { from: 0.0, to: 1.0, start: 0.0, end: 1.0 }, warmup: 0 };
-        assert!(!ramp.is_zero());
-        assert_eq!((ramp.least(), ramp.largest()), (0.0, 1.0));
-        let steps = Schedule { curve: Curve::Steps(vec![(0.0, 3.0), (0.5, 1.0)]), warmup: 0 };
-        assert_eq!((steps.least(), steps.largest()), (1.0, 3.0));
-        let decay =
-            |from, factor| Schedule { curve: Curve::Decay { from, factor, every: 10, stairs: false }, warmup: 0 };
-        let extremes = |schedule: Schedule| (schedule.least(), schedule.largest());
-        assert_eq!(extremes(decay(2.0, 0.5)), (0.0, 2.0));
-        assert_eq!(extremes(decay(2.0, 1.0)), (2.0, 2.0));
-        assert_eq!(extremes(decay(2.0, 2.0)), (2.0, f64::INFINITY));
-        assert_eq!(extremes(decay(-2.0, 2.0)), (f64::NEG_INFINITY, -2.0));
-        assert_eq!(extremes(Schedule { curve: Curve::Constant(64.0), warmup: 100 }), (0.64, 64.0));
-        assert_eq!(extremes(Schedule { curve: Curve::Constant(-1.0), warmup: 4 }), (-1.0, -0.25));
+    fn faults_name_the_expected_forms() {
+        for (text, part) in [
+            ("\"much\"", "expected a number"),
+            ("nan", "finite"),
+            ("{ from = 1.0 }", "expected a number, { from, to"),
+            ("{ from = 1.0, to = inf }", "finite"),
+            ("{ from = 1.0, to = 2.0, factor = 3.0 }", "expected a number, { from, to"),
+            ("{ from = 1.0, to = 2.0, start = 0.5, end = 0.2 }", "start <= end"),
+            ("{ from = 0.0, to = 2.0, curve = \"exponential\" }", "above 0"),
+            ("{ from = 1.0, factor = 0.5, every = 0 }", "at least 1"),
+            ("{ steps = [[0.1, 1]] }", "begin with 0"),
+            ("{ steps = [[0.0, 1], [0.0, 2]] }", "rise"),
+            ("{ from = 1.0, to = 2.0, ends = 2.0 }", "expected a number, { from, to"),
+        ] {
+            let message = parse(text).unwrap_err();
+            assert!(message.contains(part), "{text}: {message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
     }
 }

@@ -29,11 +29,10 @@
 
 mod curve;
 mod fault;
-mod parse;
 
 use serde::{Deserialize, Serialize};
 
-pub use curve::{Curve, Schedule};
+pub use curve::{RampShape, Schedule};
 pub use fault::Fault;
 
 /// A point in time of a training run.

@@ -1,5 +1,6 @@
 //! Checkpoints: written to a temporary folder and renamed, checksummed, the previous one kept.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,7 +15,6 @@ use infonerf_render::{Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::progress::Progress;
 use crate::weight_averaging::WeightAverage;
 
@@ -22,23 +22,16 @@ use crate::weight_averaging::WeightAverage;
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     progress: Progress,
-    model: Vec<u8>,
-    average: Option<Vec<u8>>,
+    /// Number of models in the averaged one.
     averaged: usize,
-    optimizer: Vec<u8>,
-    occupancy: Option<Vec<u8>>,
-    pixel_errors: Option<Vec<u8>>,
+    /// Contents of the files by name.
+    parts: BTreeMap<&'static str, Vec<u8>>,
 }
 
-/// State of a run from which a checkpoint is made.
-pub(crate) struct RunState<'a, F: Field> {
-    pub(crate) progress: &'a Progress,
-    pub(crate) model: &'a Model<F>,
-    pub(crate) average: &'a WeightAverage<F>,
-    pub(crate) optimizer: &'a ModuleOptimizer,
-    pub(crate) occupancy: Option<&'a OccupancyGrid>,
-    pub(crate) pixel_errors: Option<&'a PixelErrors>,
-}
+const MODEL: &str = "model.bpk";
+const AVERAGE: &str = "average.bpk";
+const OPTIMIZER: &str = "optimiser.bpk";
+const OCCUPANCY: &str = "occupancy.bin";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -58,26 +51,31 @@ struct CheckpointFile {
     crc32: u32,
 }
 
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
-    pub(crate) fn take<F: Field>(state: RunState<'_, F>) -> Result<Self, TrainError> {
-        if let Some(value) = not_finite(state.model) {
-            return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: state.progress.step });
+    pub(crate) fn take<F: Field>(
+        progress: &Progress,
+        model: &Model<F>,
+        average: &WeightAverage<F>,
+        optimizer: &ModuleOptimizer,
+        occupancy: Option<&OccupancyGrid>,
+    ) -> Result<Self, TrainError> {
+        if let Some(value) = not_finite(model) {
+            return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
         let bytes =
             |model: &Model<F>| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
-        Ok(Self {
-            progress: state.progress.clone(),
-            model: bytes(state.model)?,
-            average: state.average.mean().map(bytes).transpose()?,
-            averaged: state.average.count(),
-            optimizer: state.optimizer.to_record().into_bytes().map_err(record)?.to_vec(),
-            occupancy: state.occupancy.map(encode_occupancy),
-            pixel_errors: state.pixel_errors.map(PixelErrors::to_bytes),
-        })
+        let parts = [
+            (MODEL, Some(bytes(model)?)),
+            (AVERAGE, average.mean.as_ref().map(bytes).transpose()?),
+            (OPTIMIZER, Some(optimizer.to_record().into_bytes().map_err(record)?.to_vec())),
+            (OCCUPANCY, occupancy.map(encode_occupancy)),
+        ];
+        let parts = parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))).collect();
+        Ok(Self { progress: progress.clone(), averaged: average.count, parts })
     }
 
     /// Returns the progress of the run.
@@ -93,15 +91,8 @@ impl Checkpoint {
         let [current, previous, beside] = paths(run);
         remove(&beside)?;
         fs::create_dir_all(&beside).map_err(|error| TrainError::file(&beside, error))?;
-        let parts = [
-            ("model.bpk", Some(&self.model)),
-            ("average.bpk", self.average.as_ref()),
-            ("optimiser.bpk", Some(&self.optimizer)),
-            ("occupancy.bin", self.occupancy.as_ref()),
-            ("pixel_errors.bin", self.pixel_errors.as_ref()),
-        ];
         let mut files = Vec::new();
-        for (name, bytes) in parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))) {
+        for (&name, bytes) in &self.parts {
             write(&beside.join(name), bytes)?;
             files.push(CheckpointFile {
                 name: name.to_owned(),
@@ -146,8 +137,9 @@ impl Checkpoint {
             let cause = format!("version: expected {VERSION}, found {}", manifest.version);
             return Err(TrainError::file(&path, cause));
         }
-        let part = |name: &str| -> Result<Option<Vec<u8>>, TrainError> {
-            let Some(part) = manifest.files.iter().find(|part| part.name == name) else { return Ok(None) };
+        let mut parts = BTreeMap::new();
+        for name in [MODEL, AVERAGE, OPTIMIZER, OCCUPANCY] {
+            let Some(part) = manifest.files.iter().find(|part| part.name == name) else { continue };
             let path = folder.join(name);
             let bytes = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
             if bytes.len() as u64 != part.bytes || crc32fast::hash(&bytes) != part.crc32 {
@@ -155,20 +147,12 @@ impl Checkpoint {
                     format!("expected {} bytes with checksum {:08x}: the file is damaged", part.bytes, part.crc32);
                 return Err(TrainError::file(&path, cause));
             }
-            Ok(Some(bytes))
-        };
-        let needed = |name: &str| {
-            part(name)?.ok_or_else(|| TrainError::file(&path, format!("files: expected an entry for `{name}`")))
-        };
-        Ok(Self {
-            model: needed("model.bpk")?,
-            average: part("average.bpk")?,
-            averaged: manifest.averaged,
-            optimizer: needed("optimiser.bpk")?,
-            occupancy: part("occupancy.bin")?,
-            pixel_errors: part("pixel_errors.bin")?,
-            progress: manifest.progress,
-        })
+            parts.insert(name, bytes);
+        }
+        if let Some(name) = [MODEL, OPTIMIZER].into_iter().find(|name| !parts.contains_key(name)) {
+            return Err(TrainError::file(&path, format!("files: expected an entry for `{name}`")));
+        }
+        Ok(Self { progress: manifest.progress, averaged: manifest.averaged, parts })
     }
 
     /// Puts the trained weights into a model of the same config.
@@ -176,26 +160,18 @@ impl Checkpoint {
     /// # Errors
     /// If the model is of another shape.
     pub fn restore_model<F: Field>(&self, model: Model<F>) -> Result<Model<F>, TrainError> {
-        load(model, &self.model)
+        load(model, &self.parts[MODEL])
     }
 
-    /// Returns the averaged weights in a model of the same config.
     pub(crate) fn restore_average<F: Field>(&self, model: &Model<F>) -> Result<WeightAverage<F>, TrainError> {
-        let mean = self.average.as_ref().map(|bytes| load(model.clone(), bytes)).transpose()?;
-        Ok(WeightAverage::restored(mean, self.averaged))
+        let mean = self.parts.get(AVERAGE).map(|bytes| load(model.clone(), bytes)).transpose()?;
+        Ok(WeightAverage { mean, count: self.averaged })
     }
 
     pub(crate) fn restore_optimizer(&self, optimizer: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
-        let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.optimizer.clone()))
+        let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.parts[OPTIMIZER].clone()))
             .map_err(|error| TrainError::Config(format!("checkpoint: {error}")))?;
         Ok(optimizer.load_record(record))
-    }
-
-    /// Returns the errors of training pixels.
-    pub(crate) fn restore_pixel_errors(&self) -> Result<PixelErrors, TrainError> {
-        let Some(bytes) = &self.pixel_errors else { return Ok(PixelErrors::default()) };
-        let fault = "checkpoint: pixel_errors.bin: expected numbers of four bytes";
-        PixelErrors::from_bytes(bytes).ok_or_else(|| TrainError::Config(fault.into()))
     }
 
     /// Puts the occupancy back into a grid of the same config.
@@ -203,7 +179,7 @@ impl Checkpoint {
     /// # Errors
     /// If the grid is of another size.
     pub fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
-        let Some(bytes) = &self.occupancy else { return Ok(()) };
+        let Some(bytes) = self.parts.get(OCCUPANCY) else { return Ok(()) };
         let (asked_before, cells) = bytes.split_first().map_or((false, &[][..]), |(&first, cells)| (first != 0, cells));
         let (density, occupied) = cells.split_at(cells.len() / 5 * 4);
         let density = density.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();

@@ -35,8 +35,7 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Memb
     trainers.iter_mut().zip(taken).map(count).collect()
 }
 
-/// Splits off the fields that went empty, unless all did: returns the fields that pictures are made of, and how many are left
-/// out.
+/// Returns the fields that did not go empty, or all if all did, and how many are left out.
 pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>>, usize) {
     let (collapsed, good): (Vec<_>, Vec<_>) = trainers.into_iter().partition(Trainer::has_collapsed);
     if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }

@@ -36,7 +36,6 @@ impl TestView {
         self.opacity() < EMPTY_PICTURE
     }
 
-    /// Returns the mean opacity of the picture.
     fn opacity(&self) -> f32 {
         self.image.acc.iter().sum::<f32>() / self.image.acc.len() as f32
     }
@@ -60,8 +59,7 @@ pub struct Evaluated {
     pub seconds_per_image: f64,
     /// Mean opacity of the pictures.
     pub opacity: f64,
-    /// Whether all pictures are empty: of a field so faint that nothing of it is left, though training went on to the
-    /// end.
+    /// Whether all pictures are empty: the field is so faint that nothing of it is left.
     pub shows_nothing: bool,
 }
 

@@ -27,11 +27,6 @@ pub enum Event {
         /// Share of candidate samples that a field evaluated, in this step.
         evaluated: f64,
     },
-    /// Early stopping: the training error has plateaued, and the run ends before its time.
-    Plateau {
-        /// Step at which it happened.
-        step: usize,
-    },
     /// The field went empty.
     Collapse {
         /// Step at which it happened.

@@ -2,14 +2,12 @@
 
 use std::sync::Arc;
 
-use infonerf_loss::is_foreground;
 use infonerf_ops::random::permuted;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
-use crate::error_sampling::PixelErrors;
 use crate::pixels::{Pixels, central_half, crop};
 
 /// Pixels of training images, with what they show.
@@ -17,14 +15,8 @@ use crate::pixels::{Pixels, central_half, crop};
 pub struct SeenPixels {
     /// The pixels.
     pub pixels: Pixels,
-    /// Colour and alpha of each pixel.
-    pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels around each pixel that do not show the background.
-    pub coverage: Vec<f32>,
-    /// Index of each pixel among all pixels of the training images, for error-driven sampling.
-    pub indices: Vec<usize>,
-    /// Draws that were passed over because the pixel is well fitted.
-    pub rejected: u64,
+    /// Colour of each pixel.
+    pub rgb: Vec<[f32; 3]>,
 }
 
 /// The training images of a scene at every size that a run uses.
@@ -42,10 +34,8 @@ pub(crate) struct Images {
     factor: u32,
     width: u32,
     height: u32,
-    /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
-    rgba: Vec<Vec<[f32; 4]>>,
-    /// Share of the 3 × 3 pixels around each that do not show the background, of each view.
-    coverage: Vec<Vec<f32>>,
+    /// Colour of each pixel of each view.
+    rgb: Vec<Vec<[f32; 3]>>,
     /// The pixels that can be drawn, where these are not all.
     valid: Option<ValidPixels>,
 }
@@ -106,12 +96,11 @@ impl TrainingImages {
             .filter_map(|factor| {
                 let (width, height) = (width / factor, height / factor);
                 let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
-                let rgba: Vec<_> = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
-                let coverage = rgba.iter().map(|pixels| coverage(pixels, width, scene.background)).collect();
-                Some(Images { factor, width, height, rgba, coverage, valid })
+                let rgb = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
+                Some(Images { factor, width, height, rgb, valid })
             })
             .collect();
-        assert!(sizes.first().is_some_and(Images::is_full_size), "every training view has a valid pixel");
+        assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
     }
 
@@ -121,17 +110,10 @@ impl TrainingImages {
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
     }
 
-    /// Draws `rays` pixels for the step at `at`; fewer of well-fitted ones, if `config` asks for that.
-    pub(crate) fn draw(
-        &self,
-        config: &TrainConfig,
-        rays: usize,
-        at: Moment,
-        noise: Noise,
-        errors: &PixelErrors,
-    ) -> SeenPixels {
+    /// Draws `rays` pixels for the step at `at`.
+    pub(crate) fn draw(&self, config: &TrainConfig, rays: usize, at: Moment, noise: Noise) -> SeenPixels {
         let images = self.at(config, at);
-        let (indices, rejected) = images.indices(config, rays, at.step, noise, errors);
+        let indices = images.indices(config, rays, at.step, noise);
         let (stride, area) = (images.width as usize, images.area());
         let scale = images.pixel_width();
         let position = |&index: &usize| {
@@ -139,9 +121,8 @@ impl TrainingImages {
             PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
-        let rgba = indices.iter().map(|index| images.rgba[index / area][index % area]).collect();
-        let coverage = indices.iter().map(|index| images.coverage[index / area][index % area]).collect();
-        SeenPixels { pixels, rgba, coverage, indices, rejected }
+        let rgb = indices.iter().map(|index| images.rgb[index / area][index % area]).collect();
+        SeenPixels { pixels, rgb }
     }
 }
 
@@ -151,62 +132,34 @@ impl Images {
         self.factor as f32
     }
 
-    /// Whether the images have the full size.
-    pub(crate) fn is_full_size(&self) -> bool {
-        self.factor == 1
-    }
-
-    /// Returns the factor by which the images are smaller than at full size, and the number of pixels of all views.
-    pub(crate) fn size(&self) -> (u32, usize) {
-        (self.factor, self.area() * self.rgba.len())
-    }
-
     fn area(&self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Draws the indices of `rays` pixels; also returns how many draws were rejected.
-    fn indices(
-        &self,
-        config: &TrainConfig,
-        rays: usize,
-        step: usize,
-        noise: Noise,
-        errors: &PixelErrors,
-    ) -> (Vec<usize>, u64) {
+    /// Draws the indices of `rays` pixels among all pixels of the training images.
+    fn indices(&self, config: &TrainConfig, rays: usize, step: usize, noise: Noise) -> Vec<usize> {
         let ((left, columns), (top, rows)) = (crop(config, step, self.width), crop(config, step, self.height));
         let (stride, area) = (self.width as usize, self.area());
-        let [view, column, row, acceptance] =
-            [RandomStream::View, RandomStream::Column, RandomStream::Row, RandomStream::Acceptance]
-                .map(|stream| noise.child(stream));
-        let sampling = config.error_sampling.is_on().then_some(&config.error_sampling);
+        let [view, column, row] =
+            [RandomStream::View, RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
         let drawable = self.valid.as_ref().map(|valid| match step < config.precrop_steps {
             true => valid.central.as_slice(),
             false => valid.whole.as_slice(),
         });
         match config.batch {
             Batch::Pixels => {
-                let draw = |ray: usize, k: usize| {
+                let draw = |ray: usize| {
                     if let Some(drawable) = drawable {
-                        return drawable[row.below(ray, k, drawable.len())] as usize;
+                        return drawable[row.below(ray, 0, drawable.len())] as usize;
                     }
-                    let x = left as usize + column.below(ray, k, columns as usize);
-                    let y = top as usize + row.below(ray, k, rows as usize);
-                    view.below(ray, k, self.rgba.len()) * area + y * stride + x
+                    let x = left as usize + column.below(ray, 0, columns as usize);
+                    let y = top as usize + row.below(ray, 0, rows as usize);
+                    view.below(ray, 0, self.rgb.len()) * area + y * stride + x
                 };
-                let mut rejected = 0;
-                let choose = |ray| match sampling {
-                    None => draw(ray, 0),
-                    Some(sampling) => {
-                        let (index, passed) = errors.choose(sampling, ray, acceptance, |k| draw(ray, k));
-                        rejected += passed as u64;
-                        index
-                    }
-                };
-                ((0..rays).map(choose).collect(), rejected)
+                (0..rays).map(draw).collect()
             }
             Batch::Image | Batch::HeldOut => {
-                let image = view.below(0, 0, self.rgba.len());
+                let image = view.below(0, 0, self.rgb.len());
                 let drawable = drawable.map(|all| {
                     let before = |end: usize| all.partition_point(|&index| (index as usize) < end);
                     &all[before(image * area)..before((image + 1) * area)]
@@ -219,50 +172,25 @@ impl Images {
                         image * area + y as usize * stride + x as usize
                     }
                 };
-                let candidates = if sampling.is_some() { PixelErrors::DRAWS * rays } else { rays };
-                let drawn: Vec<usize> =
-                    (0..candidates.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect();
-                match sampling {
-                    None => (drawn, 0),
-                    Some(sampling) => errors.among(sampling, acceptance, &drawn, rays.min(pixels)),
-                }
+                (0..rays.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect()
             }
         }
     }
 }
 
 /// Takes means over squares of `factor` × `factor` pixels; the rest at the right and lower edges is cut off.
-fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
+fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 3]> {
     let share = 1.0 / (factor * factor) as f32;
     let square = |x: u32, y: u32| {
-        let mut sum = [0.0; 4];
+        let mut sum = [0.0; 3];
         for (dx, dy) in (0..factor).flat_map(|dy| (0..factor).map(move |dx| (dx, dy))) {
             let at = ((y * factor + dy) * image.width + x * factor + dx) as usize;
-            let [red, green, blue] = image.rgb[at];
-            let alpha = image.alpha.as_ref().map_or(1.0, |alpha| alpha[at]);
-            for (sum, value) in sum.iter_mut().zip([red, green, blue, alpha]) {
-                *sum += value * share;
-            }
+            sum.iter_mut().zip(image.rgb[at]).for_each(|(sum, value)| *sum += value * share);
         }
         sum
     };
     let (width, height) = (image.width / factor, image.height / factor);
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
-}
-
-/// Returns, for each pixel, the share of the 3 × 3 pixels around it, less at the border of the image, that do not show
-/// `background`: 0 in the open, 1 within an object, between the two at its edge, whose pixels are mixtures.
-fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
-    let (width, height) = (width as usize, rgba.len() / width as usize);
-    let foreground: Vec<bool> = rgba.iter().map(|&pixel| is_foreground(pixel, background)).collect();
-    let share = |x: usize, y: usize| {
-        let columns = x.saturating_sub(1)..(x + 2).min(width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        let area = (columns.len() * rows.len()) as f32;
-        let shown = rows.flat_map(|y| columns.clone().map(move |x| (x, y))).filter(|(x, y)| foreground[y * width + x]);
-        shown.count() as f32 / area
-    };
-    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| share(x, y)).collect()
 }
 
 #[cfg(test)]
@@ -273,16 +201,6 @@ mod tests {
     use crate::pixels::tests::two_views;
     use crate::pixels::{UnseenViews, rotation};
     use crate::{Config, Preset};
-
-    #[test]
-    fn coverage_falls_at_the_edge_of_an_object() {
-        let (white, red) = ([1.0; 4], [1.0, 0.0, 0.0, 1.0]);
-        let columns = [white, red, red, red, white, white];
-        let rgba: Vec<[f32; 4]> = (0..3).flat_map(|_| columns).collect();
-        let found = coverage(&rgba, 6, [1.0; 3]);
-        let want = [1.0 / 2.0, 2.0 / 3.0, 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0];
-        assert_eq!(found, want.repeat(3));
-    }
 
     /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]
@@ -303,7 +221,7 @@ mod tests {
             for step in 0..60 {
                 let at = Moment { step, progress: if step % 2 == 0 { 0.0 } else { 1.0 } };
                 let noise = Noise::new(0, step as u64, RandomStream::SeenRays);
-                let seen = images.draw(&config, 20, at, noise, &PixelErrors::default());
+                let seen = images.draw(&config, 20, at, noise);
                 let half = seen.pixels.width / 2.0;
                 for PixelAt { view, x, y } in seen.pixels.at {
                     let corners = [(x - half, y - half), (x + half - 1.0, y + half - 1.0)];
@@ -332,7 +250,7 @@ mod tests {
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
-            let seen = images.draw(&config, 8, at, noise, &PixelErrors::default()).pixels;
+            let seen = images.draw(&config, 8, at, noise).pixels;
             let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
             for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
                 let ratio = ray.radius / centre;

@@ -1,6 +1,5 @@
 //! Entropy and information gain along test rays (the paper's Figure A).
 
-use glam::DVec3;
 use infonerf_field::Field;
 use infonerf_loss::LossConfig;
 use infonerf_ops::to_host;
@@ -49,43 +48,33 @@ pub fn information<F: Field>(
     scene: &Scene,
     query: InformationQuery<'_>,
 ) -> Option<Information> {
-    let InformationQuery { loss, neighbours, rays: count, .. } = query;
+    let InformationQuery { loss, neighbours, rays: count, seed } = query;
     if count == 0 || scene.test.is_empty() {
         return None;
     }
     let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
     let centre = neighbours.about.of(&ViewRegion::new(&cameras));
+    let noise = Noise::new(seed, 0, RandomStream::InformationRays);
+    let pair = |i: usize| {
+        let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);
+        let mut rng = generator(Noise::new(seed, i as u64, RandomStream::InformationNeighbours));
+        let near = near_pose_about(&camera.to_world, centre, &mut rng, neighbours.max_angle_deg);
+        let (x, y) = (noise.uniform(i, 1) * camera.width as f32, noise.uniform(i, 2) * camera.height as f32);
+        (camera.ray(x, y), camera.with_pose(near).ray(x, y))
+    };
     let (mut entropy_sum, mut gain_sum) = (0.0, 0.0);
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
     let chunk = renderer.rays_at_once(trained.at);
     for start in (0..count).step_by(chunk) {
-        let pairs = (start..(start + chunk).min(count)).map(|i| pair(trained, scene, &query, centre, i));
-        let (rays, near): (Vec<Ray>, Vec<Ray>) = pairs.unzip();
+        let (rays, near): (Vec<Ray>, Vec<Ray>) = (start..(start + chunk).min(count)).map(pair).unzip();
         let request = RenderRequest { color: false, hidden: false };
         let occupancy = trained.occupancy.as_ref();
         let device = trained.model.fine.device();
         let [rays, near] = [rays, near].map(|rays| renderer.rays(rays, &device));
         let output = renderer.render(&trained.model, &rays, request, occupancy, trained.at).fine;
         let near = renderer.along(&trained.model.fine, &output, &near, trained.at);
-        entropy_sum += sum(to_host(loss.ray_entropy(&output)));
-        gain_sum += sum(to_host(loss.information_gain(&output, &near)));
+        entropy_sum += sum(to_host(loss.entropy.of_rays(&output)));
+        gain_sum += sum(to_host(loss.kl.of_rays(&output, &near)));
     }
     Some(Information { entropy_bits: entropy_sum / count as f64, gain: gain_sum / count as f64 })
-}
-
-/// Returns the `i`th ray, and its neighbour.
-fn pair<F: Field>(
-    trained: &TrainedModel<F>,
-    scene: &Scene,
-    query: &InformationQuery<'_>,
-    centre: DVec3,
-    i: usize,
-) -> (Ray, Ray) {
-    let noise = Noise::new(query.seed, 0, RandomStream::InformationRays);
-    let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);
-    let mut rng = generator(Noise::new(query.seed, i as u64, RandomStream::InformationNeighbours));
-    let near = near_pose_about(&camera.to_world, centre, &mut rng, query.neighbours.max_angle_deg);
-    let x = noise.uniform(i, 1) * camera.width as f32;
-    let y = noise.uniform(i, 2) * camera.height as f32;
-    (camera.ray(x, y), camera.with_pose(near).ray(x, y))
 }

@@ -1,4 +1,4 @@
-//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events, early stopping,
+//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events,
 //! ensembles and evaluation on test views.
 //!
 //! ```text
@@ -6,12 +6,9 @@
 //! ```
 
 mod checkpoint;
-mod collapse;
 pub mod config;
-mod early_stopping;
 mod ensemble;
 mod error;
-mod error_sampling;
 mod evaluate;
 mod event;
 mod images;
@@ -28,9 +25,7 @@ mod training_scene;
 mod weight_averaging;
 
 pub use checkpoint::Checkpoint;
-pub use collapse::EmptySteps;
 pub use config::{Config, Preset};
-pub use early_stopping::EarlyStopping;
 pub use ensemble::{MemberStep, member_seed, step_side_by_side, without_collapsed};
 pub use error::TrainError;
 pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};

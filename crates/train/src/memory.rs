@@ -9,7 +9,6 @@ use sysinfo::{CGroupLimits, MemoryRefreshKind, ProcessRefreshKind, ProcessesToUp
 use crate::config::Config;
 use crate::model::sees_images;
 
-/// Bytes of an `f32`.
 const FLOAT: u64 = 4;
 /// Floats that a field keeps per parameter: itself and Adam's two moments.
 const KEPT: u64 = 3;
@@ -17,8 +16,8 @@ const KEPT: u64 = 3;
 const OF_STEP: u64 = 2;
 /// Floats of a pixel as it is loaded: RGB and alpha.
 const LOADED: u64 = 4;
-/// Floats of a pixel as batches are drawn from: RGBA and coverage.
-const DRAWN: f64 = 5.0;
+/// Floats of a pixel as batches are drawn from: RGB.
+const DRAWN: f64 = 3.0;
 /// Floats of a pixel as an image-conditioned field takes it: RGB.
 const SEEN: u64 = 3;
 /// Bytes of a cell of an occupancy grid: its density, and two flags.
@@ -44,9 +43,8 @@ impl MemoryPlan {
         let copies = fields * (KEPT + averaged) + side_by_side * OF_STEP;
         let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
         let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
-        let errors = if config.train.error_sampling.is_on() { fields } else { 0 };
         let seen = if sees_images(&config.field) { SEEN } else { 0 };
-        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + errors + seen);
+        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + seen);
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
@@ -117,8 +115,7 @@ pub fn available_memory() -> Option<u64> {
     least(system.available_memory(), group)
 }
 
-/// Returns the minimum of what is free on the machine, 0 if unknown, and what the control group may still take. Its
-/// page cache counts as free.
+/// Returns the minimum of what is free on the machine, 0 if unknown, and what its control group may still take.
 fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
     let machine = Some(machine).filter(|&bytes| bytes > 0);
     let group = group.map(|group| group.total_memory.saturating_sub(group.rss));
@@ -176,8 +173,8 @@ mod tests {
         let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
         let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 6;
-        // Four training views: as loaded, RGBA and coverage at full size and at half of it.
-        let images = 64 * (4 * (4 + 6) + 4) * 4;
+        // Four training views: as loaded, RGB at full size and at half of it.
+        let images = 64 * (4 * (4 + 3) + 4) * 4;
         let plan = plan(&with(&[]));
         assert_eq!(plan.total(), field + images);
         assert!(plan.check(plan.total()).is_ok());

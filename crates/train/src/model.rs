@@ -1,6 +1,5 @@
 //! Builds the model that a config describes, with its initial weights, and its optimizer.
 
-use std::fmt;
 use std::sync::Arc;
 
 use burn::lr_scheduler::module_lr_scheduler::{ModuleLearningRate, ModuleLrScheduler};
@@ -9,8 +8,8 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{BodyVertices, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField, SourceImages};
 use infonerf_ops::adam::Adam;
-use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
-use infonerf_scene::{self as scene, Aabb, Scene};
+use infonerf_render::{CameraRefinement, Exposure, Model, Pivot, Warp};
+use infonerf_scene::{Aabb, Scene};
 use infonerf_schedule::{Fault, Moment};
 
 use crate::checkpoint::Checkpoint;
@@ -28,16 +27,11 @@ pub(crate) struct FieldBuilder<F> {
     sees_images: bool,
 }
 
-impl<F> fmt::Debug for FieldBuilder<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("FieldBuilder").finish_non_exhaustive()
-    }
-}
-
 impl FieldBuilder<RadianceField> {
-    /// Fields as `config` describes them, for a scene within `bounds` that may be of a `body`.
-    pub(crate) fn configured(config: &Config, bounds: Aabb, body: Option<scene::Body>) -> Self {
-        let bounds = [bounds.min.to_array(), bounds.max.to_array()];
+    /// Fields as `config` describes them for a scene.
+    pub(crate) fn configured(config: &Config, scene: &Scene) -> Self {
+        let Aabb { min, max } = field_bounds(config, scene);
+        let (bounds, body) = ([min.to_array(), max.to_array()], scene.space.body.clone());
         let vertices: Vec<[f32; 3]> = body.iter().flat_map(|body| &body.vertices).map(|v| v.to_array()).collect();
         let build = |config: FieldConfig| -> Arc<Build<RadianceField>> {
             let (body, vertices) = (body.clone(), vertices.clone());
@@ -59,13 +53,11 @@ impl FieldBuilder<RadianceField> {
 }
 
 impl<F: Field> FieldBuilder<F> {
-    /// Fields that `build` makes of a seed and a device.
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
         let build: Arc<Build<F>> = Arc::new(move |seed: u64, device: &Device| Ok(build(seed, device)));
         Self { build_coarse: Some(build.clone()), build, sees_images: true }
     }
 
-    /// Whether the fields may be conditioned on images.
     pub(crate) fn sees_images(&self) -> bool {
         self.sees_images
     }
@@ -92,6 +84,11 @@ impl<F: Field> FieldBuilder<F> {
 /// Whether a field of this config is conditioned on photographs: on those that a step chooses, or always on the first.
 pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.traits().sources != SourceImages::None
+}
+
+/// Returns the box that a field of `scene` is made for.
+pub(crate) fn field_bounds(config: &Config, scene: &Scene) -> Aabb {
+    Warp::of(scene, config.render.space).bounds(scene)
 }
 
 /// Returns `model` with the weights of the run in `train.init`, if one is named.

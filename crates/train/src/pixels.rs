@@ -42,14 +42,12 @@ impl Pixels {
         self.seen_by(self.cameras.iter().map(turned).collect()).rays()
     }
 
-    /// Returns the same pixels, seen by other `cameras`.
     pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
         Self { cameras, ..self.clone() }
     }
 }
 
-/// Returns the columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps`
-/// they are the central half.
+/// Returns the first and the number of columns (or rows) that are drawn from: the central half until `train.precrop_steps`.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { central_half(size) } else { (0, size) }
 }
@@ -118,7 +116,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::config::{Config, Preset, RotationCentre};
 
-    /// Two views of 16 pixels.
     pub(crate) fn two_views() -> Scene {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count: 2 },

@@ -61,12 +61,17 @@ impl Profile {
     pub(crate) fn time<T>(&mut self, phase: Phase, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
+        self.book(phase, start);
+        result
+    }
+
+    /// Books the time since `start` under `phase`.
+    pub(crate) fn book(&mut self, phase: Phase, start: Instant) {
         if let Some(device) = &self.waits_for {
             // What goes wrong on the device is reported where its results are read.
             let _ = device.sync();
         }
         self.spent[phase as usize] += start.elapsed();
-        result
     }
 
     /// Returns the time booked under `phase`.
@@ -74,7 +79,6 @@ impl Profile {
         self.spent[phase as usize]
     }
 
-    /// Adds the traffic since `before`.
     pub(crate) fn count_since(&mut self, before: Traffic) {
         self.traffic = self.traffic + (Traffic::now() - before);
     }

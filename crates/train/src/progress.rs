@@ -2,8 +2,10 @@ use infonerf_render::Counts;
 use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
-use crate::collapse::EmptySteps;
-use crate::early_stopping::EarlyStopping;
+/// A field is empty whose seen rays have less opacity than this share of the pixels that show something ...
+const EMPTY: f32 = 0.01;
+/// ... and has collapsed if it stays so for this many steps while any more than as large a share of the pixels does.
+const COLLAPSE: usize = 50;
 
 /// Progress of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,20 +26,27 @@ pub struct Progress {
     /// Running mean of the number of evaluated samples along a seen ray.
     pub samples_per_ray: f64,
     /// Steps in a row in which the field was empty.
-    pub empty_steps: EmptySteps,
-    /// Draws of training pixels that were rejected because the pixel is well fitted.
-    pub pixels_skipped: u64,
-    /// State of early stopping.
-    pub early_stopping: EarlyStopping,
+    pub empty_steps: usize,
 }
 
 impl Progress {
-    /// Adds the samples of a step.
     pub(crate) fn count(&mut self, counts: Counts, samples_per_ray: f64) {
         self.samples_total += counts.total;
         self.samples_evaluated += counts.evaluated;
         let before = if self.samples_per_ray > 0.0 { self.samples_per_ray } else { samples_per_ray };
         self.samples_per_ray = (0.9 * before + 0.1 * samples_per_ray).max(1.0);
+    }
+
+    /// Counts a step whose seen rays have mean opacity `acc`, and of whose pixels a share of `foreground` shows something.
+    /// Returns whether the field has collapsed.
+    pub(crate) fn count_opacity(&mut self, acc: f32, foreground: f32) -> bool {
+        let is_empty = acc < EMPTY * foreground && foreground > EMPTY;
+        self.empty_steps = if is_empty { self.empty_steps + 1 } else { 0 };
+        self.has_collapsed()
+    }
+
+    pub(crate) fn has_collapsed(&self) -> bool {
+        self.empty_steps >= COLLAPSE
     }
 
     /// Returns the progress after a fresh start: nothing is known of the new field.
@@ -47,8 +56,7 @@ impl Progress {
             at: Moment::START,
             restarts: self.restarts + 1,
             samples_per_ray: 0.0,
-            empty_steps: EmptySteps::default(),
-            early_stopping: EarlyStopping::default(),
+            empty_steps: 0,
             ..self.clone()
         }
     }
@@ -65,5 +73,14 @@ mod tests {
         let restarted = progress.restarted();
         assert_eq!((restarted.step, restarted.samples_per_ray, restarted.restarts), (0, 0.0, 1));
         assert_eq!((restarted.seconds, restarted.samples_evaluated), (3.0, 40));
+    }
+
+    #[test]
+    fn fifty_empty_steps_are_a_collapse() {
+        let mut progress = Progress::default();
+        assert!((0..49).all(|_| !progress.count_opacity(1e-4, 0.5)));
+        assert!(!progress.count_opacity(0.1, 0.5), "one step with something begins anew");
+        assert_eq!((0..100).find(|_| progress.count_opacity(1e-4, 0.5)), Some(49));
+        assert!((0..100).all(|_| !progress.count_opacity(0.0, 0.0)), "there is nothing to show");
     }
 }

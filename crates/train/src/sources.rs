@@ -12,7 +12,7 @@ use crate::pixels::generator;
 
 /// All training views of a scene as sources; empty if no field is conditioned on images.
 #[derive(Clone, Debug)]
-pub(crate) struct TrainingSources(Sources);
+pub(crate) struct TrainingSources(pub(crate) Sources);
 
 impl TrainingSources {
     /// Copies of the training views if a field `sees` them.
@@ -21,11 +21,6 @@ impl TrainingSources {
             if sees { scene.train.iter().map(|view| source(view, scene.background)).collect() } else { Arc::default() };
         let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
         Self(Sources { views, middle })
-    }
-
-    /// Returns all training views as sources, to render with.
-    pub(crate) fn all(&self) -> &Sources {
-        &self.0
     }
 
     /// Draws the views that a field sees in a step whose pixels are of the view `target`.
@@ -66,8 +61,7 @@ fn source(view: &View, background: [f32; 3]) -> SourceView {
     }
 }
 
-/// Resamples the image of a view, bilinearly, as its camera would have taken it without distortion: the nearest pixel beyond
-/// the border, `background` beyond the lens.
+/// Resamples a view's image bilinearly without distortion; `background` beyond the lens, the nearest pixel beyond the border.
 fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
     let (camera, image) = (&view.camera, &view.image);
     let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));
@@ -109,9 +103,8 @@ mod tests {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
         let views = photographs.draw(&train, 1, Noise::new(0, step, RandomStream::Sources)).views;
-        let index = |view: &SourceView| {
-            photographs.all().views.iter().position(|other| other.to_camera == view.to_camera).unwrap()
-        };
+        let index =
+            |view: &SourceView| photographs.0.views.iter().position(|other| other.to_camera == view.to_camera).unwrap();
         views.iter().map(index).collect()
     }
 

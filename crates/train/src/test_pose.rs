@@ -11,7 +11,6 @@ use infonerf_render::{
 };
 use infonerf_scene::{PixelAt, Ray, Similarity, View};
 
-/// Rays per step.
 const RAYS: usize = 512;
 /// Adam's learning rate at the first step; it falls linearly to 0.
 const RATE: f64 = 2e-3;

@@ -17,7 +17,6 @@ use crate::sources::TrainingSources;
 pub(crate) struct TrainingScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) renderer: Renderer,
-    /// Region of unseen poses.
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
     /// Training views for fields that are conditioned on images.
@@ -30,11 +29,10 @@ impl TrainingScene {
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;
-        let renderer = Renderer::new(&config.render, &scene);
-        let setup = TermSetup { scene: &scene, warp: renderer.warp(), device };
+        let setup = TermSetup { scene: &scene, device };
         let objective = Objective::new(&config.loss, &setup)?;
         Ok(Self {
-            renderer,
+            renderer: Renderer::new(&config.render, &scene),
             region: ViewRegion::new(&cameras),
             images: TrainingImages::new(&scene, &config.train),
             sources: TrainingSources::new(&scene, sees),

@@ -11,11 +11,12 @@ use infonerf_render::Model;
 /// Steps between two models that are averaged: successive ones are nearly the same, and each costs a pass over all weights.
 const EVERY: usize = 8;
 
-/// The mean of the models added so far.
 #[derive(Clone, Debug)]
 pub(crate) struct WeightAverage<F: Field> {
-    mean: Option<Model<F>>,
-    count: usize,
+    /// The mean; `None` before the first model.
+    pub(crate) mean: Option<Model<F>>,
+    /// Number of models in the mean.
+    pub(crate) count: usize,
 }
 
 impl<F: Field> Default for WeightAverage<F> {
@@ -25,11 +26,6 @@ impl<F: Field> Default for WeightAverage<F> {
 }
 
 impl<F: Field> WeightAverage<F> {
-    /// Returns a mean of `count` models, as a checkpoint kept it.
-    pub(crate) fn restored(mean: Option<Model<F>>, count: usize) -> Self {
-        Self { mean, count }
-    }
-
     /// Whether the model after `step` steps is among those averaged, in a run that averages its last `share`.
     pub(crate) fn takes(share: f64, step: usize, done: f64) -> bool {
         share > 0.0 && done >= 1.0 - share && step.is_multiple_of(EVERY)
@@ -42,16 +38,6 @@ impl<F: Field> WeightAverage<F> {
             None => model,
             Some(mean) => blend(mean, &model, 1.0 / self.count as f32),
         });
-    }
-
-    /// Returns the mean; none before the first model.
-    pub(crate) fn mean(&self) -> Option<&Model<F>> {
-        self.mean.as_ref()
-    }
-
-    /// Returns the number of models in the mean.
-    pub(crate) fn count(&self) -> usize {
-        self.count
     }
 }
 

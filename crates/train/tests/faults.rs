@@ -165,17 +165,6 @@ impl Field for NanField {
     }
 }
 
-#[test]
-fn density_nan_stops_the_step() {
-    for device in devices() {
-        let config = config(&["render.occupancy.enabled=false"]);
-        let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, NanField::at(0)).unwrap();
-        let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
-        assert!(matches!(error, TrainError::NonFinite { step: 0, .. }), "{error}");
-        assert_eq!(to_host(trainer.model().fine.density.val()), [1.0], "the weights are as they were");
-    }
-}
-
 /// Whether losses are read each step or later: the steps before are reported, and none after changes the weights.
 #[test]
 fn infinite_loss_is_found_when_read_late() {

@@ -1,41 +1,14 @@
-//! Seeded mutations of configs and checkpoints: each is read or refused with one line, and nothing panics.
+//! Seeded mutations of configs: each is read or refused with one line, and nothing panics.
 //!
 //! `INFONERF_FUZZ=1000000` sets their number.
 
-use std::fs;
-
-use crate::common::{config, devices, steps, trainer};
-use infonerf_train::{Checkpoint, Config, Preset, TrainError, config as layers};
+use infonerf_train::{Config, Preset, TrainError, config as layers};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Words of configs, and numbers at the ends of their types.
-const WORDS: [&str; 24] = [
-    "0",
-    "-1",
-    "1e999",
-    "nan",
-    "-inf",
-    "9223372036854775807",
-    "4294967296",
-    "1e-320",
-    "true",
-    "\"\"",
-    "[]",
-    "{}",
-    "[[",
-    "{a={a={a=1}}}",
-    "=",
-    ".",
-    "kind",
-    "\"nerf\"",
-    "\"factored\"",
-    "train.rays",
-    "field",
-    "scene.views",
-    "\u{0}",
-    "é",
-];
+const WORDS: &str = r#"0 -1 1e999 nan -inf 9223372036854775807 4294967296 1e-320 true "" [] {} [[ {a={a={a=1}}} = . kind
+    "nerf" "factored" train.rays field scene.views é"#;
 
 fn count(usual: usize) -> usize {
     std::env::var("INFONERF_FUZZ").map_or(usual, |count| count.parse().expect("a number"))
@@ -43,6 +16,7 @@ fn count(usual: usize) -> usize {
 
 /// A few characters changed, taken out or repeated, or a word put in.
 fn mutated(text: &str, rng: &mut ChaCha8Rng) -> String {
+    let words: Vec<&str> = WORDS.split_whitespace().chain(["\u{0}"]).collect();
     let mut text: Vec<char> = text.chars().collect();
     for _ in 0..rng.random_range(1..5) {
         let at = rng.random_range(0..=text.len());
@@ -51,7 +25,7 @@ fn mutated(text: &str, rng: &mut ChaCha8Rng) -> String {
             0 if length > 0 => text[at] = char::from(rng.random_range(9..127)),
             1 => drop(text.drain(at..at + length)),
             2 => drop(text.splice(at..at, text[at..at + length].to_vec())),
-            _ => drop(text.splice(at..at + length, WORDS[rng.random_range(0..WORDS.len())].chars())),
+            _ => drop(text.splice(at..at + length, words[rng.random_range(0..words.len())].chars())),
         }
     }
     text.into_iter().collect()
@@ -103,36 +77,4 @@ fn mutated_assignments_are_read_or_refused() {
         accepted += usize::from(one_line(config, &assignment));
     }
     assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
-}
-
-/// Without the one before it, a damaged checkpoint is refused; a manifest may also be changed so that it still fits.
-#[test]
-fn damaged_checkpoints_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
-    steps(&mut trainer, 1);
-    trainer.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
-    let parts = ["manifest.json", "model.bpk", "optimiser.bpk", "occupancy.bin"];
-    let path = |part: &str| folder.path().join("checkpoint").join(part);
-    let whole: Vec<Vec<u8>> = parts.iter().map(|part| fs::read(path(part)).unwrap()).collect();
-    let mut rng = ChaCha8Rng::seed_from_u64(6);
-    for i in 0..count(1000) {
-        let part = i % parts.len();
-        let mut bytes = whole[part].clone();
-        for _ in 0..rng.random_range(1..4) {
-            let at = rng.random_range(0..bytes.len());
-            match rng.random_range(0..3) {
-                0 => bytes[at] ^= 1 << rng.random_range(0..8),
-                1 => bytes.truncate(at.max(1)),
-                _ => bytes[at] = rng.random(),
-            }
-        }
-        let same = bytes == whole[part];
-        fs::write(path(parts[part]), &bytes).unwrap();
-        let loaded = Checkpoint::load(folder.path());
-        let good = loaded.is_ok();
-        one_line(loaded, parts[part]);
-        assert!(part == 0 || good == same, "{}: a damaged part was not noticed", parts[part]);
-        fs::write(path(parts[part]), &whole[part]).unwrap();
-    }
 }

@@ -18,10 +18,6 @@ fn lesson_config(settings: &[&str]) -> Config {
     pixel_config(&[&off, settings].concat())
 }
 
-fn pretrainer(config: &Config) -> Trainer {
-    Trainer::on_scenes(config, scenes(), 1, &Device::flex()).unwrap()
-}
-
 /// Takes `count` steps and returns their losses.
 fn lessons(trainer: &mut Trainer, count: usize) -> Vec<f32> {
     let mut losses = Vec::new();
@@ -48,22 +44,9 @@ fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn resumed_pretraining_gives_the_same_losses() {
-    let config = lesson_config(&["train.iterations=10"]);
-    let mut whole = pretrainer(&config);
-    let losses = lessons(&mut whole, 20);
-    assert_eq!(losses.len(), 10);
-    let mut first = pretrainer(&config);
-    assert_eq!(lessons(&mut first, 4), losses[..4]);
-    let mut second = pretrainer(&config);
-    second.resume(&first.checkpoint(&mut |_| ()).unwrap()).unwrap();
-    assert_eq!(lessons(&mut second, 20), losses[4..]);
-}
-
-#[test]
 fn pretrained_weights_help_on_a_new_scene() {
     let learning = lesson_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
-    let mut pretrainer = pretrainer(&learning);
+    let mut pretrainer = Trainer::on_scenes(&learning, scenes(), 1, &Device::flex()).unwrap();
     let losses = lessons(&mut pretrainer, 150);
     let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
     assert!(mean(&losses[130..]) < 0.6 * mean(&losses[..20]), "{losses:?}");
@@ -117,7 +100,6 @@ fn config_of_one_scene_cannot_learn_from_many() {
     for (config, key) in [
         (config(&[]), "field.kind: expected `pixelnerf`"),
         (pixel_config(&[]), "render.occupancy.enabled: "),
-        (lesson_config(&["train.error_sampling.threshold=0.1"]), "train.error_sampling.threshold: "),
         (lesson_config(&["train.exposure_compensation=true"]), "train.exposure_compensation: "),
     ] {
         let message = fault(&config, scenes());

@@ -158,9 +158,6 @@ fn print_profile(trainers: &[Trainer]) {
         progress.samples_total,
         100.0 * skipped
     );
-    if progress.pixels_skipped > 0 {
-        outln!("    pixels: {} draws rejected as well fitted", progress.pixels_skipped);
-    }
     if let [trainer] = trainers {
         outln!("    per step: {}", trainer.profile().traffic().per_step(trainer.progress().step));
     }

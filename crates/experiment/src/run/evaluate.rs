@@ -172,10 +172,6 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
     let supervision = taking_part.filter_map(|(name, spec)| Some((name, spec.extra_supervision()?)));
     notes.extend(supervision.map(|(name, known)| format!("loss.{name} knows {known}")));
-    let occupancy = &plan.config.render.occupancy;
-    if occupancy.enabled && occupancy.carve {
-        notes.push("render.occupancy.carve knows the alpha channel of the training images".into());
-    }
     notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
     notes.extend(plan.config.initial_weights());
     if restarts > 0 {
@@ -199,12 +195,11 @@ mod tests {
             |set: &[&str]| noted("unseen poses", &[&["train.unseen=dataset", "loss.entropy.rays=seen"], set].concat());
         assert!(!unseen(&["loss.entropy.weight=1e-3", "loss.kl.weight=0"]));
         assert!(unseen(&["loss.entropy.weight=0", "loss.kl.weight=1e-3", "loss.kl.rays=unseen"]));
-        assert!(unseen(&["loss.entropy.weight=0", "loss.distortion={weight=1e-3,rays=\"all\"}"]));
+        assert!(unseen(&["loss.entropy.weight=0", "loss.opacity_prior={weight=1e-3,rays=\"all\"}"]));
         for (key, set) in [
             ("render.early_stop_transmittance", "render.placement=left"),
             ("render.early_stop_transmittance", "render.fine_samples=8"),
             ("render.hidden_depth", "render.occupancy.enabled=false"),
-            ("render.occupancy.carve", "render.occupancy.carve=true"),
             ("render.residuals", "render.residuals=true"),
         ] {
             assert!(noted(key, &[set]) && !noted(key, &[]), "{key} with {set}");

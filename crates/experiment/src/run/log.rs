@@ -46,7 +46,7 @@ fn events_until(text: &str, progress: &Progress) -> String {
                 restarts += 1;
                 0
             }
-            Ok(Event::Step { step, .. } | Event::Collapse { step, .. } | Event::Plateau { step }) => step,
+            Ok(Event::Step { step, .. } | Event::Collapse { step, .. }) => step,
             Err(_) => return false,
         };
         (restarts, step) <= (progress.restarts, progress.step)

@@ -35,9 +35,7 @@ impl Trained {
 
     /// Describes how far training is; `None` if it has come to its end.
     fn unfinished(&self) -> Option<String> {
-        let is_over = |trainer: &Trainer| {
-            trainer.done() >= 1.0 || trainer.progress().early_stopping.plateaued || trainer.has_collapsed()
-        };
+        let is_over = |trainer: &Trainer| trainer.done() >= 1.0 || trainer.has_collapsed();
         let least = self.trainers.iter().filter(|trainer| !is_over(trainer)).map(Trainer::done).reduce(f64::min)?;
         Some(format!("the run is unfinished: {:.1} % of its training is done", 100.0 * least))
     }
@@ -114,7 +112,6 @@ pub fn total_progress(trainers: &[Trainer]) -> Progress {
         total.samples_total += progress.samples_total;
         total.samples_evaluated += progress.samples_evaluated;
         total.restarts += progress.restarts;
-        total.pixels_skipped += progress.pixels_skipped;
     }
     total
 }

@@ -40,8 +40,7 @@ const TRUNK: usize = 3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeuralBodyConfig {
-    /// A PLY or OBJ file with the body's vertices in the scene's world; empty for the vertices of the scene, as in
-    /// ZJU-MoCap.
+    /// A PLY or OBJ file of the body's vertices in the scene's world; empty for the scene's own, as in ZJU-MoCap.
     pub vertices: PathBuf,
     /// Edge of a voxel, scene units (paper: 5 mm).
     pub voxel: f32,

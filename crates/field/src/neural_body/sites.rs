@@ -51,8 +51,7 @@ impl Sites {
         Self::new(size, reaching)
     }
 
-    /// Returns the sites that each site of `out` reaches with a kernel of 3³ about the cell `stride` times its own, x fastest:
-    /// `[out.len(), 27]`, [`Self::len`] for an empty cell.
+    /// Returns the sites in the 3³ cells about `stride` times each site of `out`, x fastest; [`Self::len`] for an empty cell.
     pub(super) fn neighbours(&self, out: &Self, stride: usize) -> Vec<i32> {
         let empty = self.len() as i32;
         let at = |cell: [usize; 3], k: usize| {
@@ -67,20 +66,4 @@ impl Sites {
 
 fn number(size: [usize; 3], [x, y, z]: [usize; 3]) -> usize {
     (z * size[1] + y) * size[0] + x
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn halved_sites_are_those_that_reach_one() {
-        let sites = Sites::new([4, 1, 1], [[0, 0, 0], [3, 0, 0], [0, 0, 0]]);
-        assert_eq!((sites.len(), sites.rows()), (2, &[0, 2, 2, 1][..]));
-        let halved = sites.halved();
-        // Cell 0 reaches −1, 0 and 1; cell 1 reaches 1, 2 and 3.
-        assert_eq!((halved.size, halved.cells.as_slice()), ([2, 1, 1], &[[0, 0, 0], [1, 0, 0]][..]));
-        let one = Sites::new([4, 1, 1], [[3, 0, 0]]).halved();
-        assert_eq!(one.cells, [[1, 0, 0]]);
-    }
 }

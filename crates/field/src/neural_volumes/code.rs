@@ -1,7 +1,7 @@
-use burn::module::Module;
-use burn::tensor::Tensor;
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::upload;
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::init::normal;
@@ -38,9 +38,32 @@ impl Code {
         code.unsqueeze()
     }
 
-    /// Computes [`Penalty::LATENT_DIVERGENCE`], `[1]`.
     pub(super) fn divergence(&self) -> Tensor<1> {
         let squares = self.mean.clone().square() + (self.log_deviation.clone() * 2.0).exp() - 1.0;
         (squares * 0.5 - self.log_deviation.clone()).mean()
+    }
+}
+
+/// Initial ln σ of a latent code: small, so that short runs are not dominated by its noise; the divergence term raises it.
+const FIRST_LOG_DEVIATION: f32 = -4.0;
+
+/// The latent code of one frame, learned as it is.
+///
+/// For a scene of one frame the output of an encoder is a constant.
+#[derive(Module, Debug)]
+pub(super) struct Latent {
+    mean: Param<Tensor<1>>,
+    log_deviation: Param<Tensor<1>>,
+}
+
+impl Latent {
+    /// Draws a code of `size` elements from the standard normal distribution.
+    pub(super) fn new(size: usize, rng: &mut impl Rng, device: &Device) -> Self {
+        let parameter = |values: Vec<f32>| Param::from_data(TensorData::new(values, [size]), device);
+        Self { mean: parameter(normal(rng, size)), log_deviation: parameter(vec![FIRST_LOG_DEVIATION; size]) }
+    }
+
+    pub(super) fn code(&self) -> Code {
+        Code { mean: self.mean.val(), log_deviation: self.log_deviation.val() }
     }
 }

@@ -2,7 +2,6 @@
 
 mod code;
 mod encoder;
-mod latent;
 mod template;
 mod warp;
 
@@ -25,13 +24,11 @@ use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceI
 use crate::penalty::Penalty;
 use crate::points::{FieldOutput, Points};
 use crate::sources::Sources;
-use code::Code;
+use code::{Code, Latent};
 use encoder::CodeEncoder;
-use latent::Latent;
 use template::Template;
 use warp::VolumeWarp;
 
-/// Factor of the leaky ReLUs below 0.
 const LEAKY_SLOPE: f64 = 0.2;
 /// √(2/(1 + 0.2²)): the gain that keeps the variance through one.
 const LEAKY_GAIN: f32 = 1.386_750_5;
@@ -145,7 +142,6 @@ pub struct NeuralVolumes {
     half_side: f32,
 }
 
-/// The source of the code.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a field holds one of them")]
 enum Codes {
@@ -164,7 +160,6 @@ impl Codes {
     }
 }
 
-/// A decoded code.
 #[derive(Module, Debug)]
 struct Decoded {
     /// Colour and opacity per unit of the cube of each voxel, `[resolution³, 4]`.

@@ -10,11 +10,9 @@ use crate::init::{glorot_linear, uniform};
 
 /// Kernel of the transposed convolutions, whose stride is 2 and whose padding is 1: each doubles the resolution.
 const KERNEL: usize = 4;
-/// Red, green, blue and density.
 const CHANNELS: usize = 4;
 
-/// From a code to the voxels of a cube: a dense layer to one voxel, then transposed convolutions that double the
-/// resolution, with leaky ReLUs between.
+/// Code → dense layer to one voxel → transposed convolutions that double the resolution, with leaky ReLUs between.
 #[derive(Module, Debug)]
 pub(super) struct Template {
     dense: Linear,

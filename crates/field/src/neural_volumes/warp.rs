@@ -11,7 +11,6 @@ use crate::init::glorot_linear;
 
 /// Width of the branches that make the affine maps, and of the one that makes the mixture's weights.
 const WIDTHS: (usize, usize) = (128, 64);
-/// Factor on the raw translations.
 const TRANSLATION: f32 = 0.1;
 /// Keeps a quaternion of length 0 finite.
 const SQUARE_EPSILON: f32 = 1e-5;
@@ -37,7 +36,6 @@ pub(super) struct VolumeWarp {
     resolution: usize,
 }
 
-/// Two dense layers with a leaky ReLU between.
 #[derive(Module, Debug)]
 struct Branch {
     hidden: Linear,
@@ -71,13 +69,11 @@ impl VolumeWarp {
         }
     }
 
-    /// Returns the grid that points are looked up in.
     pub(super) fn grid(&self) -> Voxels {
         Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Border }
     }
 
-    /// Computes where the template is read for each voxel of the grid, by a code `[1, latent]`: `[resolution³, 3]` in the cube
-    /// [−1, 1]³, x fastest and z slowest.
+    /// Computes where the template is read for each voxel, by a code `[1, latent]`: `[resolution³, 3]` in [−1, 1]³, x fastest.
     pub(super) fn field(&self, code: Tensor<2>) -> Tensor<2> {
         let (maps, voxels) = (self.maps, self.resolution.pow(3));
         let (linear, offset) = self.affine(code.clone());
@@ -91,8 +87,7 @@ impl VolumeWarp {
         (mixed / weights.sum_dim(1).clamp_min(MIN_WEIGHT)).squeeze_dim(1)
     }
 
-    /// Returns all maps side by side: `[3, 3·maps]` and `[1, 3·maps]`, such that `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear +
-    /// offset`.
+    /// Returns all maps, `[3, 3·maps]` and `[1, 3·maps]`: `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear + offset`.
     fn affine(&self, code: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         let maps = self.maps;
         let scales = self.scales.forward(code.clone()).reshape([maps, 3, 1]);
@@ -132,20 +127,4 @@ fn rotations(quaternions: Tensor<2>) -> Tensor<3> {
         diagonal(&x, &y),
     ];
     Tensor::cat(entries, 1).reshape([count, 3, 3])
-}
-
-#[cfg(test)]
-mod tests {
-    use infonerf_ops::to_host;
-
-    use super::*;
-
-    #[test]
-    fn quaternions_of_any_length_rotate() {
-        let quaternion = Tensor::<2>::from_floats([[30.0, 0.0, 0.0, 30.0]], &Device::flex());
-        let got = to_host(rotations(quaternion));
-        for (got, want) in got.iter().zip([0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]) {
-            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
-        }
-    }
 }

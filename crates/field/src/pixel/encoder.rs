@@ -75,13 +75,11 @@ impl ImageEncoder {
         Self { stem, stages }
     }
 
-    /// Returns the channels of all resolutions together, C.
     pub(super) fn channels(&self) -> usize {
         let stem = self.stem.weight.dims()[0];
         stem + self.stages.iter().enumerate().map(|(stage, _)| stem << stage).sum::<usize>()
     }
 
-    /// Returns height and width of the feature maps of a view.
     pub(super) fn map_size(view: &SourceView) -> (usize, usize) {
         (view.height.div_ceil(STEM_STRIDE), view.width.div_ceil(STEM_STRIDE))
     }

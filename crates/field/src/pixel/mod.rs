@@ -125,7 +125,6 @@ pub struct PixelNerf {
     config: PixelNerfConfig,
 }
 
-/// Source views with their features.
 #[derive(Module, Debug)]
 struct EncodedSources {
     /// Layers that read features, applied to each texel of each view: `[V·h·w, pool_after·width]`.

@@ -10,7 +10,6 @@ use infonerf_pretrained::WeightFile;
 
 use super::encoder::{ImageEncoder, ResidualBlock};
 
-/// torchvision's `BatchNorm2d.eps`.
 const EPSILON: f32 = 1e-5;
 
 /// Replaces all weights of `encoder` by those of the safetensors file at `path`, under torchvision's names.

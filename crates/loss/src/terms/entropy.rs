@@ -16,8 +16,7 @@ pub struct EntropyConfig {
     pub weight: Schedule,
     /// The rays over which the term is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
-    /// Whether neighbours are included: those of seen rays and, if `rays` includes unseen ones, of these, as in the released
-    /// code with the KL loss.
+    /// Whether neighbours of seen rays and, if `rays` includes them, of unseen rays are included, as in the released code.
     pub neighbours: bool,
     /// The distribution along the ray.
     pub distribution: RayDistribution,
@@ -50,21 +49,19 @@ pub enum HitRule {
 }
 
 impl EntropyConfig {
-    /// Returns the rays whose neighbours are included.
     fn rays_with_neighbours(&self) -> RaySet {
         if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
     }
 
     /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
-    pub(crate) fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
+    pub fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
         match self.bits_and_measure(output) {
             (bits, Some(measure)) => mask_above(bits, measure, self.mask.threshold),
             (bits, None) => bits,
         }
     }
 
-    /// Computes H(r) of each ray in bits, `[R]`, and the measure that is compared with the mask's threshold, `[R]`; `None` if
-    /// every ray counts.
+    /// Computes H(r) of each ray in bits, `[R]`, and its measure for the mask, `[R]`; `None` if every ray counts.
     fn bits_and_measure(&self, output: &RenderOutput) -> (Tensor<1>, Option<Tensor<1>>) {
         let entropy = ray_entropy(output.tau.clone(), output.segments(), self.distribution, self.epsilon);
         let measure = match self.mask.rule {
@@ -96,7 +93,8 @@ impl TermSpec for EntropyConfig {
 
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let neighbours = renders.neighbours(self.rays_with_neighbours()).filter(|_| self.neighbours);
+        let pairs = renders.pairs(self.rays_with_neighbours());
+        let neighbours = pairs.map(|(_, near)| near).filter(|_| self.neighbours);
         renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
             let sum = match self.bits_and_measure(output) {
                 (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
@@ -141,7 +139,7 @@ mod tests {
         }
         let (_, renders) = scenario(&burn::tensor::Device::flex());
         let term = entropy_term("rays = 'seen', mask = { rule = 'acc', threshold = 0.1 }");
-        let of_rays = to_host(term.of_rays(renders.seen.output()));
+        let of_rays = to_host(term.of_rays(&renders.seen.fine));
         assert!(of_rays[1] == 0.0 && of_rays[3] == 0.0 && of_rays[0] > 1.0 && of_rays[2] > 0.1, "{of_rays:?}");
     }
 

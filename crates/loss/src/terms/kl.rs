@@ -34,7 +34,7 @@ pub enum Direction {
 
 impl KlConfig {
     /// Computes the divergence of each ray from its neighbour in nats, `[R]`; samples are paired by index (InfoNeRF, Eq. 9).
-    pub(crate) fn of_rays(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
+    pub fn of_rays(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
         let segments = output.segments();
         if segments.samples() == 0 {
             return output.acc.zeros_like();

@@ -1,13 +1,10 @@
-//! One file for each term.
+//! One file for each term; those on a field's own parameters share one.
 
-pub(crate) mod distortion;
 pub(crate) mod entropy;
 pub(crate) mod kl;
-pub(crate) mod latent;
-pub(crate) mod mask;
 pub(crate) mod opacity_prior;
+pub(crate) mod penalties;
 pub(crate) mod photometric;
 pub(crate) mod semantic;
 pub(crate) mod silhouette;
 pub(crate) mod stereo;
-pub(crate) mod tv;

@@ -1,9 +1,8 @@
 use burn::tensor::Tensor;
-use infonerf_ops::means::mean_squared_difference;
+use infonerf_ops::means::{mean_squared_difference, weighted_sum};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::objective::scaled;
 use crate::renders::{Need, Renders};
 use crate::term::{Term, TermSetup, TermSpec};
 
@@ -47,10 +46,10 @@ impl Term for PhotometricConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let fine = renders.squared_error.clone().expect("colour is needed");
         let fine = self.norm.of_mean(fine);
-        let Some(coarse) = &renders.seen.passes.coarse else { return fine };
-        let target = &renders.seen.target.as_ref().expect("training images show colours").rgb;
+        let Some(coarse) = &renders.seen.coarse else { return fine };
         let color = coarse.color.clone().expect("colour is needed");
-        fine + scaled(photometric_loss(color, target.clone(), self.norm), self.coarse)
+        let coarse = photometric_loss(color, renders.target.rgb.clone(), self.norm);
+        weighted_sum(vec![(fine, 1.0), (coarse, self.coarse)]).expect("two values")
     }
 }
 
@@ -93,7 +92,7 @@ mod tests {
                 let term = config(&format!("rgb = {{ norm = '{norm}', coarse = {coarse:?} }}")).rgb;
                 let weight = f64::from(coarse as f32);
                 check(&term, |_| (), |d| (squared(&d[SEEN]) + weight * squared(&d[COARSE])) / channels);
-                let single = |renders: &mut Renders| renders.seen.passes.coarse = None;
+                let single = |renders: &mut Renders| renders.seen.coarse = None;
                 check(&term, single, |d| squared(&d[SEEN]) / channels);
             }
         }

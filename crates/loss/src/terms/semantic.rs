@@ -55,7 +55,6 @@ impl TermSpec for SemanticConfig {
     }
 }
 
-/// The encoder, and its embeddings of the training images.
 struct SemanticTerm {
     config: SemanticConfig,
     clip: ClipVision,
@@ -111,7 +110,7 @@ mod tests {
         let device = Device::flex();
         let mut config = config("semantic.weights = 'absent.safetensors'").semantic;
         assert_eq!(config.weights_file().map(|(key, _)| key), Some("weights"));
-        let setup = TermSetup { scene: &Default::default(), warp: &infonerf_render::Warp::Identity, device: &device };
+        let setup = TermSetup { scene: &Default::default(), device: &device };
         let fault = config.build(&setup).unwrap_err();
         assert!(fault.key == "weights" && fault.found.starts_with("absent.safetensors: "), "{fault}");
     }

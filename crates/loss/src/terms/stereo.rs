@@ -11,19 +11,22 @@ use serde::{Deserialize, Serialize};
 use crate::renders::Renders;
 use crate::term::{Term, TermSetup, TermSpec};
 
-/// The term is left out of scenes with more training views.
 const MAX_VIEWS: usize = 100;
 /// Number of pairs of views to compare, at least one per view.
 const PAIRS: usize = 24;
 /// Number of views compared at full size; images of more views are resized.
 const FULL_SIZE_VIEWS: usize = 12;
+/// Standard deviation of a depth, in steps between planes: two views that agree do so within 1.5 of them.
+const WIDTH: f32 = 2.0;
+/// The share π of outliers: depths on which two views agree are seldom wrong.
+const OUTLIERS: f32 = 0.01;
 
 /// Depth supervision by plane-sweep stereo of the training images (DS-NeRF, Deng et al. 2022, uses points of structure from
 /// motion): a robust negative log-likelihood, mean over the rays of training images,
 ///
 /// `−log(π + (1 − π) P)`, divided by `−log π`
 ///
-/// - with a match at distance d, `P = Σᵢ wᵢ exp(−(1/tᵢ − 1/d)² / 2(width·step)²)`, with `step` between the planes of the search;
+/// - with a match at distance d, `P = Σᵢ wᵢ exp(−(1/tᵢ − 1/d)² / 2(2·step)²)`, with `step` between the planes of the search;
 /// - without one, `P` is the probability that the ray passes the nearest surface matched in its view, which keeps matter away
 ///   from cameras in textureless regions.
 ///
@@ -33,18 +36,9 @@ const FULL_SIZE_VIEWS: usize = 12;
 pub struct StereoConfig {
     /// Scheduled weight of the term.
     pub weight: Schedule,
-    /// Standard deviation of a depth, in steps between planes.
-    pub width: f32,
-    /// The share π of outliers.
-    pub outliers: f32,
 }
 
 impl TermSpec for StereoConfig {
-    fn validate(&self) -> Result<(), Fault> {
-        Fault::unless_within(0.1..=100.0, "width", self.width.into())?;
-        Fault::unless_within(1e-6..=0.99, "outliers", self.outliers.into())
-    }
-
     fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         match scene.train.len() {
             0..2 => Some("left out: one view has no depth"),
@@ -54,19 +48,12 @@ impl TermSpec for StereoConfig {
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        Ok(Box::new(Stereo {
-            width: self.width,
-            outliers: self.outliers,
-            scene: setup.scene.clone(),
-            maps: OnceLock::new(),
-        }))
+        Ok(Box::new(Stereo { scene: setup.scene.clone(), maps: OnceLock::new() }))
     }
 }
 
 #[derive(Debug)]
 struct Stereo {
-    width: f32,
-    outliers: f32,
     scene: Scene,
     /// Nearest disparity and depth map of each view, made in the first step, so that the search counts as training time.
     maps: OnceLock<Vec<(Option<f32>, DepthMap)>>,
@@ -116,7 +103,7 @@ impl Stereo {
         });
         let (nearest, map) = &maps[view];
         match (map.at(&self.scene.train[view].camera, x, y), nearest) {
-            (Some((disparity, step)), _) => RayEnd::At(disparity, self.width * step),
+            (Some((disparity, step)), _) => RayEnd::At(disparity, WIDTH * step),
             (None, Some(nearest)) => RayEnd::Beyond(*nearest),
             (None, None) => RayEnd::Unknown,
         }
@@ -125,11 +112,10 @@ impl Stereo {
 
 impl Term for Stereo {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let output = renders.seen.output();
-        let target = renders.seen.target.as_ref().expect("training images have pixels");
+        let output = &renders.seen.fine;
         let device = output.tau.device();
         let segments = output.segments();
-        let ends: Vec<RayEnd> = target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
+        let ends: Vec<RayEnd> = renders.target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
         let of_ray =
             |(range, end): (Range<usize>, &RayEnd)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
@@ -137,8 +123,8 @@ impl Term for Stereo {
         let offsets: Vec<f32> = ends.iter().map(|end| end.offset()).collect();
         let offsets = upload(offsets, [ends.len()], &device);
         let probability = composite(output.tau.clone(), values, segments).values.squeeze_dim(1) + offsets;
-        let robust = probability.clamp_min(0.0) * (1.0 - self.outliers) + self.outliers;
-        robust.log().mean() / self.outliers.ln()
+        let robust = probability.clamp_min(0.0) * (1.0 - OUTLIERS) + OUTLIERS;
+        robust.log().mean() / OUTLIERS.ln()
     }
 }
 
@@ -159,7 +145,7 @@ mod tests {
         let image = Image::filled(8, 8, [0.5; 3]);
         let view = View::new(0, "", camera, image);
         let scene = Scene { train: vec![view], ..Scene::default() };
-        Stereo { width: 1.5, outliers: 0.01, scene, maps: vec![(nearest, map(disparity))].into() }
+        Stereo { scene, maps: vec![(nearest, map(disparity))].into() }
     }
 
     #[test]
@@ -176,7 +162,7 @@ mod tests {
                 let (w, t) = (weights(ray), |i: usize| i as f64 + 0.5);
                 match nearest {
                     _ if !disparity.is_nan() => {
-                        let error = |i: usize| (1.0 / t(i) - f64::from(disparity)) / f64::from(1.5f32 * 0.1f32);
+                        let error = |i: usize| (1.0 / t(i) - f64::from(disparity)) / f64::from(WIDTH * 0.1f32);
                         (0..w.len()).map(|i| w[i] * (-0.5 * error(i).powi(2)).exp()).sum()
                     }
                     // The first sample alone is nearer than disparity 1.
@@ -184,7 +170,7 @@ mod tests {
                     None => 1.0,
                 }
             };
-            let pi = f64::from(0.01f32);
+            let pi = f64::from(OUTLIERS);
             let loss = |ray: &[f64]| (pi + (1.0 - pi) * probability(ray)).ln() / pi.ln();
             check(&term(disparity, nearest), |_| (), |d| mean(d[SEEN].iter(), loss));
         }

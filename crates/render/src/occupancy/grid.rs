@@ -4,7 +4,7 @@ use burn::tensor::{Device, Tensor};
 use glam::{I64Vec3, Vec3};
 use infonerf_ops::sampling::march::Cells;
 use infonerf_ops::upload;
-use infonerf_scene::{Aabb, Ray, View};
+use infonerf_scene::{Aabb, Ray};
 use rayon::prelude::*;
 
 use super::lookup::{CellState, Lookup, widen};
@@ -13,7 +13,6 @@ use crate::noise::Noise;
 
 /// Maximal number of points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
-/// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
 /// Occupancy grid: empty and occupied cells of the scene's box.
 ///
@@ -28,7 +27,6 @@ pub struct OccupancyGrid {
     cells_per_unit: Vec3,
     density: Vec<f32>,
     occupied: Vec<bool>,
-    carved: Vec<bool>,
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
@@ -47,7 +45,6 @@ impl OccupancyGrid {
             cells_per_unit: config.resolution as f32 / bounds.size(),
             density: vec![0.0; cells],
             occupied: vec![true; cells],
-            carved: vec![false; cells],
             updated: false,
             tight: bounds,
             lookup: Lookup::unknown(config.resolution),
@@ -55,26 +52,9 @@ impl OccupancyGrid {
         }
     }
 
-    /// Marks every cell as empty for good that a view with alpha shows to be background.
-    ///
-    /// A cell stays if, in every view, any pixel within one pixel of the cell's projected sphere has alpha above 0 or
-    /// the cell is out of the picture. Views without alpha carve nothing.
-    pub fn carve(&mut self, views: &[View]) {
-        let radius = 0.5 * self.cell_size().length();
-        let carved: Vec<bool> = (0..self.density.len())
-            .into_par_iter()
-            .map(|cell| views.iter().any(|view| sees_background(view, self.centre(cell), radius)))
-            .collect();
-        for ((occupied, known), carved) in self.occupied.iter_mut().zip(&mut self.carved).zip(carved) {
-            *known |= carved;
-            *occupied &= !*known;
-        }
-        self.derive(None);
-    }
-
-    /// Whether training uses the grid in `step`: once it was updated, or from the first step on if images have carved it.
+    /// Whether training uses the grid in `step`: once it was updated.
     pub fn is_used_in(&self, step: usize) -> bool {
-        self.config.carve || step >= self.config.warmup
+        step >= self.config.warmup
     }
 
     /// Whether an update is due at `step`.
@@ -87,8 +67,8 @@ impl OccupancyGrid {
     /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
     /// sample's interval. Returns whether any cell is occupied; if none is, all cells are opened.
     pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>) -> bool {
-        let open: Vec<usize> = (0..self.density.len()).into_par_iter().filter(|&cell| !self.carved[cell]).collect();
-        let evaluated: Vec<usize> = open.par_iter().copied().filter(|&cell| self.is_evaluated(cell, noise)).collect();
+        let cells = 0..self.density.len();
+        let evaluated: Vec<usize> = cells.into_par_iter().filter(|&cell| self.is_evaluated(cell, noise)).collect();
         for cells in evaluated.chunks(CHUNK) {
             let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise, 0)).collect();
             for (&cell, sigma) in cells.iter().zip(sigma(points)) {
@@ -97,25 +77,19 @@ impl OccupancyGrid {
         }
         let threshold = self.config.threshold(step_length).min(self.mean_density());
         self.updated = true;
-        for &cell in &open {
-            self.occupied[cell] = self.density[cell] > threshold;
-        }
+        self.occupied = self.density.iter().map(|density| *density > threshold).collect();
         self.dilate();
         let alive = self.occupied.iter().any(|&occupied| occupied);
         if !alive {
-            for &cell in &open {
-                self.occupied[cell] = true;
-            }
+            self.occupied.fill(true);
         }
         self.derive(None);
         alive
     }
 
-    /// Returns the mean density of the cells that are not carved.
     fn mean_density(&self) -> f32 {
-        let open = self.density.iter().zip(&self.carved).filter(|(_, carved)| !**carved);
-        let (sum, count) = open.fold((0.0, 0u32), |(sum, count), (d, _)| (sum + f64::from(*d), count + 1));
-        (sum / f64::from(count.max(1))) as f32
+        let sum = self.density.iter().fold(0.0, |sum, density| sum + f64::from(*density));
+        (sum / self.density.len() as f64) as f32
     }
 
     /// Whether an update evaluates a cell: all the first time, then half of the occupied and an eighth of the others, at random.
@@ -124,12 +98,10 @@ impl OccupancyGrid {
         !self.updated || noise.uniform(cell, 3) < share
     }
 
-    /// Marks the six neighbours of every occupied cell as occupied: a surface moves by less than a cell between
-    /// updates.
+    /// Marks the six neighbours of every occupied cell: a surface moves by less than a cell between updates.
     fn dilate(&mut self) {
         let n = self.config.resolution;
         let before = std::mem::take(&mut self.occupied);
-        let carved = &self.carved;
         self.occupied = (0..before.len())
             .into_par_iter()
             .map(|cell| {
@@ -140,7 +112,7 @@ impl OccupancyGrid {
                     || (y + 1 < n && before[cell + n])
                     || (z > 0 && before[cell - n * n])
                     || (z + 1 < n && before[cell + n * n]);
-                !carved[cell] && (before[cell] || near)
+                before[cell] || near
             })
             .collect();
     }
@@ -206,19 +178,16 @@ impl OccupancyGrid {
         self.cells_along(p - self.bounds.min)
     }
 
-    /// Returns a displacement in units of cells.
     pub(crate) fn cells_along(&self, displacement: Vec3) -> Vec3 {
         displacement * self.cells_per_unit
     }
 
-    /// Returns the state of the cell at a [fixed-point](super::fixed) place.
     #[inline]
     pub(crate) fn state_at(&self, place: I64Vec3) -> CellState {
         self.lookup.at(place)
     }
 
-    /// Computes the box and the lookup that follow from which cells are occupied, and from the density near each if it
-    /// is known.
+    /// Computes the box and the lookup of the occupied cells, with the density near each if it is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         self.tighten();
@@ -309,39 +278,17 @@ impl OccupancyGrid {
         Vec3::new((cell % n) as f32, (cell / n % n) as f32, (cell / (n * n)) as f32)
     }
 
-    fn centre(&self, cell: usize) -> Vec3 {
-        self.bounds.min + (self.coordinates(cell) + 0.5) * self.cell_size()
-    }
-
-    /// Returns the `index`th random point of a cell.
     fn random_point(&self, cell: usize, noise: Noise, index: usize) -> [f32; 3] {
         let jitter = Vec3::from_array([0, 1, 2].map(|axis| noise.uniform(cell, 4 * index + axis)));
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
-    /// Returns the cell that holds a point in units of cells.
     fn cell(&self, c: Vec3) -> Option<usize> {
         let n = self.config.resolution;
         // Written so that NaN is outside.
         let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
         inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
     }
-}
-
-/// Whether every pixel that a sphere touches in `view` is fully transparent.
-fn sees_background(view: &View, centre: Vec3, radius: f32) -> bool {
-    let (Some(alpha), Some(pixel)) = (&view.image.alpha, view.camera.project(centre)) else { return false };
-    let distance = (centre - view.camera.position()).dot(view.camera.forward());
-    if distance <= radius {
-        return false;
-    }
-    let reach = view.camera.fx.max(view.camera.fy) as f32 * radius / (distance - radius) + 1.0;
-    let (width, height) = (view.image.width as f32, view.image.height as f32);
-    if pixel.x < -reach || pixel.y < -reach || pixel.x > width + reach || pixel.y > height + reach {
-        return false;
-    }
-    let span = |c: f32, size: f32| (c - reach).max(0.0) as usize..((c + reach).ceil().clamp(0.0, size) as usize);
-    span(pixel.y, height).all(|y| span(pixel.x, width).all(|x| alpha[y * view.image.width as usize + x] == 0.0))
 }
 
 #[cfg(test)]
@@ -436,13 +383,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn an_empty_field_reopens_everything() {
-        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        assert!(!grid.update(Noise::new(0, 0, RandomStream::Occupancy), 0.02, |points| vec![0.0; points.len() / 3]));
-        assert_eq!(grid.fraction(), 1.0);
-    }
-
     /// Fog of which no single sample reaches the threshold, thicker towards one side.
     #[test]
     fn fog_that_is_trained_is_in_pictures() {
@@ -459,7 +399,8 @@ mod tests {
     fn a_restored_grid_resumes() {
         let [mut first, mut second] = [0, 1].map(|_| OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0)));
         let noise = |step| Noise::new(0, step, RandomStream::Occupancy);
-        first.update(noise(0), 0.02, |points| vec![0.0; points.len() / 3]);
+        assert!(!first.update(noise(0), 0.02, |points| vec![0.0; points.len() / 3]));
+        assert_eq!(first.fraction(), 1.0, "an empty field reopens everything");
         let (density, occupied, updated) = first.state();
         second.restore(density.to_vec(), occupied.to_vec(), updated).unwrap();
         let asked = [first, second].map(|mut grid| {

@@ -20,7 +20,6 @@ pub(crate) struct CellState(u16);
 
 impl CellState {
     const EMPTY: u16 = 1 << 15;
-    /// Occupied, at an unknown density.
     const UNKNOWN: Self = Self(Self::EMPTY - 1);
 
     /// Returns the state of an occupied cell; ordered like the density.
@@ -28,8 +27,7 @@ impl CellState {
         Self((density.to_bits() >> 16) as u16)
     }
 
-    /// Returns the number of cells to the nearest occupied one, along the axis on which they are most, at most
-    /// [`MAX_DISTANCE`]; 0 in an occupied cell and outside the box.
+    /// Returns the cells to the nearest occupied one, at most [`MAX_DISTANCE`]; 0 in an occupied cell and outside the box.
     pub(crate) fn distance(self) -> u16 {
         self.0.saturating_sub(Self::EMPTY)
     }
@@ -48,8 +46,7 @@ impl Lookup {
         Self { resolution, states: vec![CellState::UNKNOWN; resolution.pow(3)] }
     }
 
-    /// Returns the states that follow from which cells are occupied, and from the maximal density near each if it is
-    /// known.
+    /// Returns the states of the cells, with the maximal density near each if it is known.
     pub(super) fn new(resolution: usize, occupied: &[bool], nearby: Option<&[f32]>) -> Self {
         let mut near: Vec<u8> = occupied.iter().map(|&occupied| u8::from(occupied)).collect();
         let mut distance = vec![0u8; near.len()];
@@ -65,7 +62,6 @@ impl Lookup {
         Self { resolution, states: distance.into_iter().enumerate().map(state).collect() }
     }
 
-    /// Returns the state at a [fixed-point](fixed) place.
     #[inline]
     pub(super) fn at(&self, place: I64Vec3) -> CellState {
         let n = self.resolution;

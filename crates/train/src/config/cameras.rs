@@ -1,5 +1,5 @@
 use infonerf_render::Focal;
-use infonerf_schedule::{Curve, Fault, Schedule};
+use infonerf_schedule::{Fault, RampShape, Schedule};
 use serde::{Deserialize, Serialize};
 
 /// Whether and how training cameras are refined.
@@ -46,8 +46,9 @@ impl Refine {
 impl Default for CameraConfig {
     /// Returns the values of preset `paper`: no refinement.
     fn default() -> Self {
-        let curve = Curve::Exponential { from: 2e-3, to: 1e-5, start: 0.0, end: 1.0 };
-        Self { refine: Refine::None, lr: Schedule { curve, warmup: 100 }, focal: Focal::Fixed, prior: 1e-3 }
+        let curve = RampShape::Exponential;
+        let lr = Schedule::Ramp { from: 2e-3, to: 1e-5, start: 0.0, end: 1.0, curve, warmup: 100 };
+        Self { refine: Refine::None, lr, focal: Focal::Fixed, prior: 1e-3 }
     }
 }
 

@@ -24,13 +24,10 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
     Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
     Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
-    let learned = train.cameras.refine.is_photometric();
-    if learned || eval.pose_steps > 0 {
+    if train.cameras.refine.is_photometric() || eval.pose_steps > 0 {
         let expected = "a field that passes gradients on to positions where cameras are learned (train.cameras.refine, \
                         eval.pose_steps), as all but `pixelnerf` do";
         Fault::unless(field.traits().tracks_positions, "field.kind", expected, field)?;
-        let expected = "false where cameras are learned (train.cameras.refine): space is carved once, by the cameras as they begin";
-        Fault::unless(!learned || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
     }
     let whole = !field.traits().intervals || render.placement == Placement::Interval;
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
@@ -60,11 +57,6 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
 /// The first key that asks for more.
 pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let Config { field, render, .. } = config;
-    let opaque = scene.train.iter().find(|view| view.image.alpha.is_none()).filter(|_| render.occupancy.carve);
-    if let Some(view) = opaque {
-        let found = format!("none in {}", view.name);
-        return Err(Fault::new("render.occupancy.carve", "training images with an alpha channel", found));
-    }
     if let SourceImages::First { key, count: images } = field.traits().sources {
         enough_views(key, images, scene.train.len())?;
     }
@@ -83,8 +75,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     within_a_box(placement != Placement::Interval, "render.placement", "\"mid\" or \"left\"", name(&placement))?;
     let looks = "a field that looks at no photographs";
     within_a_box(field.traits().sources != SourceImages::Any, "field.kind", looks, field.to_string())?;
-    within_a_box(!field.traits().body, "field.kind", "a field that hangs on no body", field.to_string())?;
-    within_a_box(!render.occupancy.carve, "render.occupancy.carve", "false", "true".to_owned())
+    within_a_box(!field.traits().body, "field.kind", "a field that hangs on no body", field.to_string())
 }
 
 /// Checks that `config` can learn from many scenes at once.
@@ -103,8 +94,6 @@ pub fn of_many(config: &Config) -> Result<(), Fault> {
         Fault::unless(!of_one, key, format!("{expected} where there are many scenes"), found)
     };
     off(render.occupancy.enabled, "render.occupancy.enabled", "false", "true".to_owned())?;
-    let threshold = train.error_sampling.threshold.to_string();
-    off(train.error_sampling.is_on(), "train.error_sampling.threshold", "0", threshold)?;
     off(train.exposure_compensation, "train.exposure_compensation", "false", "true".to_owned())
 }
 
@@ -153,10 +142,6 @@ mod tests {
         for (settings, start) in [
             (&[pixel, refine][..], "field.kind: expected a field that passes gradients on"),
             (&[pixel, "eval.pose_steps=3"], "field.kind: expected a field that passes gradients on"),
-            (
-                &["render.occupancy.carve=true", refine],
-                "render.occupancy.carve: expected false where cameras are learned",
-            ),
             (&[matches, "train.cameras.focal=each"], "train.cameras.focal: expected \"fixed\" or \"shared\" with"),
             (&["train.cameras.refine=true"], "train.cameras.refine: expected a name in quotes"),
             (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),

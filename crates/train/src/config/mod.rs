@@ -7,21 +7,19 @@ mod layers;
 mod protocol;
 mod read;
 mod train;
-mod weights;
 
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{TestViewChoice, Views};
-pub use train::{
-    Batch, EarlyStoppingConfig, EnsembleConfig, ErrorSamplingConfig, NeighbourConfig, NeighbourSampling,
-    RotationCentre, TrainConfig, Unseen,
-};
+pub use train::{Batch, EnsembleConfig, NeighbourConfig, NeighbourSampling, RotationCentre, TrainConfig, Unseen};
 
-use infonerf_field::FieldConfig;
+use std::path::PathBuf;
+
+use infonerf_field::{FieldConfig, FieldFile, FieldSpec};
 use infonerf_loss::LossConfig;
 use infonerf_render::RenderConfig;
 use infonerf_scene::{Format, MaskUse};
-use infonerf_schedule::Fault;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -69,8 +67,7 @@ pub struct SceneConfig {
     pub disturb: Disturbance,
 }
 
-/// Disturbance of the training cameras from their true poses, in directions that the run's seed draws: see
-/// [`infonerf_scene::Scene::disturbed`].
+/// Disturbance of the training cameras from their true poses, drawn by the run's seed ([`infonerf_scene::Scene::disturbed`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
@@ -90,8 +87,7 @@ pub enum PixelPosition {
     Corner,
 }
 
-/// Whether a key has its default value and is then not written: config files of earlier versions, which lack the key,
-/// stay identical.
+/// Whether a key has its default value and is not written: config files of earlier versions stay identical.
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -106,8 +102,7 @@ pub struct EvalConfig {
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
-    /// Steps that fit the pose of each test view to its photograph before it is measured, as BARF does where training cameras
-    /// are learned ([`crate::fit_test_pose`]); 0 for none.
+    /// Steps that fit each test view's pose before it is measured (BARF, [`crate::fit_test_pose`]); 0 for none.
     #[serde(default, skip_serializing_if = "is_default")]
     pub pose_steps: usize,
 }
@@ -146,6 +141,36 @@ impl Config {
     /// The first key that is out of range.
     pub fn check(&self) -> Result<(), Fault> {
         checks::of_config(self)
+    }
+
+    /// Describes the origin of the initial weights, if a reader of the results should know it.
+    pub fn initial_weights(&self) -> Option<String> {
+        let init = &self.train.init;
+        if !init.as_os_str().is_empty() {
+            return Some(format!("initial weights from {}", init.display()));
+        }
+        let mut field = self.field.clone();
+        let FieldFile { key, path, .. } = field.files().into_iter().find(|file| file.holds_weights)?;
+        Some(if path.as_os_str().is_empty() {
+            format!("field.{key}: random weights, not published ones")
+        } else {
+            format!("field.{key}: initial weights from {}", path.display())
+        })
+    }
+
+    /// Returns the config without files of weights, for a model that is trained already.
+    pub fn without_weight_files(&self) -> Self {
+        let mut config = self.clone();
+        config.train.init = PathBuf::new();
+        for file in config.field.files().into_iter().filter(|file| file.holds_weights) {
+            *file.path = PathBuf::new();
+        }
+        for (_, spec) in config.loss.specs_mut() {
+            if spec.weights_file().is_some() {
+                *spec.weight_mut() = Schedule::constant(0.0);
+            }
+        }
+        config
     }
 }
 
@@ -195,18 +220,13 @@ mod tests {
     fn a_fault_names_its_key() {
         let fault = |assignment: &str| Config::of(Preset::Paper, [assignment]).unwrap_err().to_string();
         for (assignment, part) in [
-            ("train.rayz=3", "rayz"),
-            ("train.rays=-3", "train.rays"),
             ("train.rays=0", "train.rays"),
-            ("train.rays=many", "train.rays"),
             ("loss.entropy.weight=nan", "loss.entropy.weight"),
             ("loss.entropy.weight=-1", "loss.entropy.weight"),
             ("loss.entropy.weight={from=0.0}", "loss.entropy.weight"),
             ("loss.kl.epsilon=1", "loss.kl.epsilon"),
             ("field.width=7", "field.width"),
-            ("field.kind=cube", "cube"),
             ("scene.views.ids=[1]", "scene.views"),
-            ("eval.test=some", "eval.test"),
             ("train.downscale=0.5", "train.downscale"),
             ("train.unseen_rays=0", "train.unseen_rays"),
             ("train.lr={from=1e-3,to=1e-4,shape=\"cosine\"}", "train.lr"),

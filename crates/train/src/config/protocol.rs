@@ -74,8 +74,7 @@ pub enum Views {
         /// Indices of training images.
         ids: Vec<usize>,
     },
-    /// Farthest-point sampling: the first view drawn by the run's seed, each further one as far as possible from those
-    /// before.
+    /// Farthest-point sampling: the first view drawn by the run's seed, each further one as far away as possible.
     Farthest {
         /// Number of views.
         count: usize,

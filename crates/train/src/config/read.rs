@@ -18,7 +18,6 @@ pub(super) fn config(table: Table) -> Result<Config, TrainError> {
     Err(TrainError::config(key, plain(&message)))
 }
 
-/// Parses the config; else returns the path of the first fault and what Serde says of it.
 fn parse(table: Table) -> Result<Config, (String, String)> {
     serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         let (path, message) = (error.path().to_string(), error.into_inner().to_string());
@@ -26,8 +25,7 @@ fn parse(table: Table) -> Result<Config, (String, String)> {
     })
 }
 
-/// Finds the key that is at fault in the table of a `kind` at `path`, within which Serde loses track: without it there
-/// is another fault.
+/// Finds the key at fault in the table of a `kind` at `path`, within which Serde loses track: without it the fault differs.
 fn within(table: &Table, path: &str, message: &str) -> Option<String> {
     let inner = |table: &mut Table| -> Option<Table> {
         let mut table = table;
@@ -49,7 +47,6 @@ fn within(table: &Table, path: &str, message: &str) -> Option<String> {
     })
 }
 
-/// Rewrites Serde's `message` in the words of a config file.
 fn plain(message: &str) -> String {
     let quoted = |text: &str| text.replace('`', "");
     if let Some(rest) = message.strip_prefix("unknown variant ")

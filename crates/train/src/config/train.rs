@@ -20,19 +20,13 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Rays of unseen poses per step, |R_u|.
     pub unseen_rays: usize,
-    /// Target number of evaluated samples per step; 0 for none. As space is found empty, a step then takes more rays of
-    /// both kinds, in proportion.
+    /// Target number of evaluated samples per step, which steps take more rays for as space is found empty; 0 for none.
     pub target_samples: usize,
     /// Factor by which training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
     pub downscale: Schedule,
     /// Source of a step's pixels.
     pub batch: Batch,
-    /// Whether well-fitted pixels are sampled less often.
-    pub error_sampling: ErrorSamplingConfig,
-    /// Whether a run ends before its time when its error plateaus.
-    pub early_stopping: EarlyStoppingConfig,
-    /// Maximum number of source images that an image-conditioned field is shown in a step: a random number of random
-    /// ones; 0 shows all.
+    /// Maximum number of source images shown to an image-conditioned field in a step, drawn at random; 0 shows all.
     pub sources: usize,
     /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
     /// of a run with `exposure_compensation`, whose gains are of its own views.
@@ -43,8 +37,7 @@ pub struct TrainConfig {
     pub unseen: Unseen,
     /// The neighbours of rays.
     pub neighbours: NeighbourConfig,
-    /// Whether each training view has a gain and a bias of its own for each channel, which are learned
-    /// ([`infonerf_render::Exposure`]). Pictures of other cameras have none.
+    /// Whether each training view has a learned gain and bias per channel ([`infonerf_render::Exposure`]).
     pub exposure_compensation: bool,
     /// Refinement of training cameras.
     #[serde(default, skip_serializing_if = "is_default")]
@@ -125,35 +118,6 @@ pub enum NeighbourSampling {
     Own,
 }
 
-/// Error-driven sampling of training pixels: one whose colour was fitted to within `threshold` when a step last drew it is
-/// drawn less often, so that the loss is of what is not fitted yet.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ErrorSamplingConfig {
-    /// Greatest error of a colour channel below which a pixel is well fitted; 0 draws all alike.
-    pub threshold: f32,
-    /// Probability with which a drawn pixel that is well fitted is taken.
-    pub keep: f32,
-}
-
-impl ErrorSamplingConfig {
-    /// Whether error-driven sampling is on. Steps on a GPU then read their colours back.
-    pub(crate) fn is_on(&self) -> bool {
-        self.threshold > 0.0
-    }
-}
-
-/// Early stopping: a run ends when its training error over `patience` steps is not smaller by a share of `min_delta` than
-/// over those before. Steps with images smaller than the full size (`train.downscale`) do not count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EarlyStoppingConfig {
-    /// Number of steps per window; 0 for no early stopping.
-    pub patience: usize,
-    /// Least relative improvement between windows with which a run goes on.
-    pub min_delta: f64,
-}
-
 /// An ensemble: fields that differ in their random numbers alone, each taking all steps, whose pictures are averaged. A CPU
 /// trains as many side by side as it has cores, other devices one after another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -161,8 +125,7 @@ pub struct EarlyStoppingConfig {
 pub struct EnsembleConfig {
     /// Number of fields.
     pub size: usize,
-    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to
-    /// `size`.
+    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to `size`.
     pub seconds_per_member: f64,
 }
 
@@ -177,8 +140,7 @@ impl RotationCentre {
 }
 
 impl EnsembleConfig {
-    /// Returns the number of fields that a run trains: `size`, or with a budget of `budget` seconds as many as have
-    /// `seconds_per_member` each if those are more.
+    /// Returns the number of fields of a run: `size`, or as many as `seconds_per_member` allows in `budget` seconds if more.
     pub fn members(&self, budget: Option<f64>) -> usize {
         let seconds = self.seconds_per_member;
         let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
@@ -194,13 +156,11 @@ impl TrainConfig {
         Self { weight_averaging, ..self.clone() }
     }
 
-    /// Returns the factor by which images are smaller at a moment of the run.
     pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
         self.downscale.at(at).round().max(1.0) as u32
     }
 
-    /// Returns 1 and every whole factor between the extremes of `downscale`: all images of factors above 1 together are
-    /// smaller than those of full size.
+    /// Returns 1 and every whole factor between the extremes of `downscale`.
     pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
         let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
         std::iter::once(1).chain(least.max(2)..=largest)
@@ -219,10 +179,6 @@ impl TrainConfig {
         number("unseen_rays", self.unseen_rays as f64, 0.0, 65_536.0)?;
         number("target_samples", self.target_samples as f64, 0.0, 1e8)?;
         schedule("downscale", &self.downscale, 1.0, 64.0)?;
-        number("error_sampling.threshold", self.error_sampling.threshold.into(), 0.0, 1.0)?;
-        number("error_sampling.keep", self.error_sampling.keep.into(), 0.0, 1.0)?;
-        number("early_stopping.patience", self.early_stopping.patience as f64, 0.0, 1e9)?;
-        number("early_stopping.min_delta", self.early_stopping.min_delta, 0.0, 1.0)?;
         number("neighbours.max_angle_deg", self.neighbours.max_angle_deg, 0.0, 180.0)?;
         self.cameras.validate().map_err(|fault| within(fault.within("cameras")))?;
         schedule("lr", &self.lr, 0.0, 1e3)?;

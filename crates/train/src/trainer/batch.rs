@@ -1,17 +1,15 @@
 //! Batches of steps: pixels, the groups of rays through them, and the colours that they show.
 
-use std::sync::Arc;
-
 use glam::DMat4;
 use infonerf_field::Field;
-use infonerf_loss::{Need, Renders, Target};
-use infonerf_ops::{to_host, upload};
-use infonerf_render::{CameraRefinement, Model, Noise, RandomStream, RayBatch};
+use infonerf_loss::{Need, Target};
+use infonerf_ops::upload;
+use infonerf_render::{Model, Noise, RandomStream, RayBatch};
 use infonerf_scene::ViewRegion;
 use infonerf_schedule::Moment;
 
+use super::Trainer;
 use crate::config::{Config, NeighbourSampling};
-use crate::error_sampling::PixelErrors;
 use crate::images::SeenPixels;
 use crate::pixels::{Pixels, UnseenViews, rotation};
 use crate::training_scene::TrainingScene;
@@ -29,58 +27,45 @@ pub struct StepBatch {
     pub rotation: DMat4,
 }
 
-/// Draws the batches of a run.
-#[derive(Debug)]
-pub(super) struct Batches {
-    pub(super) scenes: Arc<[TrainingScene]>,
-    pub(super) seed: u64,
-    /// Errors of training pixels, by which later ones are drawn.
-    pub(super) errors: PixelErrors,
-}
-
-impl Batches {
-    /// Draws the batch of the step at `at`: `seen` pixels and, if a term `needs` them, `unseen` ones. Unseen poses are near the
-    /// training cameras, as far as `cameras` corrects them.
-    pub(super) fn draw(
-        &mut self,
-        config: &Config,
-        [seen, unseen]: [usize; 2],
-        at: Moment,
-        cameras: Option<&CameraRefinement>,
-    ) -> StepBatch {
+impl<F: Field> Trainer<F> {
+    /// Draws the batch of the step at `at`. Unseen poses are near the training cameras, as far as these are corrected.
+    pub(super) fn draw(&self, at: Moment) -> StepBatch {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
-        let train = &config.train;
+        let train = &self.config.train;
         let index = noise(RandomStream::TrainingScene).below(0, 0, self.scenes.len());
         let scene = &self.scenes[index];
-        let images = scene.images.at(train, at);
+        let [seen, unseen] = self.ray_counts();
         let draw_unseen = || {
+            let cameras = self.model.cameras.as_ref();
             let learned = cameras.map(|cameras| ViewRegion::new(&cameras.apply(&scene.images.cameras)));
             let views = UnseenViews { region: learned.as_ref().unwrap_or(&scene.region), ..scene.unseen(train) };
-            views.pixels(unseen, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
+            let width = scene.images.at(train, at).pixel_width();
+            views.pixels(unseen, width, at.step, noise(RandomStream::UnseenRays))
         };
-        self.errors.resize(images.size());
         StepBatch {
             scene: index,
-            seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays), &self.errors),
+            seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays)),
             unseen: scene.needs(at).contains(&Need::Unseen).then(draw_unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         }
     }
 
-    /// Keeps the errors of the pixels of a step, if later ones are to be drawn by them. On a GPU that reads colours back.
-    pub(super) fn remember(&mut self, config: &Config, seen: &SeenPixels, renders: &Renders) {
-        let color = renders.seen.output().color.clone();
-        let Some(color) = color.filter(|_| config.train.error_sampling.is_on()) else { return };
-        let color = to_host(color.detach());
-        let errors = color.chunks_exact(3).zip(&seen.rgba).map(|(color, target)| {
-            color.iter().zip(target).map(|(color, target)| (color - target).abs()).fold(0.0, f32::max)
-        });
-        self.errors.remember(&seen.indices, errors);
+    /// Returns the numbers of rays of training images and of unseen poses of a step.
+    fn ray_counts(&self) -> [usize; 2] {
+        let train = &self.config.train;
+        let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
+        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
+            return [train.rays, train.unseen_rays];
+        }
+        let rays =
+            (train.target_samples as f64 / self.progress.samples_per_ray).clamp(seen / 4.0, seen * 16.0).max(1.0);
+        let unseen_rays = (rays * unseen / seen) as usize;
+        [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
     }
 }
 
 /// Part that a group of rays has in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
     Seen,
     Unseen,
@@ -97,7 +82,6 @@ pub(super) enum Distances {
     OfPartner(Role),
 }
 
-/// Rays that are rendered alike.
 #[derive(Clone, Debug)]
 pub(super) struct RayGroup {
     pub(super) role: Role,
@@ -153,14 +137,11 @@ impl StepBatch {
 
     /// Returns the colours of the seen pixels, on the device of `model`.
     pub(super) fn target<F: Field>(&self, scene: &TrainingScene, model: &Model<F>) -> Target {
-        let seen = &self.seen;
-        let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        let SeenPixels { rgb, pixels, .. } = &self.seen;
         Target {
-            rgb: upload(channels, [seen.rgba.len(), 3], &model.fine.device()),
-            classes: None,
-            rgba: seen.rgba.clone(),
-            coverage: seen.coverage.clone(),
-            pixels: seen.pixels.at.clone(),
+            rgb: upload(rgb.as_flattened().to_vec(), [rgb.len(), 3], &model.fine.device()),
+            on_host: rgb.clone(),
+            pixels: pixels.at.clone(),
             background: scene.scene.background,
         }
     }

@@ -12,19 +12,17 @@ use burn::tensor::Device;
 use infonerf_field::{Extent, Field, RadianceField};
 use infonerf_ops::{is_gpu, to_host};
 use infonerf_render::{
-    Model, ModelFrame, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp, evaluate_at,
+    Model, ModelFrame, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, evaluate_at,
 };
-use infonerf_scene::{Aabb, Camera, Scene};
+use infonerf_scene::{Camera, Scene};
 use infonerf_schedule::{Fault, Moment};
 
-use self::batch::Batches;
 use self::report::PendingStep;
-use crate::checkpoint::{Checkpoint, RunState};
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, checks};
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::event::Event;
-use crate::model::{FieldBuilder, optimizer};
+use crate::model::{FieldBuilder, field_bounds, optimizer};
 use crate::profile::Profile;
 use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
@@ -36,7 +34,8 @@ const READ_EVERY: usize = 16;
 /// The training of one field on one scene or, for a field that looks at images, on many.
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
-    batches: Batches,
+    scenes: Arc<[TrainingScene]>,
+    seed: u64,
     /// Time budget in seconds; `None` if the number of steps decides when training ends.
     budget: Option<f64>,
     device: Device,
@@ -57,7 +56,7 @@ pub struct Trainer<F: Field = RadianceField> {
 pub enum Outcome {
     /// More steps are to be taken.
     Running,
-    /// All steps are taken, the budget is spent, or the training error has plateaued.
+    /// All steps are taken, or the budget is spent.
     Finished,
     /// The field went empty and no fresh start is left.
     Collapsed,
@@ -80,7 +79,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         let scene = scene.into();
-        let builder = FieldBuilder::configured(config, field_bounds(config, &scene), scene.space.body.clone());
+        let builder = FieldBuilder::configured(config, &scene);
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
@@ -92,7 +91,7 @@ impl Trainer {
     pub fn on_scenes(config: &Config, scenes: Vec<Arc<Scene>>, seed: u64, device: &Device) -> Result<Self, TrainError> {
         checks::of_many(config)?;
         let first = scenes.first().ok_or_else(|| Fault::new("scenes", "at least one", "none"))?;
-        let builder = FieldBuilder::configured(config, field_bounds(config, first), first.space.body.clone());
+        let builder = FieldBuilder::configured(config, first);
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
 }
@@ -136,7 +135,7 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// If a file of weights that the config names cannot be used.
     pub fn with_seed(&self, seed: u64) -> Result<Self, TrainError> {
-        let (config, scenes) = (self.config.clone(), self.batches.scenes.clone());
+        let (config, scenes) = (self.config.clone(), self.scenes.clone());
         Self::of_parts(config, scenes, seed, self.budget, self.device.clone(), self.builder.clone())
     }
 
@@ -154,7 +153,8 @@ impl<F: Field> Trainer<F> {
             occupancy: occupancy_grid(&config, &scenes[0].scene),
             read_every: if is_gpu(&device) { READ_EVERY } else { 1 },
             config,
-            batches: Batches { scenes, seed, errors: PixelErrors::default() },
+            scenes,
+            seed,
             budget,
             device,
             builder,
@@ -176,7 +176,6 @@ impl<F: Field> Trainer<F> {
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
         }
-        self.batches.errors = checkpoint.restore_pixel_errors()?;
         self.progress = checkpoint.progress().clone();
         self.pending.clear();
         Ok(())
@@ -189,14 +188,8 @@ impl<F: Field> Trainer<F> {
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
     pub fn checkpoint(&mut self, report: &mut impl FnMut(Event)) -> Result<Checkpoint, TrainError> {
         self.catch_up(report)?;
-        Checkpoint::take(RunState {
-            progress: &self.progress,
-            model: &self.model,
-            average: &self.weight_average,
-            optimizer: &self.optimizer,
-            occupancy: self.occupancy.as_ref(),
-            pixel_errors: self.config.train.error_sampling.is_on().then_some(&self.batches.errors),
-        })
+        let Self { progress, model, weight_average, optimizer, occupancy, .. } = self;
+        Checkpoint::take(progress, model, weight_average, optimizer, occupancy.as_ref())
     }
 
     /// Returns steps, time and samples so far.
@@ -206,11 +199,11 @@ impl<F: Field> Trainer<F> {
 
     /// Whether the field went empty with no fresh start left.
     pub fn has_collapsed(&self) -> bool {
-        self.progress.empty_steps.are_collapse()
+        self.progress.has_collapsed()
     }
 
     /// Reads the losses of `steps` steps at once from here on, 1 or more. By default a CPU reads them in each step and a GPU,
-    /// which idles while it is waited for, after 16. Losses and steps are the same; a plateau or a collapse is noticed up to
+    /// which idles while it is waited for, after 16. Losses and steps are the same; a collapse is noticed up to
     /// `steps` − 1 steps later.
     pub fn read_every(&mut self, steps: usize) {
         self.read_every = steps;
@@ -229,24 +222,23 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the scene that the field learns; the first of many.
     pub fn scene(&self) -> &Arc<Scene> {
-        &self.batches.scenes[0].scene
+        &self.scenes[0].scene
     }
 
     /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
-        let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
-        model.conditioned(self.batches.scenes[0].sources.all(), None)
+        let model = self.weight_average.mean.clone().unwrap_or_else(|| self.model.valid());
+        model.conditioned(&self.scenes[0].sources.0, None)
     }
 
     /// Returns the renderer of the scene.
     pub fn renderer(&self) -> &Renderer {
-        &self.batches.scenes[0].renderer
+        &self.scenes[0].renderer
     }
 
     /// Returns the occupancy grid once it may be used.
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
-        let config = &self.config.render.occupancy;
-        self.occupancy.as_ref().filter(|_| config.carve || self.progress.step > config.warmup)
+        self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
     }
 
     /// Returns the model and its occupancy grid as training has them.
@@ -258,17 +250,15 @@ impl<F: Field> Trainer<F> {
     /// Returns the training cameras as they are learned, in the model's own frame; those of the scene if they are not.
     pub fn cameras(&self) -> Vec<Camera> {
         let given = self.given_cameras();
-        let mean = self.weight_average.mean().unwrap_or(&self.model);
+        let mean = self.weight_average.mean.as_ref().unwrap_or(&self.model);
         mean.cameras.as_ref().map_or_else(|| given.clone(), |cameras| cameras.apply(&given))
     }
 
-    /// Returns the training cameras with which training began.
     fn given_cameras(&self) -> Vec<Camera> {
         self.scene().train.iter().map(|view| view.camera.clone()).collect()
     }
 
-    /// Returns the map from the scene's frame, which is that of test views, to that of the cameras as they are learned;
-    /// `None` if both are one.
+    /// Returns the map from the scene's frame to that of the cameras as they are learned; `None` if both are one.
     fn frame(&self) -> Option<ModelFrame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
@@ -286,7 +276,7 @@ impl<F: Field> Trainer<F> {
             if factor == 1 {
                 return grid;
             }
-            let noise = Noise::new(self.batches.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
+            let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
@@ -310,21 +300,9 @@ impl<F: Field> Trainer<F> {
     }
 }
 
-/// Returns the box that a field of `scene` is made for.
-fn field_bounds(config: &Config, scene: &Scene) -> Aabb {
-    Warp::of(scene, config.render.space).bounds(scene)
-}
-
 fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
-    let bounds = field_bounds(config, scene);
-    let config = &config.render.occupancy;
-    config.enabled.then(|| {
-        let mut grid = OccupancyGrid::new(config, bounds);
-        if config.carve {
-            grid.carve(&scene.train);
-        }
-        grid
-    })
+    let grid = &config.render.occupancy;
+    grid.enabled.then(|| OccupancyGrid::new(grid, field_bounds(config, scene)))
 }
 
 /// Densities at `positions`, three values each, on no ray, for the occupancy grid.
@@ -355,9 +333,9 @@ mod tests {
         {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.batches.scenes[0].sources.all().views;
+            let copies = &trainer.scenes[0].sources.0.views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
-            assert!(Arc::ptr_eq(&trainer.batches.scenes, &trainer.with_seed(1).unwrap().batches.scenes));
+            assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
         }
     }
 }

@@ -1,6 +1,5 @@
-//! Reading of losses, and what follows from them: events, plateaus, collapses.
+//! Reading of losses, and what follows from them: events and collapses.
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::tensor::Tensor;
@@ -27,22 +26,20 @@ pub(super) struct StepLosses {
 
 impl StepLosses {
     pub(super) fn new(losses: &LossValues, renders: &Renders) -> Self {
-        let (output, target) = (renders.seen.output(), renders.seen.target.as_ref());
-        let target = target.expect("training images show colours");
         let mse = renders.squared_error.clone().unwrap_or_else(|| renders.zero());
-        let scalars = [losses.total.clone(), mse, output.acc.clone().mean()];
+        let scalars = [losses.total.clone(), mse, renders.seen.fine.acc.clone().mean()];
         let terms = losses.values.iter().map(|(_, value)| value.clone());
-        let shown = target.rgba.iter().filter(|pixel| target.is_foreground(**pixel)).count();
+        let pixels = renders.target.foreground();
+        let count = pixels.len();
         Self {
             names: losses.values.iter().map(|(name, _)| *name).collect(),
             on_device: scalars.into_iter().chain(terms).map(Tensor::inner).collect(),
             values: Vec::new(),
-            foreground: shown as f32 / target.rgba.len() as f32,
+            foreground: pixels.filter(|shown| *shown).count() as f32 / count as f32,
         }
     }
 
-    /// Reads the losses of several steps in one transfer: a GPU has to be waited for each time. Returns whether any was not read
-    /// yet.
+    /// Reads the losses of several steps in one transfer, and returns whether any was not read yet.
     fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) -> bool {
         let mut steps: Vec<&mut Self> = steps.filter(|losses| !losses.is_read()).collect();
         if steps.is_empty() {
@@ -58,34 +55,6 @@ impl StepLosses {
     fn is_read(&self) -> bool {
         !self.values.is_empty()
     }
-
-    /// # Errors
-    /// If a term, or the objective, is not finite.
-    fn check(&self, step: usize) -> Result<(), TrainError> {
-        match self.terms().chain([("total", self.total())]).find(|(_, value)| !value.is_finite()) {
-            Some((term, value)) => Err(TrainError::NonFinite { what: format!("loss `{term}`"), value, step }),
-            None => Ok(()),
-        }
-    }
-
-    /// Returns the objective.
-    fn total(&self) -> f32 {
-        self.values[0]
-    }
-
-    /// Returns the mean squared error of the seen rays' colours, over rays and channels.
-    fn mse(&self) -> f32 {
-        self.values[1]
-    }
-
-    /// Returns the mean opacity of the seen rays.
-    fn acc(&self) -> f32 {
-        self.values[2]
-    }
-
-    fn terms(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
-        self.names.iter().copied().zip(self.values[3..].iter().copied())
-    }
 }
 
 /// A step that was taken, and is not reported yet.
@@ -94,10 +63,8 @@ pub(super) struct PendingStep {
     pub(super) losses: StepLosses,
     pub(super) lr: f64,
     pub(super) rays: usize,
-    /// Share of the candidate samples that a field evaluated.
     pub(super) evaluated: f64,
-    /// 1 if the objective was finite in this step and in the pending ones before it, else 0: the model then stays as it was. On
-    /// the device.
+    /// 1 if the objective was finite in this step and those pending before, else 0 and the model stays. On the device.
     pub(super) finite: Tensor<1>,
     /// Seconds that the step took, and of training so far, once they are counted.
     pub(super) seconds: [f64; 2],
@@ -145,23 +112,34 @@ impl<F: Field> Trainer<F> {
         let rays: usize = pending.iter().map(|step| step.rays).sum();
         let rays_per_second = rays as f64 / pending.iter().map(|step| step.seconds[0]).sum::<f64>();
         for PendingStep { at, losses, lr, evaluated, seconds, .. } in pending {
-            if let Err(error) = losses.check(at.step) {
+            let (&[loss, mse, acc], terms) = losses.values.split_first_chunk().expect("losses are read");
+            let terms = losses.names.iter().copied().zip(terms.iter().copied());
+            let is_bad = |(_, value): &(&str, f32)| !value.is_finite();
+            if let Some((term, value)) = terms.clone().chain([("total", loss)]).find(is_bad) {
                 self.progress.step = at.step;
-                return Err(error);
+                return Err(TrainError::NonFinite { what: format!("loss `{term}`"), value, step: at.step });
             }
+            let step = at.step + 1;
             report(Event::Step {
-                step: at.step + 1,
+                step,
                 seconds: seconds[1],
-                loss: losses.total(),
-                psnr: -10.0 * losses.mse().max(1e-12).log10(),
+                loss,
+                losses: terms.map(|(name, value)| (name.to_owned(), value)).collect(),
+                psnr: -10.0 * mse.max(1e-12).log10(),
                 lr,
                 rays_per_second,
-                acc: losses.acc(),
+                acc,
                 evaluated,
-                losses: losses.terms().map(|(name, value)| (name.to_owned(), value)).collect::<BTreeMap<_, _>>(),
             });
-            if self.watch(at, &losses, report)? {
-                // What came after it is of a field that is given up.
+            if self.progress.count_opacity(acc, losses.foreground) {
+                // What came after it is of a field that is given up. With the weights of another run there are no other ones
+                // to start over with.
+                let others = self.config.train.init.as_os_str().is_empty();
+                let restarted = others && self.progress.restarts < self.config.train.restarts;
+                report(Event::Collapse { step, restarted });
+                if restarted {
+                    self.restart()?;
+                }
                 break;
             }
         }
@@ -170,27 +148,5 @@ impl<F: Field> Trainer<F> {
             () if self.is_over() => Outcome::Finished,
             () => Outcome::Running,
         })
-    }
-
-    /// Checks whether the training error has plateaued and whether the field went empty; an empty field starts over
-    /// with other weights while that is allowed. Returns whether the field went empty.
-    fn watch(&mut self, at: Moment, losses: &StepLosses, report: &mut impl FnMut(Event)) -> Result<bool, TrainError> {
-        let step = at.step + 1;
-        let full_size = self.batches.scenes[0].images.at(&self.config.train, at).is_full_size();
-        let (config, stopping) = (&self.config.train.early_stopping, &mut self.progress.early_stopping);
-        if full_size && !stopping.plateaued && stopping.add(config, f64::from(losses.mse())) {
-            report(Event::Plateau { step });
-        }
-        let empty = self.progress.empty_steps.add(losses.acc(), losses.foreground);
-        if empty {
-            // With the weights of another run there are no other ones to start over with.
-            let others = self.config.train.init.as_os_str().is_empty();
-            let restarted = others && self.progress.restarts < self.config.train.restarts;
-            report(Event::Collapse { step, restarted });
-            if restarted {
-                self.restart()?;
-            }
-        }
-        Ok(empty)
     }
 }

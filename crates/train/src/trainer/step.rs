@@ -1,14 +1,16 @@
 //! A step: draw, render, evaluate the objective, optimize.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
-use infonerf_loss::{LossValues, Need, NeighbourBundles, RenderedBundle, Renders, UnseenImage};
+use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
 use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
+use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
 use infonerf_schedule::Moment;
 
@@ -16,13 +18,11 @@ use super::batch::{Distances, RayGroup, Role, StepBatch};
 use super::report::{PendingStep, StepLosses};
 use super::{Outcome, Trainer, densities, occupancy_grid};
 use crate::error::TrainError;
-use crate::error_sampling::PixelErrors;
 use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
 use crate::profile::Phase;
 use crate::weight_averaging::WeightAverage;
 
-/// Samples and rays that a step took.
 #[derive(Clone, Copy, Debug, Default)]
 struct RenderCost {
     samples: Counts,
@@ -55,8 +55,7 @@ impl<F: Field> Trainer<F> {
         self.count_step(taken, start.elapsed().as_secs_f64(), report)
     }
 
-    /// Takes a step on `batch`, or on one that is drawn, and counts no time yet. Returns false if training is over, and nothing
-    /// was done.
+    /// Takes a step on `batch`, or on one that is drawn, and counts no time. Returns false if training is over.
     pub(crate) fn advance(&mut self, batch: Option<StepBatch>) -> bool {
         if self.has_collapsed() || self.is_over() {
             return false;
@@ -64,12 +63,14 @@ impl<F: Field> Trainer<F> {
         let before = Traffic::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
+        let start = Instant::now();
         let batch = batch.unwrap_or_else(|| self.draw(at));
+        self.profile.book(Phase::Rays, start);
         let model = self.conditioned(&batch, at);
         let (renders, cost) = self.render(&batch, &model, at);
-        self.batches.remember(&self.config, &batch.seen, &renders);
         let losses = self.evaluate(&batch, &model, &renders, at);
-        self.count_samples(&batch, &renders, cost);
+        let segments = renders.seen.fine.segments();
+        self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
         // Adam changes weights in place that nobody else holds.
         drop((model, renders));
@@ -80,65 +81,38 @@ impl<F: Field> Trainer<F> {
         true
     }
 
-    fn draw(&mut self, at: Moment) -> StepBatch {
-        let counts = self.ray_counts();
-        let Self { batches, profile, config, model, .. } = self;
-        profile.time(Phase::Rays, || batches.draw(config, counts, at, model.cameras.as_ref()))
-    }
-
-    /// Returns the numbers of rays of training images and of unseen poses of a step.
-    fn ray_counts(&self) -> [usize; 2] {
-        let train = &self.config.train;
-        let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
-        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
-            return [train.rays, train.unseen_rays];
-        }
-        let rays =
-            (train.target_samples as f64 / self.progress.samples_per_ray).clamp(seen / 4.0, seen * 16.0).max(1.0);
-        let unseen_rays = (rays * unseen / seen) as usize;
-        [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
-    }
-
     /// Returns the model as the step has it: conditioned on the images that its fields are shown.
     fn conditioned(&mut self, batch: &StepBatch, at: Moment) -> Model<F> {
-        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
+        let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
-        let scene = &self.batches.scenes[batch.scene];
+        let scene = &self.scenes[batch.scene];
         let sources = scene.sources.draw(&self.config.train, batch.seen.pixels.view(), sources);
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
-    /// Renders what the terms of the step need.
     fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, RenderCost) {
-        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
-        let scene = &self.batches.scenes[batch.scene];
+        let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
+        let scene = &self.scenes[batch.scene];
         let needs = scene.needs(at);
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
         let renderer = &scene.renderer;
         let mut cost = RenderCost::default();
-        let mut rendered: Vec<(Role, Passes)> = Vec::new();
+        let mut rendered: BTreeMap<Role, Passes> = BTreeMap::new();
         for RayGroup { role, rays, distances } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
-            let passes = self.profile.time(role.phase(), || match distances {
+            let mut passes = self.profile.time(role.phase(), || match distances {
                 Distances::Own => {
                     let color = role == Role::Seen && needs.contains(&Need::SeenColor);
                     renderer.render(model, &rays, RenderRequest { color, hidden: false }, occupancy, at)
                 }
                 Distances::OfPartner(partner) => {
-                    let (_, partner) = rendered.iter().find(|(role, _)| *role == partner).expect("partners come first");
-                    Passes { coarse: None, fine: renderer.along(&model.fine, &partner.fine, &rays, at) }
+                    Passes { coarse: None, fine: renderer.along(&model.fine, &rendered[&partner].fine, &rays, at) }
                 }
             });
             cost.add(&passes, rays.len());
-            let exposure = model.exposure.as_ref().zip(rays.pixels());
-            rendered.push((
-                role,
-                match exposure {
-                    Some((exposure, pixels)) => {
-                        passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>())
-                    }
-                    None => passes,
-                },
-            ));
+            if let Some((exposure, pixels)) = model.exposure.as_ref().zip(rays.pixels()) {
+                passes = passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
+            }
+            rendered.insert(role, passes);
         }
         let picture = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         let picture = picture.map(|size| {
@@ -155,20 +129,17 @@ impl<F: Field> Trainer<F> {
             let Need::Penalty(name) = *need else { return None };
             Some((name, model.fine.penalty(name)?))
         };
-        let mut take = |role| {
-            let index = rendered.iter().position(|(known, _)| *known == role)?;
-            Some(rendered.swap_remove(index).1)
-        };
-        let seen = take(Role::Seen).expect("seen rays are always rendered");
-        let seen = RenderedBundle { passes: seen, target: Some(batch.target(scene, model)) };
+        let seen = rendered.remove(&Role::Seen).expect("seen rays are always rendered");
+        let target = batch.target(scene, model);
+        let color = seen.fine.color.clone();
+        let mut fine = |role| rendered.remove(&role).map(|passes| passes.fine);
         let renders = Renders {
-            squared_error: seen.squared_error(),
+            squared_error: color.map(|color| mean_squared_difference(color, target.rgb.clone())),
             seen,
-            unseen: take(Role::Unseen).map(|passes| RenderedBundle { passes, target: None }),
-            neighbours: NeighbourBundles {
-                seen: take(Role::SeenNeighbours).map(|passes| passes.fine),
-                unseen: take(Role::UnseenNeighbours).map(|passes| passes.fine),
-            },
+            target,
+            unseen: fine(Role::Unseen),
+            seen_neighbours: fine(Role::SeenNeighbours),
+            unseen_neighbours: fine(Role::UnseenNeighbours),
             picture,
             penalties: needs.iter().filter_map(penalty).collect(),
         };
@@ -177,19 +148,13 @@ impl<F: Field> Trainer<F> {
 
     /// Evaluates the objective, with the pull of refined cameras towards their start.
     fn evaluate(&self, batch: &StepBatch, model: &Model<F>, renders: &Renders, at: Moment) -> LossValues {
-        let mut losses = LossValues::of(&self.batches.scenes[batch.scene].objective.due(at), renders);
+        let mut losses = LossValues::of(&self.scenes[batch.scene].objective.due(at), renders);
         if let Some(cameras) = &model.cameras {
             let prior = cameras.prior();
             losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
             losses.values.push(("cameras", prior));
         }
         losses
-    }
-
-    fn count_samples(&mut self, batch: &StepBatch, renders: &Renders, cost: RenderCost) {
-        let samples_per_ray = renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64;
-        self.progress.count(cost.samples, samples_per_ray);
-        self.progress.pixels_skipped += batch.seen.rejected;
     }
 
     /// Takes an Adam step on the objective, unless the objective is not finite.
@@ -218,20 +183,17 @@ impl<F: Field> Trainer<F> {
         }
     }
 
-    /// Whether there is nothing left to do.
     pub(super) fn is_over(&self) -> bool {
-        self.done() >= 1.0 || self.progress.early_stopping.plateaued
+        self.done() >= 1.0
     }
 
-    /// Starts over with other weights.
     pub(super) fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        let seed = Noise::new(self.batches.seed, restarts as u64, RandomStream::Restart).bits();
+        let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
         self.model = self.builder.model(&self.config, self.scene(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
         self.optimizer = optimizer(&self.config);
         self.occupancy = occupancy_grid(&self.config, self.scene());
-        self.batches.errors = PixelErrors::default();
         self.progress = self.progress.restarted();
         Ok(())
     }
@@ -240,9 +202,9 @@ impl<F: Field> Trainer<F> {
         let Some(grid) = self.occupancy.as_mut().filter(|grid: &&mut OccupancyGrid| grid.is_due(at.step)) else {
             return;
         };
-        let scene = &self.batches.scenes[0];
-        let noise = Noise::new(self.batches.seed, at.step as u64, RandomStream::Occupancy);
-        let field = self.model.fine.valid().conditioned(scene.sources.all(), None);
+        let scene = &self.scenes[0];
+        let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
+        let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {

@@ -24,13 +24,12 @@ const PAPER: [&str; 11] = [
 ];
 
 /// The quick field, likewise, with a gain and bias of each view, and learned cameras.
-const FAST: [&str; 12] = [
+const FAST: [&str; 11] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
     "field.width=16",
     "field.layers=1",
     "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
-    "train.error_sampling={threshold=0.2,keep=0.25}",
     "train.exposure_compensation=true",
     "train.cameras={refine=\"photometric\",focal=\"each\"}",
     "render.occupancy.resolution=8",

@@ -1,8 +1,5 @@
 //! Placement of samples along rays: candidate distances, minus what is known to be empty or hidden.
 
-mod rules;
-mod steps;
-
 use burn::tensor::{Device, Tensor};
 use infonerf_field::Points;
 use infonerf_ops::sampling::march::{MarchSettings, MarchedRays, march};
@@ -11,14 +8,12 @@ use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-pub use self::rules::Placement;
-use self::rules::Rule;
-pub(crate) use self::steps::UniformSteps;
 use crate::config::RenderConfig;
 use crate::occupancy::OccupancyGrid;
 use crate::output::RenderOutput;
-use crate::rays::{RayBatch, on};
-use crate::samples::Samples;
+use crate::rays::RayBatch;
+use crate::samples::{Samples, on};
+use crate::steps::UniformSteps;
 use crate::warp::Warp;
 
 /// Knowledge of space by which samples are skipped.
@@ -33,7 +28,7 @@ pub(crate) struct Skip<'a> {
 /// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped. In no graph.
 #[derive(Clone, Debug)]
 pub(crate) struct PassDistances {
-    /// Sorted coordinates by which a [`Rule`] places `N` samples of each ray, `[H, N]` or, of edges, `[H, N + 1]`. A
+    /// Sorted coordinates by which a [`Placement`](crate::Placement) places `N` samples of each ray, `[H, N]` or, of edges, `[H, N + 1]`. A
     /// coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
     t: Tensor<2>,
     /// Near and far of each ray, coordinates, `[H, 2]`.
@@ -48,14 +43,12 @@ pub(crate) struct PlacedSamples {
     pub(crate) kept: Option<Vec<usize>>,
 }
 
-/// Places samples along the rays of one scene.
 #[derive(Clone, Debug)]
 pub(crate) struct Sampler {
-    config: RenderConfig,
+    pub(crate) config: RenderConfig,
     range: Range,
     near: f32,
-    /// Length of the longest ray, in coordinates.
-    longest: f32,
+    pub(crate) longest: f32,
     bounds: Aabb,
     warp: Warp,
 }
@@ -76,33 +69,18 @@ impl Sampler {
         &self.warp
     }
 
-    pub(crate) fn config(&self) -> &RenderConfig {
-        &self.config
-    }
-
-    fn rule(&self) -> &'static dyn Rule {
-        self.config.placement.rule()
-    }
-
     /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
     pub(crate) fn step_length(&self, at: Moment) -> f32 {
         let c = &self.config;
         let samples = c.samples.at(at) as f32;
-        let coarse = if c.is_hierarchical() && self.rule().spans_intervals() { 0.0 } else { samples };
+        let coarse = if c.is_hierarchical() && self.config.placement.spans_intervals() { 0.0 } else { samples };
         self.longest / (coarse + c.fine_samples as f32)
     }
 
-    /// Returns the number of samples of the longest ray.
     pub(crate) fn max_samples(&self, at: Moment) -> usize {
         (self.longest / self.step_length(at)).round() as usize
     }
 
-    /// Returns the length of the longest ray, in coordinates.
-    pub(crate) fn longest(&self) -> f32 {
-        self.longest
-    }
-
-    /// Returns a batch of `rays` for a field on `device`.
     pub(crate) fn batch(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
         let ends = rays.par_iter().map(|ray| self.interval(ray)).collect();
         RayBatch::new(rays, ends, device)
@@ -116,22 +94,25 @@ impl Sampler {
             device,
             march_config,
             |index, samples| {
-                let (ray, Some(ends)) = (&rays.on_host()[index], rays.ends()[index]) else { return };
-                let shift = rays.jitter().map_or(0.5, |noise| noise.uniform(index, 0));
+                let (ray, Some(ends)) = (&rays.on_host[index], rays.ends[index]) else { return };
+                let shift = rays.jitter.map_or(0.5, |noise| noise.uniform(index, 0));
                 let steps = self.steps(ray, ends, march_config.step, shift, skip.grid);
-                self.keep(steps, ray, skip, |(t, delta)| samples.push(t, delta, self.warp.point(ray.at(t)).to_array()));
+                let steps = steps.enumerate();
+                self.keep(steps, ray, skip, |_, (t, delta)| {
+                    samples.push(t, delta, self.warp.point(ray.at(t)).to_array());
+                });
             },
             || {
                 let [origins, directions] = rays.geometry();
                 let device = origins.device();
-                let ends = rays.ends().iter().flat_map(|ends| ends.unwrap_or([0.0; 2])).collect();
+                let ends = rays.ends.iter().flat_map(|ends| ends.unwrap_or([0.0; 2])).collect();
                 let ends = upload(ends, [rays.len(), 2], &device);
                 let rays = MarchedRays { origins, directions, ends, jitter: rays.streams(0..rays.len(), false) };
                 self.warp.is_identity().then(|| (rays, skip.grid.map(|grid| grid.cells_on(&device))))
             },
         );
         let (samples, positions) = Samples::packed(packed, rays.len() * self.max_samples(at));
-        let points = if rays.is_tracked() {
+        let points = if rays.is_tracked {
             rays.points(&samples, &self.warp, device)
         } else {
             rays.points_at(positions, &samples, device)
@@ -156,7 +137,7 @@ impl Sampler {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
         let jitter = rays.streams(rays.hits(), false);
-        PassDistances { t: self.rule().first(ends.clone(), count, jitter.as_ref()), ends }
+        PassDistances { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
     }
 
     /// Distances of the fine pass, drawn from the weights of the coarse one. A coarse sample that was skipped has weight 0.
@@ -172,14 +153,14 @@ impl Sampler {
             None => on(&output.tau, &t.device()),
             Some(kept) => {
                 let [hits, columns] = t.dims();
-                let candidates = hits * (columns - usize::from(self.rule().spans_intervals()));
+                let candidates = hits * (columns - usize::from(self.config.placement.spans_intervals()));
                 let mut all = vec![0.0; candidates];
                 kept.iter().zip(to_host(output.tau.clone())).for_each(|(&index, tau)| all[index] = tau);
                 upload(all, [candidates], &t.device())
             }
         };
         let jitter = rays.streams(rays.hits(), true);
-        PassDistances { t: self.rule().fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
+        PassDistances { t: self.config.placement.fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
     /// Places the samples of a pass for a field on `device`, less those that are skipped.
@@ -191,7 +172,7 @@ impl Sampler {
         device: &Device,
     ) -> PlacedSamples {
         let PassDistances { t, ends } = pass.clone();
-        let [coordinate, delta] = self.rule().intervals(t, ends, self.config.last_interval);
+        let [coordinate, delta] = self.config.placement.intervals(t, ends, self.config.last_interval);
         let distance = self.warp.distances(coordinate);
         let hits: Vec<usize> = rays.hits().collect();
         let per_ray = distance.dims()[0] / hits.len();
@@ -207,7 +188,7 @@ impl Sampler {
                     let mut kept = Vec::new();
                     let samples =
                         (row * per_ray..(row + 1) * per_ray).map(|index| (index, (distance[index], delta[index])));
-                    self.keep_indexed(samples, &rays.on_host()[ray], skip, |index, _| kept.push(index));
+                    self.keep(samples, &rays.on_host[ray], skip, |index, _| kept.push(index));
                     kept
                 };
                 let kept: Vec<Vec<usize>> = hits.par_iter().enumerate().map(of_ray).collect();
@@ -229,7 +210,6 @@ impl Sampler {
         PlacedSamples { samples, points, kept }
     }
 
-    /// Whether rays are cut to the scene's box.
     fn clips(&self) -> bool {
         self.config.clip_to_bounds && self.warp.is_identity()
     }
@@ -249,22 +229,11 @@ impl Sampler {
         (near < far).then(|| [near, far].map(|t| self.warp.coordinate(t)))
     }
 
-    /// Calls `keep` with the samples, `(t, δ)`, that are neither in empty cells nor behind the hidden depth.
+    /// Calls `keep` with the samples, an index and `(t, δ)` each, that are neither in empty cells nor behind the hidden depth.
+    /// A sample that stands for its interval lies in every cell that this passes.
     ///
     /// A hidden sample would count in the ray's entropy, which is then that of the visible part alone.
-    fn keep(
-        &self,
-        samples: impl Iterator<Item = (f32, f32)>,
-        ray: &Ray,
-        skip: Skip<'_>,
-        mut keep: impl FnMut((f32, f32)),
-    ) {
-        self.keep_indexed(samples.map(|sample| ((), sample)), ray, skip, |(), sample| keep(sample));
-    }
-
-    /// Does as [`Self::keep`] with samples that have an index. A sample that stands for its interval lies in every cell
-    /// that this passes.
-    fn keep_indexed<I>(
+    fn keep<I>(
         &self,
         samples: impl Iterator<Item = (I, (f32, f32))>,
         ray: &Ray,
@@ -272,7 +241,7 @@ impl Sampler {
         mut keep: impl FnMut(I, (f32, f32)),
     ) {
         let mut depth = 0.0;
-        let spans = self.rule().spans_intervals();
+        let spans = self.config.placement.spans_intervals();
         for (index, (t, delta)) in samples {
             if let Some(grid) = skip.grid {
                 let density = match spans {
@@ -298,6 +267,7 @@ mod tests {
     use crate::image::testing::config;
     use crate::noise::{Noise, RandomStream};
     use crate::output::RenderRequest;
+    use crate::placement::Placement;
     use crate::warp::SpaceChoice;
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
@@ -328,8 +298,8 @@ mod tests {
     #[test]
     fn host_and_tensors_place_the_same_samples() {
         let device = Device::flex();
-        for (&placement, space) in Placement::ALL
-            .iter()
+        for (placement, space) in Placement::ALL
+            .into_iter()
             .flat_map(|placement| [SpaceChoice::Box, SpaceChoice::Contraction].map(|space| (placement, space)))
         {
             let config =
@@ -388,10 +358,10 @@ mod tests {
             let marched = sampler.march(&rays, skip, at, &device).samples;
             let all = sampler.march(&rays, NOTHING, at, &device).samples;
             let mut want = Vec::new();
-            for (index, ray) in rays.on_host().iter().enumerate() {
-                let Some(ends) = rays.ends()[index] else { continue };
+            for (index, ray) in rays.on_host.iter().enumerate() {
+                let Some(ends) = rays.ends[index] else { continue };
                 let steps = sampler.steps(ray, ends, sampler.step_length(at), noise().uniform(index, 0), None);
-                sampler.keep(steps, ray, skip, |(t, _)| want.push(t));
+                sampler.keep(steps.enumerate(), ray, skip, |_, (t, _)| want.push(t));
             }
             assert_eq!(marched.t(), want);
             assert!(

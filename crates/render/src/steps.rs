@@ -69,13 +69,11 @@ impl<'a> UniformSteps<'a> {
         Self { cells, next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
-    /// Makes one sample, from here on, of two steps that the grid knows to be less deep than `depths[0]` each, and of four below
-    /// `depths[1]`, which is less.
+    /// Makes one sample, from here on, of two steps of optical depths below `depths[0]`, and of four below `depths[1]`.
     pub(crate) fn join(&mut self, depths: [f32; 2]) {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    /// Returns the distance of a place in units of steps.
     fn distance(&self, at: f32) -> f32 {
         self.warp.distance(self.near + at * self.length)
     }
