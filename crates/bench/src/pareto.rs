@@ -6,13 +6,14 @@ use anyhow::Result;
 use infonerf_experiment::RunPlan;
 use infonerf_metrics::{LPIPS_ALEX, LPIPS_VGG, METRICS, Metric, PSNR, SSIM, Values};
 use infonerf_report::chart::{Axis, ChartFrame, Series, marked_chart, pareto_frontier};
+use infonerf_report::{Record, TextTable};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::{Bench, distinct};
-use crate::output::TextTable;
+use crate::output::number;
 use crate::published::PublishedFigures;
-use crate::trial::{Trial, mean, mean_metrics, metric_of};
+use crate::trial::mean;
 
 /// PSNR in dB; InfoNeRF's on lego in the paper is 18.92.
 const TARGET: f64 = 18.9;
@@ -27,7 +28,7 @@ const PROTOCOL: &str = "each row is an independent run whose schedule follows th
 struct BudgetTrial {
     budget_seconds: f64,
     #[serde(flatten)]
-    trial: Trial,
+    record: Record,
 }
 
 /// Mean over scenes and seeds.
@@ -42,9 +43,13 @@ struct ParetoPoint {
     metrics: Values,
 }
 
+fn value(metrics: &Values, metric: &Metric) -> Option<f64> {
+    metrics.get(metric.key()).copied().flatten()
+}
+
 impl ParetoPoint {
     fn psnr(&self) -> f64 {
-        metric_of(&self.metrics, "psnr").unwrap_or(f64::NAN)
+        value(&self.metrics, &PSNR).unwrap_or(f64::NAN)
     }
 }
 
@@ -63,10 +68,10 @@ pub(crate) fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&st
     for plan in &bench.plans {
         for budget in budgets {
             let budget = budget.as_secs_f64();
-            let trial = bench.trial(&RunPlan { budget: Some(budget), ..plan.clone() })?;
-            let (label, psnr, steps) = (plan.label(), trial.psnr(), trial.iterations);
-            print(&format!("{label} in {budget} s: {psnr:.2} dB after {steps} steps"));
-            rows.push(BudgetTrial { budget_seconds: budget, trial });
+            let record = bench.trial(&RunPlan { budget: Some(budget), ..plan.clone() })?;
+            let (label, psnr, steps) = (plan.label(), number(value(&record.metrics, &PSNR), 2), record.iterations);
+            print(&format!("{label} in {budget} s: {psnr} dB after {steps} steps"));
+            rows.push(BudgetTrial { budget_seconds: budget, record });
             save(bench, &rows)?;
         }
     }
@@ -80,21 +85,23 @@ pub(crate) fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&st
 /// Lists scenes and numbers of training views that published figures must match; procedural scenes have no name there.
 fn scenes_and_views(bench: &Bench, rows: &[BudgetTrial]) -> (Vec<String>, Vec<usize>) {
     let published = bench.plans.iter().all(|plan| plan.data.is_some());
-    let scene = |row: &BudgetTrial| if published { row.trial.scene.clone() } else { String::new() };
-    (distinct(rows, scene), distinct(rows, |row| row.trial.train_views))
+    let scene = |row: &BudgetTrial| if published { row.record.scene.clone() } else { String::new() };
+    (distinct(rows, scene), distinct(rows, |row| row.record.train_views.len()))
 }
 
 fn points(rows: &[BudgetTrial]) -> Vec<ParetoPoint> {
-    let keys = distinct(rows, |row| (row.trial.variant.clone(), row.budget_seconds));
+    let keys = distinct(rows, |row| (row.record.variant.clone(), row.budget_seconds));
     let point = |(variant, budget_seconds): (String, f64)| {
-        let same = |row: &&BudgetTrial| row.trial.variant == variant && row.budget_seconds == budget_seconds;
-        let trials: Vec<&Trial> = rows.iter().filter(same).map(|row| &row.trial).collect();
-        let required = |value: fn(&Trial) -> f64| mean(&trials, |trial| Some(value(trial))).unwrap_or(f64::NAN);
+        let same = |row: &&BudgetTrial| row.record.variant == variant && row.budget_seconds == budget_seconds;
+        let records: Vec<&Record> = rows.iter().filter(same).map(|row| &row.record).collect();
+        let required = |of: fn(&Record) -> f64| mean(&records, |record| Some(of(record))).unwrap_or(f64::NAN);
+        let metric =
+            |metric: &&Metric| (metric.key().to_owned(), mean(&records, |record| value(&record.metrics, metric)));
         ParetoPoint {
             budget_seconds,
-            train_seconds: required(|trial| trial.train_seconds),
-            iterations: required(|trial| trial.iterations as f64),
-            metrics: mean_metrics(&trials),
+            train_seconds: required(|record| record.train_seconds),
+            iterations: required(|record| record.iterations as f64),
+            metrics: METRICS.iter().map(metric).collect(),
             on_frontier: false,
             variant,
         }
@@ -123,7 +130,7 @@ fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
     bench.save_results(PROTOCOL, rows, json!({ "points": points, "passed": targets(&points) }))?;
     bench.save_csv(&csv(rows))?;
     let (published, (scenes, views)) = (PublishedFigures::read()?, scenes_and_views(bench, rows));
-    let all = distinct(rows, |row| row.trial.scene.clone()).join(", ");
+    let all = distinct(rows, |row| row.record.scene.clone()).join(", ");
     for metric in CHARTS.iter().filter(|metric| is_measured(&points, metric)) {
         let key = metric.key();
         let cores = bench.conditions.cores;
@@ -134,7 +141,7 @@ fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
         };
         let series = |name: String| {
             let own = points.iter().filter(|point| point.variant == name);
-            let points = own.filter_map(|point| Some((point.train_seconds, metric_of(&point.metrics, key)?))).collect();
+            let points = own.filter_map(|point| Some((point.train_seconds, value(&point.metrics, metric)?))).collect();
             Series { name, points }
         };
         let series: Vec<Series> = distinct(&points, |point| point.variant.clone()).into_iter().map(series).collect();
@@ -145,24 +152,24 @@ fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
 }
 
 fn is_measured(points: &[ParetoPoint], metric: &Metric) -> bool {
-    points.iter().any(|point| metric_of(&point.metrics, metric.key()).is_some())
+    points.iter().any(|point| value(&point.metrics, metric).is_some())
 }
 
 fn csv(rows: &[BudgetTrial]) -> TextTable {
     let mut table = TextTable::new(
         rows,
         &[
-            ("scene", |row| row.trial.scene.clone()),
-            ("variant", |row| row.trial.variant.clone()),
-            ("seed", |row| row.trial.seed.to_string()),
+            ("scene", |row| row.record.scene.clone()),
+            ("variant", |row| row.record.variant.clone()),
+            ("seed", |row| row.record.seed.to_string()),
             ("budget", |row| row.budget_seconds.to_string()),
-            ("train_seconds", |row| row.trial.train_seconds.to_string()),
-            ("iterations", |row| row.trial.iterations.to_string()),
+            ("train_seconds", |row| row.record.train_seconds.to_string()),
+            ("iterations", |row| row.record.iterations.to_string()),
         ],
     );
-    for key in METRICS.iter().map(|metric| metric.key()) {
-        let cell = |row: &BudgetTrial| row.trial.metric(key).map_or_else(String::new, |value| value.to_string());
-        table.push_column(key, rows.iter().map(cell));
+    for metric in METRICS {
+        let cell = |row: &BudgetTrial| value(&row.record.metrics, metric).map_or_else(String::new, |of| of.to_string());
+        table.push_column(metric.key(), rows.iter().map(cell));
     }
     table
 }
@@ -180,8 +187,7 @@ fn text(points: &[ParetoPoint], targets: &[TargetReached]) -> String {
     );
     for metric in METRICS.iter().filter(|metric| is_measured(points, metric)) {
         let cell = |point: &ParetoPoint| {
-            let value = metric_of(&point.metrics, metric.key());
-            value.map_or_else(|| "-".to_owned(), |value| metric.descriptor.format(value))
+            value(&point.metrics, metric).map_or_else(|| "-".to_owned(), |of| metric.descriptor.format(of))
         };
         table.push_column(metric.descriptor.name, points.iter().map(cell));
     }

@@ -5,10 +5,9 @@ use infonerf_field::{FieldConfig, FieldSpec, RadianceField};
 use infonerf_ops::Peak;
 use infonerf_ops::factored::FactoredLayout;
 use infonerf_ops::mlp::Precision;
+use infonerf_report::TextTable;
 use infonerf_train::{Config, Phase, Trainer};
 use serde::Serialize;
-
-use crate::output::TextTable;
 
 /// Part of a step or a frame, with the peaks of a matrix product and of a copy in the same run.
 #[derive(Serialize)]

@@ -1,45 +1,38 @@
 //! Time, samples and quality of each way of skipping: all off, all on, each off alone, and what is off by default on top.
 
 use anyhow::{Context, Result};
-use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
+use infonerf_report::{Quantity, Record, TextTable};
 use infonerf_train::Config;
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::output::{TextTable, number};
-use crate::trial::{Trial, mean, with_settings};
+use crate::output::number;
+use crate::trial::{mean, with_settings};
 
 /// Way of skipping, and the settings that switch it off.
 struct Switch {
     name: &'static str,
-    /// Label of a bar without it.
-    label: &'static str,
     off: fn(&Config) -> Vec<String>,
 }
 
 const SWITCHES: &[Switch] = &[
-    Switch { name: "empty space", label: "−empty", off: |_| settings(&["render.occupancy.enabled=false"]) },
+    Switch { name: "empty space", off: |_| settings(&["render.occupancy.enabled=false"]) },
     Switch {
         name: "hidden samples",
-        label: "−hidden",
         off: |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"]),
     },
-    Switch { name: "out of bounds", label: "−bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
-    Switch { name: "image pyramid", label: "−pyramid", off: |_| settings(&["train.downscale=1"]) },
-    Switch {
-        name: "sample ramp",
-        label: "−ramp",
-        off: |config| vec![format!("render.samples={}", config.render.samples.largest())],
-    },
+    Switch { name: "out of bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
+    Switch { name: "image pyramid", off: |_| settings(&["train.downscale=1"]) },
+    Switch { name: "sample ramp", off: |config| vec![format!("render.samples={}", config.render.samples.largest())] },
 ];
 
-/// Name, label and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
+/// Name and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
 /// on unseen rays.
-const EXTRAS: &[(&str, &str, &[&str])] = &[
-    ("all, and error sampling", "+errors", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
-    ("all, and early stopping", "+early stop", &["train.early_stopping={patience=100,min_delta=0.02}"]),
-    ("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"]),
+const EXTRAS: &[(&str, &[&str])] = &[
+    ("all, and error sampling", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
+    ("all, and early stopping", &["train.early_stopping={patience=100,min_delta=0.02}"]),
+    ("all, no unseen rays", &["loss.entropy.weight=0", "loss.kl.weight=0"]),
 ];
 
 /// Setting that gives every run the same number of rays, however few samples they need.
@@ -52,8 +45,6 @@ const PROTOCOL: &str = "every run takes the same number of steps of the same num
 #[derive(Serialize)]
 struct SkipCase {
     case: String,
-    #[serde(skip)]
-    label: &'static str,
     settings: Vec<String>,
     iterations: f64,
     train_seconds: f64,
@@ -66,19 +57,19 @@ struct SkipCase {
     fewer_samples: Option<f64>,
     /// Training time without skipping over that of this case.
     less_time: Option<f64>,
-    psnr: f64,
+    psnr: Option<f64>,
     ssim: Option<f64>,
     collapsed: bool,
-    trials: Vec<Trial>,
+    trials: Vec<Record>,
 }
 
-/// Lists name, label and settings of each case, in the order of the table; the first one skips nothing.
-fn cases(config: &Config) -> Vec<(String, &'static str, Vec<String>)> {
+/// Lists name and settings of each case, in the order of the table; the first one skips nothing.
+fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
     let nothing = SWITCHES.iter().flat_map(|switch| (switch.off)(config)).collect();
-    let all_but = |switch: &Switch| (format!("all but {}", switch.name), switch.label, (switch.off)(config));
-    let mut cases = vec![("skip nothing".into(), "nothing", nothing), ("skip all".into(), "all", Vec::new())];
+    let all_but = |switch: &Switch| (format!("all but {}", switch.name), (switch.off)(config));
+    let mut cases = vec![("skip nothing".into(), nothing), ("skip all".into(), Vec::new())];
     cases.extend(SWITCHES.iter().map(all_but));
-    cases.extend(EXTRAS.iter().map(|&(name, label, on)| (name.to_owned(), label, settings(on))));
+    cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), settings(on))));
     cases
 }
 
@@ -89,7 +80,7 @@ fn settings(settings: &[&str]) -> Vec<String> {
 pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut rows: Vec<SkipCase> = Vec::new();
-    for (case, label, settings) in cases(&bench.first_plan().config) {
+    for (case, settings) in cases(&bench.first_plan().config) {
         let mut trials = Vec::new();
         for plan in &bench.plans {
             let iterations = steps.map_or(plan.config.train.iterations, |steps| steps as usize);
@@ -97,12 +88,13 @@ pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)
             all.extend(settings.iter().cloned());
             let plan = with_settings(plan, &all).with_context(|| case.clone())?;
             let trial = bench.trial(&plan)?;
-            let (label, seconds, psnr) = (plan.label(), trial.train_seconds, trial.psnr());
-            print(&format!("{case}, {label}: {seconds:.1} s, {psnr:.2} dB"));
+            let (label, seconds, psnr) = (plan.label(), trial.train_seconds, number(Quantity::PSNR.value(&trial), 2));
+            print(&format!("{case}, {label}: {seconds:.1} s, {psnr} dB"));
             trials.push(trial);
         }
-        rows.push(SkipCase::new((case, label, settings), trials, rows.first()));
-        save(bench, &rows)?;
+        rows.push(SkipCase::new(case, settings, trials, rows.first()));
+        // Results so far stay if the rest is interrupted.
+        bench.save_results(PROTOCOL, &rows, json!({}))?;
     }
     print(&text(&rows));
     Ok(())
@@ -110,13 +102,9 @@ pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)
 
 impl SkipCase {
     /// Averages `trials` and compares them with the case that skips nothing, if this is another one.
-    fn new(
-        (case, label, settings): (String, &'static str, Vec<String>),
-        trials: Vec<Trial>,
-        nothing: Option<&Self>,
-    ) -> Self {
-        let all: Vec<&Trial> = trials.iter().collect();
-        let of = |value: fn(&Trial) -> f64| mean(&all, |trial| Some(value(trial))).unwrap_or(f64::NAN);
+    fn new(case: String, settings: Vec<String>, trials: Vec<Record>, nothing: Option<&Self>) -> Self {
+        let all: Vec<&Record> = trials.iter().collect();
+        let of = |value: fn(&Record) -> f64| mean(&all, |trial| Some(value(trial))).unwrap_or(f64::NAN);
         let (samples_total, samples_evaluated) =
             (of(|trial| trial.samples_total as f64), of(|trial| trial.samples_evaluated as f64));
         let train_seconds = of(|trial| trial.train_seconds);
@@ -124,7 +112,6 @@ impl SkipCase {
             |without: Option<f64>, with: f64| Some(without.unwrap_or(with) / with).filter(|ratio| ratio.is_finite());
         Self {
             case,
-            label,
             settings,
             iterations: of(|trial| trial.iterations as f64),
             train_seconds,
@@ -134,27 +121,12 @@ impl SkipCase {
             evaluated_share: samples_evaluated / samples_total,
             fewer_samples: ratio(nothing.map(|row| row.samples_evaluated), samples_evaluated),
             less_time: ratio(nothing.map(|row| row.train_seconds), train_seconds),
-            psnr: of(Trial::psnr),
-            ssim: mean(&all, |trial| trial.metric("ssim")),
+            psnr: mean(&all, |trial| Quantity::PSNR.value(trial)),
+            ssim: mean(&all, |trial| Quantity::SSIM.value(trial)),
             collapsed: all.iter().any(|trial| trial.collapsed),
             trials,
         }
     }
-}
-
-/// Writes all results so far, which stay if the rest is interrupted.
-fn save(bench: &Bench, rows: &[SkipCase]) -> Result<()> {
-    bench.save_results(PROTOCOL, rows, json!({}))?;
-    for (name, title, value) in [
-        ("seconds", "Training time (s)", (|row| row.train_seconds) as fn(&SkipCase) -> f64),
-        ("samples", "Samples evaluated (millions)", |row| row.samples_evaluated / 1e6),
-        ("psnr", "PSNR (dB)", |row| row.psnr),
-    ] {
-        let bar = |row: &SkipCase| Bar { label: row.label.to_owned(), value: value(row), spread: None };
-        let bars: Vec<Bar> = rows.iter().map(bar).collect();
-        bench.save_chart(&format!("skip-{name}"), &bar_chart(&ChartFrame::new(title, "skipped", ""), &bars)?)?;
-    }
-    Ok(())
 }
 
 fn text(rows: &[SkipCase]) -> String {
@@ -170,7 +142,7 @@ fn text(rows: &[SkipCase]) -> String {
             ("share", |row| format!("{:.1} %", 100.0 * row.evaluated_share)),
             ("fewer", |row| number(row.fewer_samples, 1) + "x"),
             ("faster", |row| number(row.less_time, 1) + "x"),
-            ("PSNR", |row| format!("{:.2}", row.psnr)),
+            ("PSNR", |row| number(row.psnr, 2)),
             ("SSIM", |row| number(row.ssim, 4)),
         ],
     );
@@ -189,7 +161,7 @@ mod tests {
     fn every_switch_is_a_setting_of_every_preset() {
         for preset in Preset::ALL {
             let base = Config::from_table(preset.table()).unwrap();
-            for (case, _, settings) in cases(&base) {
+            for (case, settings) in cases(&base) {
                 let settings = settings.iter().map(String::as_str).chain([FIXED_RAYS]);
                 Config::of(preset, settings).unwrap_or_else(|error| panic!("{case}: {error}"));
             }

@@ -5,14 +5,14 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use infonerf_experiment::RunPlan;
 use infonerf_ops::Traffic;
-use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
+use infonerf_report::TextTable;
 use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
 use crate::options::StepTiming;
-use crate::output::{TextTable, median};
+use crate::output::median;
 use crate::roofline::{self, RooflinePart};
 use crate::trial::{step_seconds, with_settings};
 
@@ -47,13 +47,6 @@ pub(crate) fn run(bench: &Bench, options: &StepTiming, print: &mut dyn FnMut(&st
     for plan in &bench.plans {
         let row = measure(bench, plan, options.from.as_deref(), warmup, steps)?;
         print(&text(&row));
-        // Names short enough to stand below a bar.
-        let label = |phase: &str| phase.trim_end_matches(" rays").to_owned();
-        let bar = |phase: &PhaseTiming| Bar { label: label(phase.phase), value: phase.ms, spread: None };
-        let title = format!("{}: {:.1} ms per step", row.run, row.median_ms);
-        let bars: Vec<Bar> = row.phases.iter().map(bar).collect();
-        let svg = bar_chart(&ChartFrame::new(&title, "", "ms per step"), &bars)?;
-        bench.save_chart(&format!("step-{}-{}-seed{}", plan.scene, plan.variant, plan.seed), &svg)?;
         rows.push(row);
     }
     bench.save_results(PROTOCOL, &rows, json!({}))

@@ -6,7 +6,7 @@ use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{ReportError, html, write_atomically};
+use crate::{error::ReportError, files::write_atomically, html, text_table::TextTable};
 
 /// Metrics of two folders of images, with the images.
 #[derive(Debug, Clone, Copy)]
@@ -63,18 +63,13 @@ impl<'a> PictureComparison<'a> {
     /// Formats the protocol, a row per view, the mean, and the notes as plain text.
     pub fn to_text(&self) -> String {
         let metrics = self.metrics();
-        let width = self.rows().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-        let line = |name: &str, cells: Vec<String>| {
-            let cells = metrics.iter().zip(cells).map(|(metric, cell)| {
-                format!("  {cell:>width$}", width = metric.descriptor.heading().chars().count().max(8))
-            });
-            format!("{name:width$}{}\n", cells.collect::<String>())
+        let line = |first: &str, cell: &dyn Fn(&&Metric) -> String| {
+            std::iter::once(first.to_owned()).chain(metrics.iter().map(cell)).collect::<Vec<String>>()
         };
-        let headings = metrics.iter().map(|metric| metric.descriptor.heading()).collect();
-        let mut text = format!("{}\n{}", self.protocol, line("", headings));
-        for (name, values) in self.rows() {
-            text += &line(name, metrics.iter().map(|metric| cell(metric, values)).collect());
-        }
+        let headings = line("", &|metric| metric.descriptor.heading());
+        let rows = self.rows().map(|(name, values)| line(name, &|metric| cell(metric, values)));
+        let text =
+            format!("{}\n{}", self.protocol, TextTable(std::iter::once(headings).chain(rows).collect()).to_text());
         self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
     }
 

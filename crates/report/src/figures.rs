@@ -3,9 +3,12 @@
 use std::collections::BTreeSet;
 
 use crate::{
-    Events, Quantity, Record, ReportError, StepEvent,
-    chart::{Axis, Bar, ChartFrame, Series, bar_chart, line_chart, scatter_chart},
-    table::{distinct, groups},
+    chart::{Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart},
+    error::ReportError,
+    events::{Events, StepEvent},
+    quantity::Quantity,
+    record::Record,
+    table::{VariantGroup, distinct, groups},
 };
 
 /// Number of points to which a long curve is averaged.
@@ -14,7 +17,7 @@ const CURVE_POINTS: usize = 200;
 /// Chart with its caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Stem of its file name, `plots/<name>.svg` next to `report.md`.
+    /// Stem of its file name, `plots/<name>.svg` next to `report.html`.
     pub name: String,
     /// Description for readers who cannot see it.
     pub title: String,
@@ -35,7 +38,7 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
     let over = if scenes.len() > 1 { format!("mean over {} scenes", scenes.len()) } else { scenes.join("") };
     let mut figures = Vec::new();
     for (quantity, name) in [(Quantity::PSNR, "psnr"), (Quantity::RAY_ENTROPY, "ray-entropy")] {
-        let bar = |group: &crate::table::VariantGroup| {
+        let bar = |group: &VariantGroup| {
             let summary = group.cell(quantity, &scenes).summary?;
             Some(Bar { label: group.label.clone(), value: summary.mean, spread: summary.std })
         };
@@ -48,16 +51,15 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
             figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
         }
     }
-    let point = |group: &crate::table::VariantGroup| {
-        let mean = |quantity| group.cell(quantity, &scenes).summary.map(|summary| summary.mean);
-        let seconds = mean(Quantity::TRAIN_SECONDS).filter(|&seconds| seconds > 0.0)?;
-        Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Quantity::PSNR)?)] })
+    let point = |group: &VariantGroup| {
+        let seconds = group.mean(Quantity::TRAIN_SECONDS, &scenes).filter(|&seconds| seconds > 0.0)?;
+        Some(Series { name: group.label.clone(), points: vec![(seconds, group.mean(Quantity::PSNR, &scenes)?)] })
     };
     let series: Vec<Series> = groups.iter().filter_map(point).collect();
     if series.len() > 1 {
         let title = format!("Training time against PSNR, {over}");
         let frame = ChartFrame { title: title.clone(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
-        let svg = scatter_chart(&frame, &series, true)?;
+        let svg = frontier_chart(&frame, &series)?;
         let caption = "Up and left is better; the line is the best PSNR reached by each time.".into();
         figures.push(Figure { name: "time-psnr".into(), title, svg, caption });
     }

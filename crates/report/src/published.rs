@@ -3,7 +3,8 @@
 use infonerf_metrics::Summary;
 
 use crate::{
-    Quantity, Record,
+    quantity::Quantity,
+    record::Record,
     table::{Cell, Column, Table, TableRow, VariantGroup, distinct, groups, measured},
 };
 

@@ -1,8 +1,8 @@
 //! Charts of ordinary, extreme and non-finite numbers.
 
 use infonerf_report::chart::{
-    Axis, AxisScale, Bar, ChartFrame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart,
-    scatter_chart, standalone,
+    Axis, AxisScale, Bar, ChartFrame, Mark, Series, bar_chart, frontier_chart, heat_map, line_chart, marked_chart,
+    standalone,
 };
 use proptest::prelude::*;
 
@@ -21,19 +21,11 @@ fn all_charts(points: Vec<(f64, f64)>, scale: AxisScale) -> Vec<String> {
     let all = [series("a", points.clone()), series("b", points)];
     vec![
         line_chart(&frame, &all).unwrap(),
-        power_law_chart(&frame, &all).unwrap(),
-        scatter_chart(&frame, &all, true).unwrap(),
+        frontier_chart(&frame, &all).unwrap(),
         bar_chart(&frame, &bars).unwrap(),
         heat_map(&frame, &labels, &labels, &grid).unwrap(),
         marked_chart(&frame, &all, &marks).unwrap().svg,
     ]
-}
-
-#[test]
-fn legend_has_the_exponent() {
-    let cost = series("rays", (0..5).map(|i| (2f64.powi(i), 3.0 * 2f64.powi(2 * i))).collect());
-    let svg = power_law_chart(&ChartFrame::new("Cost", "rays", "ms"), &[cost]).unwrap();
-    assert!(svg.contains("rays: x^2.00"), "{svg}");
 }
 
 /// Published figures next to curves, as SVG and as an image.

@@ -13,12 +13,11 @@ use burn::tensor::{Device, FloatDType};
 use fastrand::Rng;
 use infonerf_experiment::{DeviceName, OpenDevice, open};
 use infonerf_ops::has_host_kernels;
-use infonerf_report::chart::{ChartFrame, heat_map};
+use infonerf_report::TextTable;
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::{Bench, distinct};
-use crate::output::TextTable;
 use errors::Errors;
 
 /// Maximum relative error of a value.
@@ -108,7 +107,6 @@ pub(crate) fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut d
     for device in distinct(&rows, |row| row.device) {
         let own: Vec<&StressCase> = rows.iter().filter(|row| row.device == device).collect();
         print(&text(device, &own));
-        draw(bench, device, &own)?;
     }
     let totals = json!({
         "rays": rows.iter().map(|row| row.rays).sum::<usize>(),
@@ -209,7 +207,7 @@ struct OperationSummary {
 impl OperationSummary {
     fn new(operation: &'static str, rows: &[&StressCase]) -> Self {
         let own: Vec<_> = rows.iter().filter(|row| row.operation == operation).collect();
-        let worst = |error: Pick| {
+        let worst = |error: fn(&Errors) -> f64| {
             let row = own.iter().max_by(|a, b| error(&a.errors).total_cmp(&error(&b.errors)));
             row.map_or_else(Default::default, |row| (error(&row.errors), row.case.clone()))
         };
@@ -245,31 +243,4 @@ fn text(device: &str, rows: &[&StressCase]) -> String {
     let exceptions =
         rows.iter().filter_map(|row| Some(format!("exception: {}, {}: {}\n", row.operation, row.case, row.exception?)));
     format!("\n{device}: {rays} rays\n\n{}", table.to_text()) + &exceptions.collect::<String>()
-}
-
-/// Selects one of the errors of a case.
-type Pick = fn(&Errors) -> f64;
-
-/// Draws log₁₀ of the errors of compositing and of the divergence, by case and quantity.
-fn draw(bench: &Bench, device: &str, rows: &[&StressCase]) -> Result<()> {
-    let maps: [(&str, &[&str]); 2] =
-        [("compositing", &compositing::QUANTITIES), ("divergence", &divergence::QUANTITIES)];
-    let kinds: [(&str, Pick); 2] = [("value", |e| e.value), ("gradient", |e| e.gradient)];
-    for (what, quantities) in maps {
-        let own: Vec<&&StressCase> = rows.iter().filter(|row| quantities.contains(&row.operation)).collect();
-        let cases = distinct(&own, |row| row.case.clone());
-        for (kind, error) in kinds {
-            let cell = |case: &String, quantity: &&str| {
-                let row = own.iter().find(|row| row.case == *case && row.operation == *quantity)?;
-                Some(error(&row.errors).max(1e-9).log10())
-            };
-            let line = |case| quantities.iter().map(|quantity| cell(case, quantity)).collect();
-            let values: Vec<Vec<Option<f64>>> = cases.iter().map(line).collect();
-            let title = format!("{what} on {device}: log10 of the largest relative {kind} error");
-            let columns: Vec<String> = quantities.iter().map(|quantity| (*quantity).to_owned()).collect();
-            let svg = heat_map(&ChartFrame::new(&title, "", ""), &columns, &cases, &values)?;
-            bench.save_chart(&format!("{what}-{kind}-{device}"), &svg)?;
-        }
-    }
-    Ok(())
 }

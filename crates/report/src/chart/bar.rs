@@ -8,7 +8,7 @@ use super::{
     canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
     scale::{Scale, drawable},
 };
-use crate::{ReportError, text::plain};
+use crate::{error::ReportError, text::plain};
 
 /// Bar of a [`bar_chart`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -24,7 +24,7 @@ pub struct Bar {
 /// Draws a bar for each entry, from zero, its value written above. The frame's axes are taken as linear.
 ///
 /// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
+/// If the drawing library refuses.
 pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, AxisScale::Linear)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);

@@ -15,7 +15,7 @@ use plotters::{
 };
 
 use super::{ChartFrame, scale::Scale};
-use crate::{ReportError, text::plain};
+use crate::{error::ReportError, text::plain};
 
 /// Placeholder of the surrounding text's colour, which [`drawn`] replaces: no chart uses it for anything else.
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
@@ -98,7 +98,7 @@ fn on_picture(
     let size = picture.dimensions();
     let sheet = BitMapBackend::with_buffer(picture, size).into_drawing_area();
     let outcome = draw(&sheet).and_then(|()| Ok(sheet.present()?));
-    outcome.map_err(|error| ReportError::Chart { title: title.to_owned(), reason: error.to_string() })
+    outcome.map_err(ReportError::chart(title))
 }
 
 /// Draws on a sheet and returns its SVG.
@@ -112,7 +112,7 @@ pub(super) fn drawn(
         let sheet = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
         draw(&sheet).and_then(|()| Ok(sheet.present()?))
     };
-    outcome.map_err(|error| ReportError::Chart { title: frame.title.clone(), reason: error.to_string() })?;
+    outcome.map_err(ReportError::chart(&frame.title))?;
     Ok(svg.replace(INK_CODE, "currentColor"))
 }
 

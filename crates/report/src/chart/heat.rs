@@ -9,8 +9,8 @@ use super::{
     scale::{Scale, drawable, short},
 };
 use crate::{
-    ReportError,
     colormap::{to_bytes, viridis},
+    error::ReportError,
     text::plain,
 };
 
@@ -20,7 +20,7 @@ use crate::{
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
 ///
 /// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
+/// If the drawing library refuses.
 pub fn heat_map(
     frame: &ChartFrame,
     columns: &[String],

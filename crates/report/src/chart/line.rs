@@ -5,12 +5,11 @@ use plotters::{
 };
 
 use super::{
-    Axis, ChartFrame, Series,
+    ChartFrame, Series,
     canvas::{Area, DrawingResult, INK, anchored, colour, drawn, font, pictured, plot, text_width, zoom},
-    fit_power_law, pareto_frontier,
     scale::{Scale, drawable},
 };
-use crate::{ReportError, text::plain};
+use crate::{error::ReportError, text::plain};
 
 /// Maximum number of points of a line with a marker on each.
 const MARKED: usize = 24;
@@ -20,46 +19,37 @@ const GREY: RGBColor = RGBColor(128, 128, 128);
 /// Draws lines through the points of each series, in the order given, with a marker on each point where there are few.
 ///
 /// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
+/// If the drawing library refuses.
 pub fn line_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
     let mut lines = PlotLine::of_each(series, frame, 2);
     lines.iter_mut().for_each(|line| line.marked = line.points.len() <= MARKED);
-    draw(frame, &lines)
+    drawn(frame, |sheet| paint(sheet, frame, &lines, &[]))
 }
 
-/// Draws points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend:
-/// `flex: x^0.98`.
+/// Draws the points of each series, and a stepped line along the [`pareto_frontier`] of all of them.
 ///
 /// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
-pub fn power_law_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
-    let frame = ChartFrame { title: frame.title.clone(), x: Axis::log(&frame.x.label), y: Axis::log(&frame.y.label) };
-    let mut lines = PlotLine::of_each(series, &frame, 0);
-    for index in 0..lines.len() {
-        let line = &mut lines[index];
-        let Some(law) = fit_power_law(&line.points) else { continue };
-        line.name = format!("{}: x^{:.2}", line.name, law.exponent);
-        let ends = line.points.iter().map(|(x, _)| *x).fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
-        let points = [ends.0, ends.1].map(|x| (x, law.at(x))).to_vec();
-        let fitted = Series { name: String::new(), points };
-        lines.push(PlotLine { marked: false, ..PlotLine::of(&fitted, &frame, index, 1) });
-    }
-    draw(&frame, &lines)
-}
-
-/// Draws the points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them
-/// (smaller `x` and larger `y` are better).
-///
-/// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
-pub fn scatter_chart(frame: &ChartFrame, series: &[Series], frontier: bool) -> Result<String, ReportError> {
+/// If the drawing library refuses.
+pub fn frontier_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
     let mut lines = PlotLine::of_each(series, frame, 0);
-    if frontier {
-        let all: Vec<(f64, f64)> = lines.iter().flat_map(|line| line.points.iter().copied()).collect();
-        let points = steps(&pareto_frontier(&all), &all);
-        lines.insert(0, PlotLine { name: String::new(), points, colour: GREY, width: 1, marked: false });
+    let all: Vec<(f64, f64)> = lines.iter().flat_map(|line| line.points.iter().copied()).collect();
+    let points = steps(&pareto_frontier(&all), &all);
+    lines.insert(0, PlotLine { name: String::new(), points, colour: GREY, width: 1, marked: false });
+    drawn(frame, |sheet| paint(sheet, frame, &lines, &[]))
+}
+
+/// Returns the points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by
+/// `x`: the frontier of time against PSNR. Points that are not finite are left out.
+pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut sorted: Vec<(f64, f64)> = points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
+    let mut frontier: Vec<(f64, f64)> = Vec::new();
+    for point in sorted {
+        if frontier.last().is_none_or(|last| point.1 > last.1) {
+            frontier.push(point);
+        }
     }
-    draw(frame, &lines)
+    frontier
 }
 
 /// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last of all
@@ -92,7 +82,7 @@ pub struct Drawing {
 /// Draws a [`line_chart`] in which every point is marked, with `marks` in addition to the lines.
 ///
 /// # Errors
-/// [`ReportError::Chart`] when the drawing library refuses.
+/// If the drawing library refuses.
 pub fn marked_chart(frame: &ChartFrame, series: &[Series], marks: &[Mark]) -> Result<Drawing, ReportError> {
     let lines = PlotLine::of_each(series, frame, 2);
     let fits = |mark: &&Mark| drawable(mark.point.0, frame.x.scale) && drawable(mark.point.1, frame.y.scale);
@@ -113,19 +103,17 @@ struct PlotLine {
 }
 
 impl PlotLine {
-    /// Makes the line of the series at `index`, with a marker on each point and a stroke of `width`.
-    fn of(series: &Series, frame: &ChartFrame, index: usize, width: u32) -> Self {
-        let (name, points) = (series.name.clone(), series.drawable(frame));
-        Self { name, points, colour: colour(index), width, marked: true }
-    }
-
+    /// Makes the line of each series, with a marker on each point and a stroke of `width`.
     fn of_each(series: &[Series], frame: &ChartFrame, width: u32) -> Vec<Self> {
-        series.iter().enumerate().map(|(index, series)| Self::of(series, frame, index, width)).collect()
+        let line = |(index, series): (usize, &Series)| Self {
+            name: series.name.clone(),
+            points: series.drawable(frame),
+            colour: colour(index),
+            width,
+            marked: true,
+        };
+        series.iter().enumerate().map(line).collect()
     }
-}
-
-fn draw(frame: &ChartFrame, lines: &[PlotLine]) -> Result<String, ReportError> {
-    drawn(frame, |sheet| paint(sheet, frame, lines, &[]))
 }
 
 fn paint<B: DrawingBackend<ErrorType: 'static>>(
@@ -184,4 +172,15 @@ fn free_place((x, y): (i32, i32), width: i32, zoom: i32, taken: &[[i32; 4]], she
     let mut places =
         [0, -1, 1, -2, 2, -3, 3].into_iter().flat_map(|line| [at(x + gap, line), at(x - gap - width, line)]);
     places.find(free).unwrap_or_else(|| at(x - gap - width, 0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frontier_only_rises() {
+        let points = [(5.0, 1.0), (1.0, 2.0), (3.0, 4.0), (2.0, 1.0), (3.0, 3.0), (4.0, 4.0), (f64::NAN, 9.0)];
+        assert_eq!(pareto_frontier(&points), [(1.0, 2.0), (3.0, 4.0)]);
+    }
 }

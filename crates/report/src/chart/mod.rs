@@ -6,16 +6,14 @@
 
 mod bar;
 mod canvas;
-mod fit;
 mod heat;
 mod line;
 mod scale;
 
 pub use bar::{Bar, bar_chart};
 pub(crate) use canvas::{LABEL, text_width, write_text};
-pub use fit::{PowerLaw, fit_power_law, pareto_frontier};
 pub use heat::heat_map;
-pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart, scatter_chart};
+pub use line::{Drawing, Mark, frontier_chart, line_chart, marked_chart, pareto_frontier};
 
 /// Title and axes of a chart.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -1,9 +1,6 @@
 //! Comparison tables: rows are variants, columns scenes or quantities, cells mean ± standard deviation over seeds.
 
-mod csv;
-mod latex;
-mod markdown;
-mod plain;
+mod format;
 
 use std::collections::BTreeSet;
 use std::hash::Hash;
@@ -11,8 +8,13 @@ use std::hash::Hash;
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
-use crate::{Quantity, Record, claim::Interval, protocol_lines, record::short_key};
-pub use plain::Emphasis;
+use crate::{
+    interval::Interval,
+    protocol::protocol_lines,
+    quantity::Quantity,
+    record::{Record, short_key},
+};
+pub use format::Emphasis;
 
 /// Heading of the mean over scenes.
 const MEAN: &str = "mean";
@@ -24,7 +26,7 @@ const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went e
 
 /// Table of results with the protocol that its numbers follow.
 ///
-/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`], [`Table::to_latex`],
+/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`],
 /// [`Table::to_text`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
@@ -155,6 +157,11 @@ impl<'a> VariantGroup<'a> {
         self.key.0
     }
 
+    /// Returns the mean of [`VariantGroup::cell`].
+    pub(crate) fn mean(&self, quantity: Quantity, scenes: &[String]) -> Option<f64> {
+        self.cell(quantity, scenes).summary.map(|summary| summary.mean)
+    }
+
     /// Summarises over seeds the mean over `scenes`, each of which a seed needs.
     pub(crate) fn cell(&self, quantity: Quantity, scenes: &[String]) -> Cell {
         let seeds: BTreeSet<u64> = self.records.keys().map(|(_, seed)| *seed).collect();
@@ -204,39 +211,34 @@ fn assemble<R: AsRef<Record>>(
     table
 }
 
-fn mark_best(table: &mut Table) {
-    for (index, column) in table.columns.iter().enumerate() {
-        let rank = |row: &TableRow| {
-            let cell = row.cells.get(index).filter(|cell| !cell.collapsed)?;
-            cell.summary.map(|summary| column.quantity.rank(summary.mean))
-        };
-        let ranks: Vec<Option<f64>> = table.rows.iter().map(rank).collect();
-        let shown = table.rows.iter().filter_map(|row| row.cells.get(index)?.summary);
-        let shown: Vec<f64> = shown.map(|summary| column.quantity.rank(summary.mean)).collect();
-        let differ = shown.windows(2).any(|pair| pair[0] != pair[1]);
+/// Marks the best cells of each column, and those whose interval lies apart from all others.
+fn mark_best(Table { columns, rows, .. }: &mut Table) {
+    for (index, column) in columns.iter().enumerate() {
+        let mut cells: Vec<&mut Cell> = rows.iter_mut().filter_map(|row| row.cells.get_mut(index)).collect();
+        let rank = |cell: &Cell| Some(column.quantity.rank(cell.summary?.mean));
+        let ranks: Vec<Option<f64>> = cells.iter().map(|cell| rank(cell).filter(|_| !cell.collapsed)).collect();
         let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
-        let intervals: Vec<Option<[f64; 2]>> = table.rows.iter().map(|row| interval(row.cells.get(index)?)).collect();
-        let disjoint = |one: usize| {
-            let others = table.rows.iter().zip(&intervals).enumerate().filter(|(other, _)| *other != one);
-            intervals[one].is_some_and(|[low, high]| {
-                let mut measured =
-                    others.filter(|(_, (row, _))| row.cells.get(index).is_some_and(|c| c.summary.is_some()));
-                measured.all(|(_, (_, bounds))| bounds.is_some_and(|other| other[1] < low || high < other[0]))
-            })
-        };
-        let clear: Vec<bool> = (0..intervals.len()).map(disjoint).collect();
-        for ((row, rank), clear) in table.rows.iter_mut().zip(ranks).zip(clear) {
-            if let Some(cell) = row.cells.get_mut(index) {
-                cell.best = differ && rank.is_some() && rank == best;
-                cell.clear = cell.best && clear;
-            }
+        let shown: Vec<f64> = cells.iter().filter_map(|cell| rank(cell)).collect();
+        if shown.windows(2).all(|pair| pair[0] == pair[1]) {
+            continue;
+        }
+        let intervals: Vec<(usize, Option<[f64; 2]>)> =
+            cells.iter().enumerate().filter_map(|(row, cell)| Some((row, interval(&cell.summary?)))).collect();
+        for (row, cell) in cells.iter_mut().enumerate().filter(|(row, _)| ranks[*row].is_some() && ranks[*row] == best)
+        {
+            let apart = |[low, high]: [f64; 2]| {
+                let mut others = intervals.iter().filter(|(other, _)| *other != row);
+                others.all(|(_, bounds)| bounds.is_some_and(|other| other[1] < low || high < other[0]))
+            };
+            cell.best = true;
+            cell.clear = cell.summary.as_ref().and_then(interval).is_some_and(apart);
         }
     }
 }
 
-/// Returns the 95 % interval of a cell's mean over seeds; `None` for a single seed.
-fn interval(cell: &Cell) -> Option<[f64; 2]> {
-    Interval::of_summary(&cell.summary?).bounds
+/// Returns the 95 % interval of a mean over seeds; `None` for a single seed.
+fn interval(summary: &Summary) -> Option<[f64; 2]> {
+    Interval::of_summary(summary).bounds
 }
 
 impl Column {
@@ -263,9 +265,14 @@ impl Table {
 
     /// Formats a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
     pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
-        let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals());
+        let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals);
         let value = cell.summary.map_or(MISSING.to_owned(), |summary| format!("{summary:.decimals$}"));
         if cell.collapsed { value + COLLAPSED } else { value }
+    }
+
+    /// Returns whether a cell is the best beyond doubt.
+    pub(crate) fn has_clear(&self) -> bool {
+        self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
     }
 
     /// Returns the remarks below the table.
@@ -288,7 +295,11 @@ pub(crate) mod tests {
             preset: "fast".into(),
             device: "flex".into(),
             train_views: vec![26, 86, 2, 55],
-            test_views: crate::TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
+            test_views: crate::record::TestViews {
+                protocol: "every-8".into(),
+                count: 25,
+                ids: (0..200).step_by(8).collect(),
+            },
             image_size: [400, 400],
             iterations: 1000,
             train_seconds: 60.0,
@@ -309,17 +320,6 @@ pub(crate) mod tests {
             }
         }
         records
-    }
-
-    #[test]
-    fn the_mean_over_scenes_spreads_over_seeds() {
-        let table = scene_table(&two_by_two(), Quantity::PSNR);
-        let headings: Vec<&str> = table.columns.iter().map(|column| column.heading.as_str()).collect();
-        assert_eq!(headings, ["lego", "mic", "mean"]);
-        let nerf: Vec<String> = (0..3).map(|i| table.text(&table.rows[0].cells[i], i)).collect();
-        assert_eq!(nerf, ["16.50 ± 0.71", "17.50 ± 0.71", "17.00 ± 0.71"]);
-        assert!(table.rows[1].cells.iter().all(|cell| cell.best));
-        assert!(!table.rows[0].cells.iter().any(|cell| cell.best));
     }
 
     #[test]
@@ -362,18 +362,10 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn several_presets_are_several_rows() {
-        let mut records = vec![record("lego", "nerf", 0, 10.0); 2];
-        records[1].preset = "paper".into();
-        let labels: Vec<String> = groups(&records).into_iter().map(|group| group.label).collect();
-        assert_eq!(labels, ["nerf (fast)", "nerf (paper)"]);
-    }
-
-    #[test]
     fn settings_of_a_sweep_are_columns_under_the_papers_symbols() {
         let run = |variant: &str, values: &[(&str, &str)], psnr| {
             let values = values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-            let setting = Some(crate::Setting { variant: "infonerf".into(), values });
+            let setting = Some(crate::record::Setting { variant: "infonerf".into(), values });
             Record { setting, ..record("lego", variant, 0, psnr) }
         };
         let [one, two] = ["1e-3", "1e-2"];
@@ -389,7 +381,6 @@ pub(crate) mod tests {
             assert!(markdown.contains(part), "{part}: {markdown}");
         }
         assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));
-        assert!(table.to_latex().contains(r"infonerf & 1e-3 & 64 & 18.00 \\"));
         assert!(table.to_text(Emphasis::Star).contains("\ninfonerf  1e-3    64 "));
         assert_eq!(records[0].label(), "infonerf, λ₁ = 1e-3, rays = 64");
     }
