@@ -11,7 +11,6 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::options::StepTiming;
 use crate::output::median;
 use crate::roofline::{self, RooflinePart};
 use crate::trial::{step_seconds, with_settings};
@@ -41,18 +40,17 @@ struct PhaseTiming {
     share: f64,
 }
 
-pub(crate) fn run(bench: &Bench, options: &StepTiming, print: &mut dyn FnMut(&str)) -> Result<()> {
-    let (warmup, steps) = (options.warmup as usize, options.steps as usize);
+pub(crate) fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let row = measure(bench, plan, options.from.as_deref(), warmup, steps)?;
+        let row = measure(bench, plan, from, steps.map(|count| count as usize))?;
         print(&text(&row));
         rows.push(row);
     }
     bench.save_results(PROTOCOL, &rows, json!({}))
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, steps: usize) -> Result<RunTiming> {
+fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
     let checkpoint = from
         .map(|run| {
             let (checkpoint, _) = Checkpoint::load(run)?;

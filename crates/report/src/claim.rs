@@ -377,14 +377,12 @@ mod tests {
     use super::*;
     use crate::table::tests::record;
 
-    fn side(names: &[&str]) -> Side {
-        match names {
-            [above, below] => Side::Difference([above, below].map(|name| (*name).to_owned())),
-            names => Side::Variant(names.concat()),
-        }
-    }
-
-    fn claim(left: &[&str], is: Relation, right: &[&str]) -> Claim {
+    /// Makes a claim of `left is right`, where a side is a variant or `above - below`.
+    fn claim(left: &str, is: Relation, right: &str) -> Claim {
+        let side = |text: &str| match text.split_once(" - ") {
+            Some((above, below)) => Side::Difference([above.to_owned(), below.to_owned()]),
+            None => Side::Variant(text.to_owned()),
+        };
         let comparison = Comparison { left: side(left), is, right: side(right) };
         Claim { statement: "s".into(), metric: Quantity::PSNR, margin: 0.5, comparisons: vec![comparison] }
     }
@@ -405,27 +403,33 @@ mod tests {
             ("b", [11.0, 21.1, 31.0]),
             ("c", [9.0, 21.0, 30.1]),
             ("d", [10.0, 20.1, 30.0]),
+            // Differences of these are compared as well.
+            ("few", [10.0, 10.1, 10.2]),
+            ("info", [18.0; 3]),
+            ("many", [20.0; 3]),
+            ("both", [20.5; 3]),
         ]);
-        let verdict = |left, is, right| claim(&[left], is, &[right]).test(&list, None).verdict;
-        assert_eq!(verdict("b", Relation::Better, "a"), Verdict::Holds);
-        assert_eq!(verdict("a", Relation::Better, "b"), Verdict::Fails);
-        assert_eq!(verdict("a", Relation::NotWorse, "b"), Verdict::Fails);
-        assert_eq!(verdict("a", Relation::Better, "c"), Verdict::Undecided);
-        assert_eq!(verdict("d", Relation::Better, "a"), Verdict::Fails, "a gain as large as the margin is excluded");
-        assert_eq!(
-            verdict("c", Relation::NotWorse, "a"),
-            Verdict::Undecided,
-            "it may be worse by more than the margin"
-        );
-        assert_eq!(verdict("d", Relation::NotWorse, "a"), Verdict::Holds);
-        assert_eq!(verdict("a", Relation::Better, "none"), Verdict::Untested);
-        let tested = claim(&["b"], Relation::Better, &["a"]).test(&list, None);
-        assert_eq!(tested.findings[0].formula, "PSNR (dB): b > a");
-        assert_eq!(tested.findings[0].found(), "+1.00 [+0.75, +1.25] over 3 scenes");
-        assert_eq!(
-            claim(&["b"], Relation::NotWorse, &["a"]).test(&list, None).findings[0].formula,
-            "PSNR (dB): b > a − 0.5"
-        );
+        for (left, is, right, verdict, formula) in [
+            ("b", Relation::Better, "a", Verdict::Holds, "b > a"),
+            ("a", Relation::Better, "b", Verdict::Fails, "a > b"),
+            ("a", Relation::NotWorse, "b", Verdict::Fails, "a > b − 0.5"),
+            ("a", Relation::Better, "c", Verdict::Undecided, "a > c"),
+            // A gain as large as the margin is excluded.
+            ("d", Relation::Better, "a", Verdict::Fails, "d > a"),
+            // It may be worse by more than the margin.
+            ("c", Relation::NotWorse, "a", Verdict::Undecided, "c > a − 0.5"),
+            ("d", Relation::NotWorse, "a", Verdict::Holds, "d > a − 0.5"),
+            ("a", Relation::Better, "none", Verdict::Untested, "a > none"),
+            ("info - few", Relation::Better, "both - many", Verdict::Holds, "info − few > both − many"),
+            ("info - many", Relation::Near, "few - many", Verdict::Holds, "|info − many| ≤ ½ |few − many|"),
+            ("few - many", Relation::Near, "few - many", Verdict::Fails, "|few − many| ≤ ½ |few − many|"),
+        ] {
+            let tested = claim(left, is, right).test(&list, None);
+            assert_eq!((tested.verdict, &*tested.findings[0].formula), (verdict, &*format!("PSNR (dB): {formula}")));
+        }
+        let found = |left, right| claim(left, Relation::Better, right).test(&list, None).findings[0].found();
+        assert_eq!(found("b", "a"), "+1.00 [+0.75, +1.25] over 3 scenes");
+        assert_eq!(found("info - few", "both - many"), "+7.40 [+7.15, +7.65] over 3 scenes");
     }
 
     /// A gain on one scene and a loss on the other are a gain on these two, and say nothing of a third.
@@ -439,43 +443,29 @@ mod tests {
             }
         }
         let found = |list: &[Record]| {
-            let finding = claim(&["b"], Relation::Better, &["a"]).test(list, None).findings.remove(0);
+            let finding = claim("b", Relation::Better, "a").test(list, None).findings.remove(0);
             (finding.verdict, finding.found())
         };
         let (verdict, text) = found(&list);
         assert_eq!(verdict, Verdict::Holds);
         let expected = "+0.12 [+0.10, +0.13] on these 2 scenes × 4 seeds; +0.12 [-11.32, +11.55] on scenes like them";
         assert!(text.starts_with(expected), "{text}");
-        let (verdict, text) = found(&list[..8]);
-        assert_eq!((verdict, text.as_str()), (Verdict::Holds, "+1.02 [+0.99, +1.04] over 4 seeds of one scene"));
+        assert_eq!(found(&list[..8]), (Verdict::Holds, "+1.02 [+0.99, +1.04] over 4 seeds of one scene".into()));
         assert_eq!(found(&list[..2]), (Verdict::Undecided, "+1.00 over 1 seed of one scene".into()));
         list[2..4].iter_mut().for_each(|record| record.train_views = vec![1]);
         assert!(found(&list[..10]).1.contains("on these 2 scenes, 5 view sets in all; "));
-        let one_each = [&list[..2], &list[8..10]].concat();
-        assert!(found(&one_each).1.ends_with("over 2 scenes"));
+        assert!(found(&[&list[..2], &list[8..10]].concat()).1.ends_with("over 2 scenes"));
     }
 
     #[test]
     fn collapsed_pairs_count_and_incomplete_pairs_are_named() {
         let mut list = records(&[("a", [10.0, 20.0, 30.0]), ("b", [11.0, 21.1, 5.0])]);
         list[5].collapsed = true;
-        let found = |list: &[Record]| claim(&["b"], Relation::Better, &["a"]).test(list, None).findings[0].found();
+        let found = |list: &[Record]| claim("b", Relation::Better, "a").test(list, None).findings[0].found();
         let text = found(&list);
         assert!(text.starts_with("-7.6") && text.ends_with("over 3 scenes; 1 pair with a collapsed run"), "{text}");
         let text = found(&list[..5]);
         assert!(text.ends_with("over 2 scenes; 1 pair incomplete and left out"), "{text}");
-    }
-
-    #[test]
-    fn differences_and_distances() {
-        let list =
-            records(&[("few", [10.0, 10.1, 10.2]), ("info", [18.0; 3]), ("many", [20.0; 3]), ("both", [20.5; 3])]);
-        let gain = claim(&["info", "few"], Relation::Better, &["both", "many"]).test(&list, None);
-        assert_eq!(gain.verdict, Verdict::Holds);
-        assert_eq!(gain.findings[0].found(), "+7.40 [+7.15, +7.65] over 3 scenes");
-        let near = |of| claim(&[of, "many"], Relation::Near, &["few", "many"]).test(&list, None).verdict;
-        assert_eq!(near("info"), Verdict::Holds);
-        assert_eq!(near("few"), Verdict::Fails);
     }
 
     #[test]
@@ -484,12 +474,12 @@ mod tests {
         for record in &mut list {
             record.ray_entropy_bits = record.metrics["psnr"];
         }
-        let mut claim = Claim { metric: Quantity::RAY_ENTROPY, ..claim(&["a"], Relation::Better, &["b"]) };
-        assert_eq!(claim.test(&list, None).verdict, Verdict::Holds);
-        assert_eq!(claim.test(&list, None).findings[0].formula, "Ray entropy (bits): a < b");
-        claim.comparisons.push(Comparison { left: side(&["b"]), is: Relation::NotWorse, right: side(&["a"]) });
-        assert_eq!(claim.test(&list, None).verdict, Verdict::Fails);
-        assert_eq!(claim.variants().collect::<Vec<_>>(), ["a", "b", "b", "a"]);
+        let mut one = Claim { metric: Quantity::RAY_ENTROPY, ..claim("a", Relation::Better, "b") };
+        assert_eq!(one.test(&list, None).verdict, Verdict::Holds);
+        assert_eq!(one.test(&list, None).findings[0].formula, "Ray entropy (bits): a < b");
+        one.comparisons.extend(claim("b", Relation::NotWorse, "a").comparisons);
+        assert_eq!(one.test(&list, None).verdict, Verdict::Fails);
+        assert_eq!(one.variants().collect::<Vec<_>>(), ["a", "b", "b", "a"]);
     }
 
     /// Sharpness is best at 1: 0.9 beats 1.3 and 0.6, and half of the distance is *near*.
@@ -501,15 +491,18 @@ mod tests {
             record.metrics = [("sharpness".to_owned(), record.metrics["psnr"])].into_iter().collect();
         }
         let metric = Quantity::named("sharpness").unwrap();
-        let better = |left, right| {
-            let tested = Claim { metric, ..claim(&[left], Relation::Better, &[right]) }.test(&list, None);
-            (tested.verdict, tested.findings[0].formula.clone())
-        };
-        assert_eq!(better("good", "sharp"), (Verdict::Holds, "|Sharpness − 1|: good < sharp".into()));
-        assert_eq!(better("good", "soft").0, Verdict::Holds);
-        assert_eq!(better("sharp", "good").0, Verdict::Fails);
-        let near = Claim { metric, ..claim(&["good"], Relation::Near, &["soft"]) };
-        assert_eq!(near.test(&list, None).verdict, Verdict::Holds);
+        for (left, is, right, verdict, formula) in [
+            ("good", Relation::Better, "sharp", Verdict::Holds, "good < sharp"),
+            ("good", Relation::Better, "soft", Verdict::Holds, "good < soft"),
+            ("sharp", Relation::Better, "good", Verdict::Fails, "sharp < good"),
+            ("good", Relation::Near, "soft", Verdict::Holds, "|good| ≤ ½ |soft|"),
+        ] {
+            let tested = Claim { metric, ..claim(left, is, right) }.test(&list, None);
+            assert_eq!(
+                (tested.verdict, &*tested.findings[0].formula),
+                (verdict, &*format!("|Sharpness − 1|: {formula}"))
+            );
+        }
     }
 
     /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is
@@ -518,14 +511,14 @@ mod tests {
     fn noise_about_zero_is_near() {
         let mut list = Vec::new();
         for (seed, noise) in [(0, 0.9), (1, -0.9), (2, 0.8), (3, -0.8), (4, 0.85), (5, -0.85)] {
-            list.push(record("x", "few", seed, 15.0));
-            list.push(record("x", "many", seed, 18.0));
-            list.push(record("x", "info", seed, 18.0 + noise));
-            list.push(record("x", "half", seed, 16.0 + noise));
+            for (variant, psnr) in [("few", 15.0), ("many", 18.0), ("info", 18.0 + noise), ("half", 16.0 + noise)] {
+                list.push(record("x", variant, seed, psnr));
+            }
         }
-        let near = |left| claim(&[left, "many"], Relation::Near, &["few", "many"]).test(&list, None);
-        assert_eq!(near("info").verdict, Verdict::Holds, "{}", near("info").findings[0].found());
-        assert_ne!(near("half").verdict, Verdict::Holds, "two thirds of the way off");
+        let near =
+            |left: &str| claim(&format!("{left} - many"), Relation::Near, "few - many").test(&list, None).verdict;
+        assert_eq!(near("info"), Verdict::Holds);
+        assert_ne!(near("half"), Verdict::Holds, "two thirds of the way off");
     }
 
     #[test]

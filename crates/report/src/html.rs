@@ -17,10 +17,6 @@ use crate::{
     table::measured,
 };
 
-/// Maximum number of scenes in the figure at the top of a page.
-const MAX_PANEL_SCENES: usize = 4;
-/// Maximum number of runs that are listed.
-const MAX_RUNS: usize = 1000;
 /// Maximum number of bytes of a comparison's images: browsers would take long to open more.
 const MAX_BYTES: u64 = 96 << 20;
 
@@ -103,6 +99,11 @@ fn data(path: &Path) -> Result<String, ReportError> {
 /// Keeps the arrow of a column's heading on the same line as the word before.
 fn heading(text: impl AsRef<str>) -> String {
     text.as_ref().replace(" ↑", "\u{a0}↑").replace(" ↓", "\u{a0}↓").replace(" → ", "\u{a0}→\u{a0}")
+}
+
+/// Formats a quantity of a run.
+fn shown(quantity: &Quantity, record: &Record) -> String {
+    quantity.value(record).map_or("–".to_owned(), |value| quantity.format(value))
 }
 
 /// Formats the PSNR of a run, such as `18.92 dB`; empty if it has none.

@@ -10,7 +10,6 @@
 //! - [`chart`]: small functions from numbers to an SVG string; [`panel`]: the comparison figure of papers.
 //! - [`PictureComparison`]: a page of other programs' renders over the truth.
 //! - [`write_tensorboard`]: training curves for TensorBoard.
-//! - [`RESULTS_SCHEMA`]: the JSON schema of `results.json`.
 //! - [`depth_image`], [`error_image`] and [`normal_image`]: images of depth, error and normals.
 //!
 //! ```
@@ -54,7 +53,7 @@ mod text;
 mod text_table;
 
 pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict};
-pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, normal_image, turbo, viridis};
+pub use colormap::{depth_image, error_image, normal_image, turbo};
 pub use comparison::{ComparisonFiles, PictureComparison};
 pub use error::ReportError;
 pub use events::{EvaluationEvent, Events, StepEvent};
@@ -69,7 +68,7 @@ pub use panel::panel;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
-pub use record::{CameraErrors, RESULTS_SCHEMA, Record, Setting, TestViews, VIEWER_PAGE, run_directory};
+pub use record::{CameraErrors, Record, Setting, TestViews, VIEWER_PAGE, run_directory};
 pub use report::{ReportFiles, write_collection, write_report};
 pub use table::{Cell, Column, Emphasis, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};

@@ -4,8 +4,6 @@ use indexmap::IndexMap;
 use infonerf_metrics::{METRICS, Values};
 use serde::{Deserialize, Deserializer, Serialize, de};
 
-/// JSON schema (draft 2020-12) of `results.json`, for programs in other languages.
-pub const RESULTS_SCHEMA: &str = include_str!("../results.schema.json");
 /// Name of the page in a run's folder that shows the scene in 3D; reports open it in place.
 pub const VIEWER_PAGE: &str = "viewer.html";
 

@@ -75,7 +75,7 @@ fn no_numbers_make_an_empty_chart() {
 proptest! {
     #[test]
     fn any_numbers_make_a_chart(points in prop::collection::vec((prop::num::f64::ANY, prop::num::f64::ANY), 0..6), scale in 0usize..3) {
-        for svg in all_charts(points, AxisScale::ALL[scale]) {
+        for svg in all_charts(points, [AxisScale::Linear, AxisScale::Log, AxisScale::SymmetricLog][scale]) {
             prop_assert!(svg.trim_end().ends_with("</svg>"));
             prop_assert!(!svg.contains("NaN"));
         }

@@ -193,53 +193,30 @@ fn table<'a>(rows: impl IntoIterator<Item = &'a StressCase>) -> TextTable {
     )
 }
 
-/// Errors of all cases of an operation, with its worst ones.
-struct OperationSummary {
-    operation: &'static str,
-    cases: usize,
-    numbers: u64,
-    non_finite: u64,
-    /// Largest error, and its case.
-    value: (f64, String),
-    gradient: (f64, String),
-}
-
-impl OperationSummary {
-    fn new(operation: &'static str, rows: &[&StressCase]) -> Self {
-        let own: Vec<_> = rows.iter().filter(|row| row.operation == operation).collect();
-        let worst = |error: fn(&Errors) -> f64| {
-            let row = own.iter().max_by(|a, b| error(&a.errors).total_cmp(&error(&b.errors)));
-            row.map_or_else(Default::default, |row| (error(&row.errors), row.case.clone()))
-        };
-        Self {
-            operation,
-            cases: own.len(),
-            numbers: own.iter().map(|row| row.errors.numbers).sum(),
-            non_finite: own.iter().map(|row| row.errors.non_finite).sum(),
-            value: worst(|errors| errors.value),
-            gradient: worst(|errors| errors.gradient),
-        }
-    }
-}
-
-/// Formats a line per operation, and the exceptions below.
+/// Formats a line per operation with its worst cases, and the exceptions below.
 fn text(device: &str, rows: &[&StressCase]) -> String {
-    let rays: usize = rows.iter().map(|row| row.rays).sum();
-    let operations = distinct(rows, |row| row.operation);
-    let summaries: Vec<_> = operations.into_iter().map(|operation| OperationSummary::new(operation, rows)).collect();
+    type Operation<'a> = (&'static str, Vec<&'a StressCase>);
+    fn worst<'a>((_, cases): &Operation<'a>, error: fn(&Errors) -> f64) -> (String, &'a str) {
+        let worst = cases.iter().max_by(|a, b| error(&a.errors).total_cmp(&error(&b.errors)));
+        worst.map_or_else(Default::default, |row| (format!("{:.1e}", error(&row.errors)), row.case.as_str()))
+    }
+    let cases = |operation| rows.iter().copied().filter(|row| row.operation == operation).collect();
+    let operations = distinct(rows, |row| row.operation).into_iter();
+    let operations: Vec<Operation> = operations.map(|operation| (operation, cases(operation))).collect();
     let table = TextTable::new(
-        &summaries,
+        &operations,
         &[
-            ("operation", |row: &OperationSummary| row.operation.into()),
-            ("cases", |row| row.cases.to_string()),
-            ("values", |row| row.numbers.to_string()),
-            ("not finite", |row| row.non_finite.to_string()),
-            ("value", |row| format!("{:.1e}", row.value.0)),
-            ("(worst)", |row| row.value.1.clone()),
-            ("gradient", |row| format!("{:.1e}", row.gradient.0)),
-            ("(worst)", |row| row.gradient.1.clone()),
+            ("operation", |(operation, _): &Operation| (*operation).into()),
+            ("cases", |(_, cases)| cases.len().to_string()),
+            ("values", |(_, cases)| cases.iter().map(|row| row.errors.numbers).sum::<u64>().to_string()),
+            ("not finite", |(_, cases)| cases.iter().map(|row| row.errors.non_finite).sum::<u64>().to_string()),
+            ("value", |operation| worst(operation, |errors| errors.value).0),
+            ("(worst)", |operation| worst(operation, |errors| errors.value).1.into()),
+            ("gradient", |operation| worst(operation, |errors| errors.gradient).0),
+            ("(worst)", |operation| worst(operation, |errors| errors.gradient).1.into()),
         ],
     );
+    let rays: usize = rows.iter().map(|row| row.rays).sum();
     let exceptions =
         rows.iter().filter_map(|row| Some(format!("exception: {}, {}: {}\n", row.operation, row.case, row.exception?)));
     format!("\n{device}: {rays} rays\n\n{}", table.to_text()) + &exceptions.collect::<String>()

@@ -47,11 +47,6 @@ pub enum AxisScale {
     SymmetricLog,
 }
 
-impl AxisScale {
-    /// Every scale.
-    pub const ALL: [Self; 3] = [Self::Linear, Self::Log, Self::SymmetricLog];
-}
-
 /// Named set of points, in one colour.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {

@@ -244,7 +244,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), scale in 0usize..3) {
-            let scale = Scale::around(values.iter().copied(), AxisScale::ALL[scale]);
+            let scale = Scale::around(values.iter().copied(), [AxisScale::Linear, AxisScale::Log, AxisScale::SymmetricLog][scale]);
             prop_assert!(scale.low < scale.high);
             let ticks = scale.ticks();
             prop_assert!(ticks.len() <= 13, "{ticks:?}");

@@ -111,7 +111,7 @@ impl Table {
     fn formatted(&self, name: fn(&str) -> String, value: impl Fn(String, bool) -> String) -> Vec<Vec<String>> {
         let headings = self.names().chain(self.columns.iter().map(|column| column.heading.as_str())).map(name);
         let row = |row: &TableRow| {
-            let cells = row.cells.iter().enumerate().map(|(column, cell)| value(self.text(cell, column), cell.best));
+            let cells = self.cells(row).map(|(cell, text)| value(text, cell.best));
             row.names().map(name).chain(cells).collect()
         };
         std::iter::once(headings.collect()).chain(self.rows.iter().map(row)).collect()

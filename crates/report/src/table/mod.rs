@@ -270,6 +270,11 @@ impl Table {
         if cell.collapsed { value + COLLAPSED } else { value }
     }
 
+    /// Returns the cells of a row with their texts.
+    pub(crate) fn cells<'a>(&'a self, row: &'a TableRow) -> impl Iterator<Item = (&'a Cell, String)> {
+        row.cells.iter().enumerate().map(|(column, cell)| (cell, self.text(cell, column)))
+    }
+
     /// Returns whether a cell is the best beyond doubt.
     pub(crate) fn has_clear(&self) -> bool {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
