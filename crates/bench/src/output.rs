@@ -3,9 +3,8 @@
 use std::fs;
 
 use anyhow::{Context, Result};
-use infonerf_experiment::save_png;
 use infonerf_report::TextTable;
-use infonerf_report::chart::{Drawing, standalone};
+use infonerf_report::chart::standalone;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -30,10 +29,9 @@ impl Bench {
         self.save("results.json", &(json + "\n"))
     }
 
-    /// Writes a chart as SVG and PNG.
-    pub(crate) fn save_drawing(&self, name: &str, drawing: &Drawing) -> Result<()> {
-        self.save(&format!("{name}.svg"), &standalone(&drawing.svg))?;
-        save_png(&drawing.picture, &self.folder.join(format!("{name}.png")))
+    /// Writes a chart as SVG.
+    pub(crate) fn save_chart(&self, name: &str, svg: &str) -> Result<()> {
+        self.save(&format!("{name}.svg"), &standalone(svg))
     }
 
     /// Writes a table as CSV, named after the benchmark.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::Result;
 use infonerf_experiment::RunPlan;
 use infonerf_metrics::{LPIPS_ALEX, LPIPS_VGG, METRICS, Metric, PSNR, SSIM, Values};
-use infonerf_report::chart::{Axis, ChartFrame, Series, marked_chart, pareto_frontier};
+use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_frontier};
 use infonerf_report::{Record, TextTable};
 use serde::Serialize;
 use serde_json::json;
@@ -144,9 +144,9 @@ fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
             let points = own.filter_map(|point| Some((point.train_seconds, value(&point.metrics, metric)?))).collect();
             Series { name, points }
         };
-        let series: Vec<Series> = distinct(&points, |point| point.variant.clone()).into_iter().map(series).collect();
-        let marks = published.marks(&scenes, &views, key);
-        bench.save_drawing(&format!("pareto-{key}"), &marked_chart(&frame, &series, &marks)?)?;
+        let own = distinct(&points, |point| point.variant.clone()).into_iter().map(series);
+        let series: Vec<Series> = own.chain(published.series(&scenes, &views, key)).collect();
+        bench.save_chart(&format!("pareto-{key}"), &line_chart(&frame, &series)?)?;
     }
     Ok(())
 }

@@ -124,10 +124,10 @@ fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figur
     Ok(Some(Figure { name: format!("{scene}-{label}-terms"), title, svg, caption }))
 }
 
-/// Returns a logarithmic axis, which has both signs if a series has.
+/// Returns a logarithmic axis if all values are positive.
 fn value_axis(label: &str, series: &[Series]) -> Axis {
     let positive = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
-    if positive { Axis::log(label) } else { Axis::symmetric_log(label) }
+    if positive { Axis::log(label) } else { Axis::linear(label) }
 }
 
 /// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of as many neighbours.
@@ -169,7 +169,7 @@ mod tests {
         let figure = term_figure("lego", "nerf", &events).unwrap().expect("two terms");
         // Markers: four of rgb, and three of tv, which is not on in the first step.
         assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);
-        assert!(figure.svg.contains("-0.1") && figure.svg.contains("tv"), "{}", figure.svg);
+        assert!(figure.svg.contains("-1.5") && figure.svg.contains("tv"), "{}", figure.svg);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use plotters::{
 };
 
 use super::{
-    AxisScale, ChartFrame,
+    ChartFrame,
     canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
     scale::{Scale, drawable},
 };
@@ -26,7 +26,7 @@ pub struct Bar {
 /// # Errors
 /// If the drawing library refuses.
 pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError> {
-    let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, AxisScale::Linear)).unwrap_or(0.0).abs();
+    let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
     // Names that are wider than their bars' places go into a legend.
     let labels: Vec<String> = bars.iter().map(|bar| plain(&bar.label)).collect();
@@ -34,10 +34,10 @@ pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError
     let legend = labels.iter().enumerate().map(|(index, label)| (label.clone(), colour(index)));
     let legend: Vec<(String, RGBColor)> = if fit { Vec::new() } else { legend.collect() };
     let x = Scale::labels(if fit { labels } else { vec![String::new(); bars.len()] });
-    let y = Scale::around(ends.chain([0.0]), AxisScale::Linear).with_zero();
+    let y = Scale::around(ends.chain([0.0]), false).with_zero();
     drawn(frame, |sheet| {
         let mut plot = plot(sheet, frame, &legend, x, y)?;
-        for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, AxisScale::Linear)) {
+        for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, false)) {
             let (left, middle, right) = (index as f64 + 0.2, index as f64 + 0.5, index as f64 + 0.8);
             let body = Rectangle::new([(left, 0.0), (right, bar.value)], colour(index).filled());
             plot.draw_series([body])?;

@@ -4,7 +4,7 @@ use plotters::{
 };
 
 use super::{
-    AxisScale, ChartFrame,
+    ChartFrame,
     canvas::{INK, anchored, drawn, font, plot},
     scale::{Scale, drawable, short},
 };
@@ -32,9 +32,7 @@ pub fn heat_map(
         .take(rows.len())
         .enumerate()
         .flat_map(|(row, line)| line.iter().take(columns.len()).enumerate().map(move |(column, v)| (row, column, *v)))
-        .filter_map(|(row, column, value)| {
-            Some((row, column, value.filter(|value| drawable(*value, AxisScale::Linear))?))
-        })
+        .filter_map(|(row, column, value)| Some((row, column, value.filter(|value| drawable(*value, false))?)))
         .collect();
     let least = cells.iter().map(|cell| cell.2).fold(f64::INFINITY, f64::min);
     let most = cells.iter().map(|cell| cell.2).fold(f64::NEG_INFINITY, f64::max);
