@@ -15,9 +15,6 @@ use crate::output::number;
 use crate::published::PublishedFigures;
 use crate::trial::mean;
 
-/// PSNR in dB; InfoNeRF's on lego in the paper is 18.92.
-const TARGET: f64 = 18.9;
-
 /// Metrics with a chart of their own.
 const CHARTS: [Metric; 4] = [PSNR, SSIM, LPIPS_ALEX, LPIPS_VGG];
 
@@ -53,15 +50,6 @@ impl ParetoPoint {
     }
 }
 
-/// First time at which a variant reaches [`TARGET`].
-#[derive(Serialize)]
-struct TargetReached {
-    variant: String,
-    psnr: f64,
-    /// Mean training time of the smallest budget that reaches it; `None` if none does.
-    train_seconds: Option<f64>,
-}
-
 pub(crate) fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut rows: Vec<BudgetTrial> = Vec::new();
@@ -76,7 +64,7 @@ pub(crate) fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&st
         }
     }
     let points = points(&rows);
-    print(&text(&points, &targets(&points)));
+    print(&text(&points));
     let (scenes, views) = scenes_and_views(bench, &rows);
     PublishedFigures::read()?.lines(&scenes, &views).iter().for_each(|line| print(line));
     Ok(())
@@ -115,19 +103,10 @@ fn points(rows: &[BudgetTrial]) -> Vec<ParetoPoint> {
     points
 }
 
-fn targets(points: &[ParetoPoint]) -> Vec<TargetReached> {
-    let first = |variant: String| {
-        let reached = points.iter().filter(|point| point.variant == variant && point.psnr() >= TARGET);
-        let train_seconds = reached.map(|point| point.train_seconds).min_by(f64::total_cmp);
-        TargetReached { variant, psnr: TARGET, train_seconds }
-    };
-    distinct(points, |point| point.variant.clone()).into_iter().map(first).collect()
-}
-
 /// Writes all results so far, which stay if the rest is interrupted.
 fn save(bench: &Bench, rows: &[BudgetTrial]) -> Result<()> {
     let points = points(rows);
-    bench.save_results(PROTOCOL, rows, json!({ "points": points, "passed": targets(&points) }))?;
+    bench.save_results(PROTOCOL, rows, json!({ "points": points }))?;
     bench.save_csv(&csv(rows))?;
     let (published, (scenes, views)) = (PublishedFigures::read()?, scenes_and_views(bench, rows));
     let all = distinct(rows, |row| row.record.scene.clone()).join(", ");
@@ -174,7 +153,7 @@ fn csv(rows: &[BudgetTrial]) -> TextTable {
     table
 }
 
-fn text(points: &[ParetoPoint], targets: &[TargetReached]) -> String {
+fn text(points: &[ParetoPoint]) -> String {
     let mut table = TextTable::new(
         points,
         &[
@@ -191,9 +170,5 @@ fn text(points: &[ParetoPoint], targets: &[TargetReached]) -> String {
         };
         table.push_column(metric.descriptor.name, points.iter().map(cell));
     }
-    let line = |TargetReached { variant, psnr, train_seconds }: &TargetReached| match train_seconds {
-        Some(seconds) => format!("\n{variant}: past {psnr} dB after {seconds:.1} s of training"),
-        None => format!("\n{variant}: {psnr} dB is not reached"),
-    };
-    format!("\n{}", table.to_text()) + &targets.iter().map(line).collect::<String>()
+    format!("\n{}", table.to_text())
 }

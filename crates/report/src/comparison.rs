@@ -6,7 +6,7 @@ use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{error::ReportError, files::write_atomically, html, text_table::TextTable};
+use crate::{error::ReportError, files::write_atomically, html::comparison_page, text_table::TextTable};
 
 /// Metrics of two folders of images, with the images.
 #[derive(Debug, Clone, Copy)]
@@ -17,15 +17,6 @@ pub struct PictureComparison<'a> {
     pub protocol: &'a Protocol,
     /// Metrics and paths of the views.
     pub compared: &'a ComparedFolders,
-}
-
-/// Files that [`PictureComparison::write`] wrote.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ComparisonFiles {
-    /// `comparison.json`, which has every number.
-    pub json: PathBuf,
-    /// `comparison.html`, a table and images with a slider between render and truth.
-    pub html: PathBuf,
 }
 
 /// Contents of `comparison.json`.
@@ -39,12 +30,13 @@ struct ComparisonJson<'a> {
 }
 
 impl<'a> PictureComparison<'a> {
-    /// Writes the JSON and the page into `folder`.
+    /// Writes into `folder`, and returns, `comparison.json`, which has every number, and `comparison.html`, a table and
+    /// images with a slider between render and truth.
     ///
     /// # Errors
     /// If a file cannot be written, or an image cannot be read again.
-    pub fn write(&self, folder: &Path) -> Result<ComparisonFiles, ReportError> {
-        let files = ComparisonFiles { json: folder.join("comparison.json"), html: folder.join("comparison.html") };
+    pub fn write(&self, folder: &Path) -> Result<[PathBuf; 2], ReportError> {
+        let [json, html] = ["comparison.json", "comparison.html"].map(|name| folder.join(name));
         let measured = self.compared.measured.clone().representable();
         let names = self.compared.views.iter().map(|view| view.name.as_str());
         let numbers = ComparisonJson {
@@ -54,10 +46,10 @@ impl<'a> PictureComparison<'a> {
             views: names.zip(&measured.views).collect(),
             notes: &measured.notes,
         };
-        let json = serde_json::to_string_pretty(&numbers).expect("numbers and text are representable");
-        write_atomically(&files.json, json.as_bytes())?;
-        write_atomically(&files.html, html::comparison_page(self)?.as_bytes())?;
-        Ok(files)
+        let text = serde_json::to_string_pretty(&numbers).expect("numbers and text are representable");
+        write_atomically(&json, text.as_bytes())?;
+        write_atomically(&html, comparison_page(self)?.as_bytes())?;
+        Ok([json, html])
     }
 
     /// Formats the protocol, a row per view, the mean, and the notes as plain text.

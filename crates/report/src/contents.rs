@@ -75,7 +75,7 @@ impl<'a> ReportContents<'a> {
         // The protocol stands once, above all.
         let bare = |table: Table, title: String| Table { title, protocol: Vec::new(), ..table };
         let pictured = pictured(&records);
-        if pictured.len() < groups(&records).len() {
+        if pictured.len() < groups(records.iter().copied()).len() {
             missing.push(format!("images and curves of all but the {MAX_PICTURED} variants with the highest PSNR"));
         }
         // A view has a truth, and a render, its depth and its error for each variant.
@@ -90,7 +90,7 @@ impl<'a> ReportContents<'a> {
             }
             left -= views;
             let choice = Choice::Spread(views);
-            let gallery = SceneGallery::collect(&records, &pictured, root, name, &choice, &mut missing);
+            let gallery = SceneGallery::collect(&pictured, root, name, &choice, &mut missing);
             scenes.push(SceneContents::gather(gallery, root, &mut missing)?);
         }
         Ok(Self {
@@ -175,7 +175,7 @@ fn plot_path(figure: &Figure) -> String {
 
 fn warnings(input: &ReportInput, records: &[&Record]) -> Vec<String> {
     let left_out = (records.len() < input.records.len()).then(|| {
-        let [shown, all] = [groups(records).len(), groups(&input.records).len()];
+        let [shown, all] = [groups(records.iter().copied()).len(), groups(input.records.iter()).len()];
         format!("Shown are the {shown} variants with the highest PSNR, of {all}: the others are in results.json.")
     });
     let collapsed = records.iter().filter(|record| record.collapsed).map(|record| record.run_label());

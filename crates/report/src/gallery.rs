@@ -13,7 +13,7 @@ use image::{ImageFormat, imageops::FilterType};
 use crate::{
     quantity::Quantity,
     record::Record,
-    table::{distinct, groups},
+    table::{VariantGroup, distinct, groups},
 };
 
 /// Maximum number of variants whose images and curves are shown.
@@ -22,13 +22,6 @@ pub(crate) const MAX_PICTURED: usize = 12;
 const MAX_SIDE: u32 = 512;
 /// Kinds of images of a view, in the order of the rows, with the folder of each.
 const KINDS: [(&str, &str); 3] = [("render", "test"), ("depth", "depth"), ("error", "error")];
-
-/// Variant whose images are shown.
-pub(crate) struct PicturedVariant<'a> {
-    /// Variant and preset.
-    key: (&'a str, &'a str),
-    label: String,
-}
 
 /// Images of one scene.
 pub(crate) struct SceneGallery<'a> {
@@ -66,32 +59,27 @@ pub(crate) enum Choice {
 }
 
 /// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order.
-pub(crate) fn pictured<R: AsRef<Record>>(records: &[R]) -> Vec<PicturedVariant<'_>> {
+pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
     let scenes = distinct(records, |record| record.scene.clone());
-    let groups = groups(records);
+    let groups = groups(records.iter().copied());
     let psnr = groups.iter().map(|group| group.mean(Quantity::PSNR, &scenes).unwrap_or(f64::NEG_INFINITY));
     let mut ranked: Vec<(f64, usize)> = psnr.zip(0..).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     let best: HashSet<usize> = ranked.into_iter().take(MAX_PICTURED).map(|(_, index)| index).collect();
-    let chosen = groups.into_iter().enumerate().filter(|(index, _)| best.contains(index));
-    chosen.map(|(_, group)| PicturedVariant { key: group.key, label: group.label }).collect()
+    groups.into_iter().enumerate().filter(|(index, _)| best.contains(index)).map(|(_, group)| group).collect()
 }
 
 impl<'a> SceneGallery<'a> {
     /// Reads the views of `choice` from the runs of `scene`, the lowest seed of each variant. Images that are missing or
     /// cannot be read are left out and named in `missing`.
     pub(crate) fn collect(
-        records: &[&'a Record],
-        variants: &[PicturedVariant],
+        variants: &[VariantGroup<'a>],
         root: &Path,
         scene: String,
         choice: &Choice,
         missing: &mut Vec<String>,
     ) -> Self {
-        let run = |variant: &PicturedVariant| {
-            let own = |record: &&Record| (&*record.variant, &*record.preset) == variant.key && record.scene == scene;
-            Some((variant.label.clone(), records.iter().copied().filter(own).min_by_key(|record| record.seed)?))
-        };
+        let run = |variant: &VariantGroup<'a>| Some((variant.label.clone(), variant.first(&scene)?));
         let runs: Vec<(String, &Record)> = variants.iter().filter_map(run).collect();
         let mut names = Vec::new();
         for (_, record) in &runs {

@@ -54,7 +54,7 @@ mod text_table;
 
 pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict};
 pub use colormap::{depth_image, error_image, normal_image, turbo};
-pub use comparison::{ComparisonFiles, PictureComparison};
+pub use comparison::PictureComparison;
 pub use error::ReportError;
 pub use events::{EvaluationEvent, Events, StepEvent};
 pub use figures::Figure;

@@ -33,7 +33,7 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Rgb
     let choice = view.map_or(Choice::Spread(1), |view| Choice::Named(format!("{view:03}")));
     let variants = pictured(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
-    let gallery = |scene| SceneGallery::collect(&records, &variants, root, scene, &choice, &mut Vec::new());
+    let gallery = |scene| SceneGallery::collect(&variants, root, scene, &choice, &mut Vec::new());
     let galleries: Vec<SceneGallery> = scenes.map(gallery).collect();
     compose(&galleries.iter().collect::<Vec<_>>())?.ok_or_else(|| {
         let wanted = view.map_or("any test view".to_owned(), |view| format!("test view {view}"));

@@ -117,17 +117,17 @@ pub(crate) struct VariantGroup<'a> {
     /// Label without the values.
     name: String,
     values: Option<&'a IndexMap<String, String>>,
-    /// Variant and preset.
-    pub(crate) key: (&'a str, &'a str),
+    /// Variant without its preset.
+    pub(crate) variant: &'a str,
     /// Records by scene and seed; the first of several with the same.
     records: IndexMap<(&'a str, u64), &'a Record>,
 }
 
 /// Groups records by variant and preset, in order of appearance; the preset is part of the label if there are several.
-pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
-    let presets = distinct(records, |record| record.preset.clone()).len();
+pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> Vec<VariantGroup<'a>> {
+    let presets = records.clone().map(|record| &record.preset).collect::<IndexSet<_>>().len();
     let mut groups: IndexMap<(&str, &str), VariantGroup> = IndexMap::new();
-    for record in records.iter().map(AsRef::as_ref) {
+    for record in records {
         let key = (record.variant.as_str(), record.preset.as_str());
         let group = groups.entry(key).or_insert_with(|| {
             let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
@@ -137,7 +137,7 @@ pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
                 label: record.label() + &suffix,
                 name: format!("{variant}{suffix}"),
                 values: setting.map(|setting| &setting.values),
-                key,
+                variant: &record.variant,
                 records: IndexMap::new(),
             }
         });
@@ -152,9 +152,10 @@ pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key
 }
 
 impl<'a> VariantGroup<'a> {
-    /// Returns the variant's name, without preset.
-    pub(crate) fn variant(&self) -> &'a str {
-        self.key.0
+    /// Returns the record of `scene` with the lowest seed.
+    pub(crate) fn first(&self, scene: &str) -> Option<&'a Record> {
+        let own = self.records.values().filter(|record| record.scene == scene);
+        own.min_by_key(|record| record.seed).copied()
     }
 
     /// Returns the mean of [`VariantGroup::cell`].
@@ -190,7 +191,7 @@ fn assemble<R: AsRef<Record>>(
     columns: Vec<Column>,
     cells: impl Fn(&VariantGroup) -> Vec<Cell>,
 ) -> Table {
-    let groups = groups(records);
+    let groups = groups(records.iter().map(AsRef::as_ref));
     let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
     let value = |group: &VariantGroup, key: &String| group.values.and_then(|values| values.get(key)).cloned();
     let row = |group: &VariantGroup| TableRow {
