@@ -114,7 +114,6 @@ pub(crate) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> V
     values
 }
 
-/// Returns the name of the processor, if the system has it.
 fn cpu() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;

@@ -2,24 +2,6 @@
 //!
 //! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json` and a table as
 //! CSV. [`run`] runs one of [`Benchmark`].
-//!
-//! ```no_run
-//! use infonerf_bench::{Benchmark, BenchOptions, run};
-//! use infonerf_experiment::{DeviceName, Selection};
-//!
-//! // Errors of every operation on extreme inputs, against f64.
-//! let options = BenchOptions {
-//!     benchmark: Benchmark::Stress { rays: 64 },
-//!     experiment: "synthetic-4view".into(),
-//!     selection: Selection::default(),
-//!     device: DeviceName::Auto,
-//!     weights: None,
-//!     out: "runs/bench".into(),
-//! };
-//! let holds = run(&options, &mut |line| println!("{line}"))?;
-//! assert!(holds);
-//! # Ok::<(), anyhow::Error>(())
-//! ```
 
 mod agreement;
 mod context;

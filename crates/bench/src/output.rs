@@ -10,12 +10,10 @@ use serde_json::Value;
 
 use crate::context::{Bench, Conditions};
 
-/// Content of a benchmark's `results.json`.
 #[derive(Serialize)]
 struct ResultsFile<'a, R> {
     #[serde(rename = "about")]
     conditions: &'a Conditions,
-    /// Description of the measurement.
     protocol: &'a str,
     #[serde(flatten)]
     more: Value,
@@ -29,17 +27,15 @@ impl Bench {
         self.save("results.json", &(json + "\n"))
     }
 
-    /// Writes a chart as SVG.
     pub(crate) fn save_chart(&self, name: &str, svg: &str) -> Result<()> {
         self.save(&format!("{name}.svg"), &standalone(svg))
     }
 
-    /// Writes a table as CSV, named after the benchmark.
     pub(crate) fn save_csv(&self, table: &TextTable) -> Result<()> {
         self.save(&format!("{}.csv", self.conditions.benchmark), &table.to_csv())
     }
 
-    fn save(&self, name: &str, text: &str) -> Result<()> {
+    pub(crate) fn save(&self, name: &str, text: &str) -> Result<()> {
         let path = self.folder.join(name);
         fs::create_dir_all(&self.folder).with_context(|| self.folder.display().to_string())?;
         fs::write(&path, text).with_context(|| path.display().to_string())

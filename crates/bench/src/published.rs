@@ -8,15 +8,12 @@ use serde::Deserialize;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PublishedFigures {
-    /// Number of training views.
     views: usize,
-    /// Scenes of the data set.
     scenes: Vec<String>,
     #[serde(rename = "system")]
     systems: Vec<PublishedSystem>,
 }
 
-/// Figures of one system on a scene.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PublishedSystem {
@@ -28,7 +25,6 @@ struct PublishedSystem {
     seconds: f64,
     psnr: Option<f64>,
     ssim: Option<f64>,
-    /// Publication of the figures.
     source: String,
 }
 

@@ -16,13 +16,11 @@ use crate::output::median;
 use crate::roofline;
 use crate::trial::{train, with_settings};
 
-/// Frames of each size; the median counts.
 const FRAMES: usize = 3;
 
 const PROTOCOL: &str = "a field after a short training (train.iterations) renders test cameras with skipping as configured; \
                         seconds are medians over three frames, the first of all frames not counted";
 
-/// Timing of frames of one size.
 #[derive(Serialize)]
 struct FrameTiming {
     run: String,

@@ -19,7 +19,6 @@ const PROTOCOL: &str = "the first steps are a warm-up and not counted; the sched
                         are the first steps; totals are medians and 90th percentiles; phases are means of as many further steps, \
                         in which the device is waited for after each phase";
 
-/// Timing of the steps of one run.
 #[derive(Serialize)]
 struct RunTiming {
     run: String,
@@ -27,7 +26,6 @@ struct RunTiming {
     last_step: usize,
     median_ms: f64,
     p90_ms: f64,
-    /// Traffic of these steps together.
     traffic: Traffic,
     phases: Vec<PhaseTiming>,
     roofline: Vec<RooflinePart>,

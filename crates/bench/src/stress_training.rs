@@ -34,7 +34,6 @@ const TINY: [&str; 11] = [
     "render.occupancy.every=8",
 ];
 
-/// Small factored field.
 const FACTORED: [&str; 3] = ["field.resolutions=[8,16,32]", "field.channels=2", "field.width=16"];
 
 /// Small network with the paper's losses: ReLU density, a coarse network, no priors.
@@ -48,7 +47,6 @@ const NERF: [&str; 7] = [
     "train.lr=5e-4",
 ];
 
-/// Change of the scene before training.
 type Change = fn(&mut Scene);
 
 struct StressSetting {
@@ -101,7 +99,6 @@ const SETTINGS: [StressSetting; 27] = [
     ),
 ];
 
-/// Outcome of all seeds of one setting.
 #[derive(Default, Serialize)]
 struct SettingOutcome {
     setting: &'static str,
@@ -112,7 +109,6 @@ struct SettingOutcome {
     not_finite: usize,
     /// Runs that ended, and were reported, as collapsed.
     collapsed: usize,
-    /// Restarts of all runs together.
     restarts: usize,
     /// Runs that restarted and ended with a field that is not empty.
     recovered: usize,
@@ -243,7 +239,6 @@ fn noise(pixel: usize) -> [f32; 3] {
     [rng.f32(), rng.f32(), rng.f32()]
 }
 
-/// Scales cameras, ranges and bounds by `factor`.
 fn scale(scene: &mut Scene, factor: f32) {
     let views = scene.train.iter_mut().chain(&mut scene.test).map(|view| &mut view.camera);
     for camera in views.chain(&mut scene.all_train_cameras) {

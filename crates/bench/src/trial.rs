@@ -5,13 +5,12 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use infonerf_experiment::{Control, Finished, RunPlan};
-use infonerf_report::Record;
+use infonerf_report::{Record, Setting};
 use infonerf_train::{Config, Event, Outcome, Trainer, config};
 
 use crate::context::Bench;
 
 impl Bench {
-    /// Prepares `plan` for its first step.
     pub(crate) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
         plan.trainer(&Arc::new(plan.load()?), 0, None, self.device()).with_context(|| plan.label())
     }
@@ -25,7 +24,6 @@ impl Bench {
     }
 }
 
-/// Trains to the end.
 pub(crate) fn train(trainer: &mut Trainer) -> Result<Outcome> {
     loop {
         match trainer.step(&mut |_| ())? {
@@ -67,9 +65,9 @@ pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Re
     Ok(RunPlan { config: Config::from_table(table)?, ..plan.clone() })
 }
 
-/// Computes the mean of a quantity over runs; `None` if one lacks it.
-pub(crate) fn mean(records: &[&Record], value: impl Fn(&Record) -> Option<f64>) -> Option<f64> {
-    let values: Option<Vec<f64>> = records.iter().map(|record| value(record)).collect();
-    let values = values.filter(|values| !values.is_empty())?;
-    Some(values.iter().sum::<f64>() / values.len() as f64)
+/// Tells a run apart by a value with which it was measured, which tables show in a column `key`.
+pub(crate) fn measured_with(record: Record, key: &str, value: String) -> Record {
+    let variant = format!("{}, {key} {value}", record.variant);
+    let setting = Setting { variant: record.variant, values: [(key.to_owned(), value)].into_iter().collect() };
+    Record { variant, setting: Some(setting), ..record }
 }

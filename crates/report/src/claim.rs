@@ -24,7 +24,6 @@ pub struct Claim {
     pub comparisons: Vec<Comparison>,
 }
 
-/// Claim in a file, before it is checked.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Unchecked {
@@ -208,7 +207,6 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Tests `comparison`, one of `claim`.
     fn of<R: AsRef<Record>>(
         claim: &Claim,
         comparison: &Comparison,
@@ -387,7 +385,6 @@ mod tests {
         Claim { statement: "s".into(), metric: Quantity::PSNR, margin: 0.5, comparisons: vec![comparison] }
     }
 
-    /// Variants by their PSNR on each of three scenes.
     fn records(variants: &[(&str, [f64; 3])]) -> Vec<Record> {
         let of = |(variant, values): &(&str, [f64; 3])| {
             ["x", "y", "z"].iter().zip(values).map(|(scene, psnr)| record(scene, variant, 0, *psnr)).collect::<Vec<_>>()

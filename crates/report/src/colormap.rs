@@ -127,7 +127,6 @@ fn polynomial(t: f32, coefficients: &[[f32; 3]]) -> [f32; 3] {
     std::array::from_fn(|channel| horner(channel).clamp(0.0, 1.0))
 }
 
-/// Rounds colours in [0, 1] to 8 bits.
 pub(crate) fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|channel| (255.0 * channel.clamp(0.0, 1.0)).round() as u8)
 }

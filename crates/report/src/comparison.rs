@@ -19,7 +19,6 @@ pub struct PictureComparison<'a> {
     pub compared: &'a ComparedFolders,
 }
 
-/// Contents of `comparison.json`.
 #[derive(Serialize)]
 struct ComparisonJson<'a> {
     evaluation: String,
@@ -65,7 +64,6 @@ impl<'a> PictureComparison<'a> {
         self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
     }
 
-    /// Returns the metrics that have a value.
     pub(crate) fn metrics(&self) -> Vec<&'static Metric> {
         let has = |metric: &&&Metric| self.compared.measured.set.get(metric.key()).copied().flatten().is_some();
         METRICS.iter().filter(has).copied().collect()
@@ -79,7 +77,6 @@ impl<'a> PictureComparison<'a> {
     }
 }
 
-/// Formats a value.
 pub(crate) fn cell(metric: &Metric, values: &Values) -> String {
     let value = values.get(metric.key()).copied().flatten();
     value.map_or_else(|| "–".to_owned(), |value| metric.descriptor.format(value))

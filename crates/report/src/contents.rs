@@ -23,7 +23,6 @@ use crate::{
     table::{Table, distinct, groups, measured, overview_table, scene_table},
 };
 
-/// Maximum number of images on a page.
 const MAX_IMAGES: usize = 400;
 /// Maximum number of test views shown of each scene.
 const MAX_VIEWS: usize = 3;
@@ -34,16 +33,13 @@ const PANEL: &str = "figure.png";
 /// Maximum number of runs that a line names.
 const MAX_NAMED: usize = 16;
 
-/// Everything that a report shows, in its order.
 pub(crate) struct ReportContents<'a> {
     pub(crate) input: &'a ReportInput,
-    /// Records of the runs that are shown.
     pub(crate) records: Vec<&'a Record>,
     pub(crate) protocol: Vec<String>,
     pub(crate) warnings: Vec<String>,
     /// Means over scenes, of quality and of cost.
     pub(crate) overviews: [Table; 2],
-    /// The paper's figures next to ours.
     pub(crate) published: Option<Table>,
     pub(crate) claims: Vec<TestedClaim>,
     pub(crate) figures: Vec<Figure>,
@@ -57,7 +53,6 @@ pub(crate) struct ReportContents<'a> {
     pub(crate) missing: Vec<String>,
 }
 
-/// Images and curves of one scene.
 pub(crate) struct SceneContents<'a> {
     pub(crate) gallery: SceneGallery<'a>,
     pub(crate) figures: Vec<Figure>,

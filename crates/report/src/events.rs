@@ -71,7 +71,6 @@ impl Events {
     }
 }
 
-/// Line of a `metrics.jsonl`.
 #[derive(Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 enum EventLine {

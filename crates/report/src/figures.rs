@@ -11,7 +11,6 @@ use crate::{
     table::{VariantGroup, distinct, groups},
 };
 
-/// Number of points to which a long curve is averaged.
 const CURVE_POINTS: usize = 200;
 
 /// Chart with its caption.

@@ -23,7 +23,6 @@ const MAX_SIDE: u32 = 512;
 /// Kinds of images of a view, in the order of the rows, with the folder of each.
 const KINDS: [(&str, &str); 3] = [("render", "test"), ("depth", "depth"), ("error", "error")];
 
-/// Images of one scene.
 pub(crate) struct SceneGallery<'a> {
     pub(crate) scene: String,
     /// Run of each variant that has runs of the scene: its label as in the tables, and the record of its lowest seed.
@@ -40,7 +39,6 @@ pub(crate) struct GalleryView {
     pub(crate) shots: Vec<[Option<GalleryImage>; 3]>,
 }
 
-/// PNG file.
 pub(crate) struct GalleryImage {
     /// Path relative to the report, with forward slashes.
     pub(crate) path: String,
@@ -54,7 +52,6 @@ pub(crate) struct GalleryImage {
 pub(crate) enum Choice {
     /// This number of views, spread evenly over those that every run has, or over all if there is none.
     Spread(usize),
-    /// View of this name.
     Named(String),
 }
 
@@ -133,7 +130,6 @@ impl GalleryView {
 }
 
 impl GalleryImage {
-    /// Returns a URL that holds the image.
     pub(crate) fn data(&self) -> String {
         format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&self.png))
     }

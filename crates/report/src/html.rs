@@ -59,14 +59,12 @@ fn rendered(page: &impl Template) -> String {
     page.render().expect("formatting into a string cannot fail")
 }
 
-/// Makes the page of one experiment.
 pub(crate) fn report_page(contents: &ReportContents) -> String {
     let measured = |quantity: &Quantity| measured(&contents.records, *quantity);
     let quantities = Quantity::all().into_iter().filter(measured).collect();
     rendered(&ReportPage { title: contents.input.heading(), contents, quantities })
 }
 
-/// Makes the page of several experiments.
 pub(crate) fn collection_page(title: &str, introduction: &str, chapters: &[ReportContents]) -> String {
     rendered(&CollectionPage { title, introduction, chapters })
 }
@@ -101,7 +99,6 @@ fn heading(text: impl AsRef<str>) -> String {
     text.as_ref().replace(" ↑", "\u{a0}↑").replace(" ↓", "\u{a0}↓").replace(" → ", "\u{a0}→\u{a0}")
 }
 
-/// Formats a quantity of a run.
 fn shown(quantity: &Quantity, record: &Record) -> String {
     quantity.value(record).map_or("–".to_owned(), |value| quantity.format(value))
 }

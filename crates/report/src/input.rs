@@ -8,7 +8,6 @@ use crate::{
     record::{Record, short_key},
 };
 
-/// Maximum number of variants on a page.
 const MAX_VARIANTS: usize = 64;
 
 /// Runs of an experiment and everything else that its report shows.

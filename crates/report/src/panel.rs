@@ -13,14 +13,10 @@ use crate::{
     table::distinct,
 };
 
-/// Height of an image, in pixels.
 const HEIGHT: u32 = 240;
-/// Pixels between images.
 const GAP: u32 = 8;
-/// Height of the line of labels, in pixels.
 const HEADING: u32 = 24;
 
-/// Heading of the first column.
 const TRUTH: &str = "truth";
 
 /// Draws the figure of `records`, whose folders lie below `root`: the lowest seed of each variant, and the test view of

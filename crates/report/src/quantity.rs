@@ -32,7 +32,6 @@ const OF_RAYS: [Quantity; 2] = [
     quantity("information_gain", "Information gain", "", 3, Better::Lower, |record, _| record.information_gain),
 ];
 
-/// Costs of a run.
 const COSTS: [Quantity; 4] = [
     Quantity::TRAIN_SECONDS,
     quantity("render_seconds_per_image", "Render", "s/image", 2, Better::Lower, |record, _| {

@@ -17,7 +17,6 @@ use walkdir::WalkDir;
 
 use crate::{error::ReportError, files::write_atomically};
 
-/// Name of a run's log.
 const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
@@ -101,7 +100,6 @@ fn scalars(value: &Value, name: &str, summary: &mut Vec<u8>) {
     }
 }
 
-/// Adds a record.
 fn push(file: &mut Vec<u8>, data: &[u8]) {
     let length = (data.len() as u64).to_le_bytes();
     for part in [&length[..], data] {

@@ -59,7 +59,6 @@ impl TextTable {
     }
 }
 
-/// Sets text in bold by terminal escape codes.
 pub(crate) fn bold(text: &str) -> String {
     format!("\u{1b}[1m{text}\u{1b}[0m")
 }

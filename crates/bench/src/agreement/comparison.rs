@@ -14,7 +14,6 @@ const OPERATION: f64 = 1e-4;
 pub(super) struct DeviceComparison {
     pub(super) what: String,
     pub(super) of: String,
-    /// Number of values.
     pub(super) numbers: usize,
     /// Error; `None` if values are missing, all 0 or not finite.
     pub(super) error: Option<f64>,

@@ -45,7 +45,6 @@ const CASES: [NetworkCase; 5] = [
     case("radiance network of one sample", [2, 2], [3, 6, 3], [2, 0], GradientOf::Both),
 ];
 
-/// Compares all networks.
 pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     CASES.iter().for_each(|case| network(case, rng, compare));
     density(rng, compare);
@@ -69,7 +68,6 @@ fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: us
     (0..layers).map(|index| layer(rng, inputs(index), width)).collect()
 }
 
-/// Splits a leaf into matrix and bias.
 fn dense(leaf: &Tensor<1>, outputs: usize) -> Dense {
     let weights = leaf.dims()[0] - outputs;
     Dense {

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use super::errors::Errors;
 use super::rays::Family;
 
-/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 11] = [
     "weights",
     "colour",

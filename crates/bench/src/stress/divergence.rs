@@ -8,13 +8,11 @@ use rayon::prelude::*;
 use super::errors::Errors;
 use super::rays::RayRelation;
 
-/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 3] = ["divergence", "divergence, reversed", "divergence, eps 1e-12"];
 /// The released code's ε.
 const EPSILON: f32 = 1e-10;
 /// Minimum that a config allows.
 const MIN_EPSILON: f32 = 1e-12;
-/// Pairs of a batch.
 const BATCH: usize = 10_000;
 
 /// Errors of each of [`QUANTITIES`] over `count` pairs of rays.

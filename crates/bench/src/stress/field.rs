@@ -29,7 +29,6 @@ pub(super) const COORDINATES: [(&str, Draw); 5] = [
 /// Frequencies of the encoding: NeRF's 10 and twice as many.
 const FREQUENCIES: usize = 20;
 
-/// Measures the encoding of `count` coordinates.
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
     let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
@@ -115,7 +114,6 @@ fn signed(rng: &mut Rng) -> f32 {
     rng.f32() - 0.5
 }
 
-/// Samples of one query.
 const SAMPLES: usize = 256;
 
 fn layout(bias: f32) -> Arc<FactoredLayout> {
@@ -187,7 +185,6 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
     errors
 }
 
-/// Contents of planes whose variation is computed.
 pub(super) const PLANES: [(&str, Draw); 4] = [
     ("as trained", signed),
     ("all equal", |_| 0.7),
@@ -222,7 +219,6 @@ pub(super) const COLORS: [(&str, Truth); 4] = [
     ("black and white", |_, color| if color < 0.5 { 1.0 } else { 0.0 }),
 ];
 
-/// Measures L_RGB of `count` rays.
 pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();

@@ -36,7 +36,6 @@ struct Exception {
     operation: &'static str,
     case: &'static str,
     devices: &'static [&'static str],
-    /// Bounds of the value and of the gradient.
     bounds: (f64, f64),
     why: &'static str,
 }
@@ -66,7 +65,6 @@ const EXCEPTIONS: [Exception; 2] = [
     },
 ];
 
-/// Errors of one operation on one kind of input.
 #[derive(Serialize)]
 struct StressCase {
     device: &'static str,

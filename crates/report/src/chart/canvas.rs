@@ -152,7 +152,6 @@ fn draw_legend(sheet: &Area<'_>, legend: &[(String, RGBColor)], top: i32) -> Res
     Ok(row + 18)
 }
 
-/// Estimates the width of a text in a font of `pixels`.
 pub(crate) fn text_width(text: &str, pixels: f64) -> f64 {
     text.chars().count() as f64 * pixels * CHARACTER
 }

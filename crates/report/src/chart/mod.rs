@@ -67,7 +67,6 @@ impl Axis {
 }
 
 impl Series {
-    /// Returns the points that the axes can show.
     fn drawable(&self, frame: &ChartFrame) -> Vec<(f64, f64)> {
         let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.log);
         self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()

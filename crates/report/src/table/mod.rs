@@ -16,9 +16,7 @@ use crate::{
 };
 pub use format::Emphasis;
 
-/// Heading of the mean over scenes.
 const MEAN: &str = "mean";
-/// Text of a cell in which nothing was measured.
 const MISSING: &str = "–";
 /// Mark of a cell in which a run collapsed.
 const COLLAPSED: &str = "†";
@@ -110,7 +108,6 @@ pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) 
     })
 }
 
-/// Records of one row.
 pub(crate) struct VariantGroup<'a> {
     /// Variant, values and, if there are several, preset.
     pub(crate) label: String,
@@ -158,7 +155,6 @@ impl<'a> VariantGroup<'a> {
         own.min_by_key(|record| record.seed).copied()
     }
 
-    /// Returns the mean of [`VariantGroup::cell`].
     pub(crate) fn mean(&self, quantity: Quantity, scenes: &[String]) -> Option<f64> {
         self.cell(quantity, scenes).summary.map(|summary| summary.mean)
     }
@@ -180,7 +176,6 @@ impl<'a> VariantGroup<'a> {
     }
 }
 
-/// Returns whether a record has a value of `quantity`.
 pub(crate) fn measured<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> bool {
     records.iter().any(|record| quantity.value(record.as_ref()).is_some())
 }
@@ -281,7 +276,6 @@ impl Table {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
     }
 
-    /// Returns the remarks below the table.
     pub(crate) fn footnotes(&self) -> Vec<&str> {
         let collapsed = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.collapsed);
         collapsed.then_some(COLLAPSED_NOTE).into_iter().chain(self.notes.iter().map(String::as_str)).collect()
