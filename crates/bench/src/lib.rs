@@ -16,6 +16,7 @@ mod step;
 mod stress;
 mod stress_training;
 mod trial;
+mod values;
 
 use anyhow::Result;
 

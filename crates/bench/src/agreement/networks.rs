@@ -5,7 +5,8 @@ use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{Segments, from_host};
 
-use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
+use super::comparison::{DeviceComparisons, pulled};
+use crate::values::{leaf, uniform};
 
 /// Outputs with a gradient.
 #[derive(Clone, Copy, PartialEq, Eq)]

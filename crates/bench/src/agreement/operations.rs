@@ -19,7 +19,8 @@ use infonerf_ops::{
     ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
-use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
+use super::comparison::{DeviceComparisons, pulled};
+use crate::values::{leaf, uniform};
 
 /// Maximum error of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;

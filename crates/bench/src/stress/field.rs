@@ -14,6 +14,7 @@ use infonerf_ops::{
 
 use super::errors::Errors;
 use super::rays::log_uniform;
+use crate::values::{gradient_of, leaf, wide};
 
 type Draw = fn(&mut Rng) -> f32;
 
@@ -124,10 +125,6 @@ fn draw(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {
     (0..count).map(|_| draw(rng)).collect()
 }
 
-fn wide(values: &[f32]) -> Vec<f64> {
-    values.iter().copied().map(f64::from).collect()
-}
-
 /// Measures density and colour at `count` points, some on the border of the box.
 pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
@@ -157,9 +154,7 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
             color: true,
             negligible: 0.0,
         };
-        let parameter =
-            |values: &[f32]| Tensor::<1>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);
-        let (t, w) = (parameter(&tables).require_grad(), parameter(&weights).require_grad());
+        let (t, w) = (leaf(&tables, &device), leaf(&weights, &device));
         let out = factored_field(t.clone(), w.clone(), &layout, query.clone());
         let upstream = draw(rng, 4 * SAMPLES, signed);
         let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
@@ -178,8 +173,7 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
             &wide(&upstream),
         );
         for (parameter, want) in [(&t, dt), (&w, dw)] {
-            let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
-            errors.gradient(&got, &want, |_| false);
+            errors.gradient(&gradient_of(parameter, &grads), &want, |_| false);
         }
     }
     errors
@@ -197,13 +191,11 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
     let layout = layout(0.0);
     for _ in 0..count.div_ceil(layout.table_len()) {
         let tables = draw(rng, layout.table_len(), contents);
-        let data = TensorData::new(tables.clone(), [tables.len()]);
-        let tensor = Tensor::<1>::from_data(data, &device.clone().autodiff()).require_grad();
+        let tensor = leaf(&tables, device);
         let sum = plane_variation(tensor.clone(), &layout);
         let (want, gradient) = infonerf_oracle::factored::variation(&wide(&tables), &layout);
         errors.value(to_host(sum.clone().detach())[0], want);
-        let got = tensor.grad(&sum.backward()).map(to_host).unwrap_or_default();
-        errors.gradient(&got, &gradient, |_| false);
+        errors.gradient(&gradient_of(&tensor, &sum.backward()), &gradient, |_| false);
     }
     errors
 }
@@ -232,7 +224,6 @@ pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut
     let mut errors = Errors::default();
     errors.value(to_host(loss.clone().detach())[0], differences.iter().map(|d| d * d).sum::<f64>() * share);
     let want: Vec<f64> = differences.iter().map(|d| 2.0 * d * share).collect();
-    let got = rendered.grad(&loss.backward()).map(to_host).unwrap_or_default();
-    errors.gradient(&got, &want, |_| false);
+    errors.gradient(&gradient_of(&rendered, &loss.backward()), &want, |_| false);
     errors
 }
