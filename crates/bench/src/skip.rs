@@ -9,21 +9,13 @@ use crate::context::{Bench, distinct};
 use crate::output::number;
 use crate::trial::{measured_with, with_settings};
 
-/// Way of skipping, and the settings that switch it off.
-struct Switch {
-    name: &'static str,
-    off: fn(&Config) -> Vec<String>,
-}
-
-const SWITCHES: &[Switch] = &[
-    Switch { name: "empty space", off: |_| settings(&["render.occupancy.enabled=false"]) },
-    Switch {
-        name: "hidden samples",
-        off: |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"]),
-    },
-    Switch { name: "out of bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
-    Switch { name: "image pyramid", off: |_| settings(&["train.downscale=1"]) },
-    Switch { name: "sample ramp", off: |config| vec![format!("render.samples={}", config.render.samples.largest())] },
+/// Ways of skipping, and the settings that switch each off.
+const SWITCHES: &[(&str, fn(&Config) -> Vec<String>)] = &[
+    ("empty space", |_| settings(&["render.occupancy.enabled=false"])),
+    ("hidden samples", |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"])),
+    ("out of bounds", |_| settings(&["render.clip_to_bounds=false"])),
+    ("image pyramid", |_| settings(&["train.downscale=1"])),
+    ("sample ramp", |config| vec![format!("render.samples={}", config.render.samples.largest())]),
 ];
 
 /// Name and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
@@ -42,8 +34,8 @@ const PROTOCOL: &str = "every run takes the same number of steps of the same num
 
 /// Lists name and settings of each case, in the order of the table; the first one skips nothing.
 fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
-    let nothing = SWITCHES.iter().flat_map(|switch| (switch.off)(config)).collect();
-    let all_but = |switch: &Switch| (format!("all but {}", switch.name), (switch.off)(config));
+    let nothing = SWITCHES.iter().flat_map(|(_, off)| off(config)).collect();
+    let all_but = |(name, off): &(&str, fn(&Config) -> Vec<String>)| (format!("all but {name}"), off(config));
     let mut cases = vec![("skip nothing".into(), nothing), ("skip all".into(), Vec::new())];
     cases.extend(SWITCHES.iter().map(all_but));
     cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), settings(on))));

@@ -23,8 +23,7 @@ pub(crate) type Differences = [Vec<f64>];
 impl Interval {
     /// Returns the mean of independent values: SE = s/√n with n − 1 degrees of freedom; `None` without any.
     fn of(values: &[f64]) -> Option<Self> {
-        let [n, mean, squares] = moments(values);
-        (n > 0.0).then(|| Self::student(mean, (squares / ((n - 1.0) * n)).sqrt(), n - 1.0))
+        Summary::of(values.iter().copied()).map(|summary| Self::of_summary(&summary))
     }
 
     /// Returns the mean of `summary` with its interval, as [`Interval::of`] does from the values.

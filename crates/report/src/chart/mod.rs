@@ -6,13 +6,11 @@
 
 mod bar;
 mod canvas;
-mod heat;
 mod line;
 mod scale;
 
-pub use bar::{Bar, bar_chart};
+pub use bar::{Bar, bar_chart, heat_map};
 pub(crate) use canvas::{LABEL, text_width, write_text};
-pub use heat::heat_map;
 pub use line::{frontier_chart, line_chart, pareto_frontier};
 
 /// Title and axes of a chart.
