@@ -1,12 +1,18 @@
 //! Comparison of other programs' renders with the truth, as `infonerf eval --renders` writes it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
+use askama::Template;
+use base64::prelude::{BASE64_STANDARD, Engine};
 use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{error::ReportError, files::write_atomically, html::comparison_page, text_table::TextTable};
+use crate::{error::ReportError, files::write_atomically, html::rendered, text_table::TextTable};
+
+/// Maximum number of bytes of a comparison's images: browsers would take long to open more.
+const MAX_BYTES: u64 = 96 << 20;
 
 /// Metrics of two folders of images, with the images.
 #[derive(Debug, Clone, Copy)]
@@ -17,6 +23,24 @@ pub struct PictureComparison<'a> {
     pub protocol: &'a Protocol,
     /// Metrics and paths of the views.
     pub compared: &'a ComparedFolders,
+}
+
+#[derive(Template)]
+#[template(path = "comparison.html")]
+struct ComparisonPage<'a> {
+    title: &'a str,
+    protocol: String,
+    comparison: &'a PictureComparison<'a>,
+    metrics: &'a [&'a Metric],
+    sliders: Vec<Slider<'a>>,
+}
+
+/// View with a slider between render and truth, which are URLs that hold the images.
+struct Slider<'a> {
+    name: &'a str,
+    truth: String,
+    render: String,
+    scores: String,
 }
 
 #[derive(Serialize)]
@@ -64,20 +88,45 @@ impl<'a> PictureComparison<'a> {
         self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
     }
 
-    pub(crate) fn metrics(&self) -> Vec<&'static Metric> {
+    fn metrics(&self) -> Vec<&'static Metric> {
         let has = |metric: &&&Metric| self.compared.measured.set.get(metric.key()).copied().flatten().is_some();
         METRICS.iter().filter(has).copied().collect()
     }
 
     /// Returns each view with its values, and the mean.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
+    fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
         let ComparedFolders { views, measured } = self.compared;
         let views = views.iter().map(|view| view.name.as_str()).zip(&measured.views);
         views.chain(std::iter::once(("mean", &measured.set)))
     }
 }
 
-pub(crate) fn cell(metric: &Metric, values: &Values) -> String {
+/// Makes the page of other programs' renders, with as many views as browsers open quickly.
+fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError> {
+    let metrics = comparison.metrics();
+    let size = |path: &Path| fs::metadata(path).map(|file| file.len()).map_err(ReportError::io("read", path));
+    let (mut sliders, mut bytes) = (Vec::new(), 0);
+    for (view, values) in comparison.compared.views.iter().zip(&comparison.compared.measured.views) {
+        bytes += size(&view.render)? + size(&view.truth)?;
+        if bytes > MAX_BYTES {
+            break;
+        }
+        let score = |metric: &&Metric| format!("{} {}", metric.descriptor.name, cell(metric, values));
+        let scores = metrics.iter().take(4).map(score).collect::<Vec<_>>().join(" · ");
+        sliders.push(Slider { name: &view.name, truth: data(&view.truth)?, render: data(&view.render)?, scores });
+    }
+    let (title, protocol) = (comparison.title, comparison.protocol.to_string());
+    Ok(rendered(&ComparisonPage { title, protocol, comparison, metrics: &metrics, sliders }))
+}
+
+/// Reads an image into a URL that holds it.
+fn data(path: &Path) -> Result<String, ReportError> {
+    let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
+    let kind = if bytes.starts_with(&[0x89, b'P']) { "png" } else { "jpeg" };
+    Ok(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(bytes)))
+}
+
+fn cell(metric: &Metric, values: &Values) -> String {
     let value = values.get(metric.key()).copied().flatten();
     value.map_or_else(|| "–".to_owned(), |value| metric.descriptor.format(value))
 }

@@ -19,8 +19,8 @@ use crate::{
     panel::compose,
     protocol::protocol_lines,
     quantity::Quantity,
-    record::{Record, VIEWER_PAGE},
-    table::{Table, distinct, groups, measured, overview_table, scene_table},
+    record::{Record, VIEWER_PAGE, distinct},
+    table::{Table, groups, measured, overview_table, scene_table},
 };
 
 const MAX_IMAGES: usize = 400;

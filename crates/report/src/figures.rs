@@ -7,8 +7,8 @@ use crate::{
     error::ReportError,
     events::{Events, StepEvent},
     quantity::Quantity,
-    record::Record,
-    table::{VariantGroup, distinct, groups},
+    record::{Record, distinct},
+    table::{VariantGroup, groups},
 };
 
 const CURVE_POINTS: usize = 200;

@@ -12,8 +12,8 @@ use image::{ImageFormat, imageops::FilterType};
 
 use crate::{
     quantity::Quantity,
-    record::Record,
-    table::{VariantGroup, distinct, groups},
+    record::{Record, distinct},
+    table::{VariantGroup, groups},
 };
 
 /// Maximum number of variants whose images and curves are shown.

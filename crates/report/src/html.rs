@@ -1,24 +1,9 @@
-//! `report.html`, the page of several experiments and `comparison.html` from `templates/`, each one file with its style,
-//! charts and images inside.
-
-use std::{fs, path::Path};
+//! `report.html` and the page of several experiments from `templates/`, each one file with its style, charts and images
+//! inside.
 
 use askama::Template;
-use base64::prelude::{BASE64_STANDARD, Engine};
-use infonerf_metrics::Metric;
 
-use crate::{
-    colormap::to_bytes,
-    comparison::{PictureComparison, cell},
-    contents::ReportContents,
-    error::ReportError,
-    quantity::Quantity,
-    record::Record,
-    table::measured,
-};
-
-/// Maximum number of bytes of a comparison's images: browsers would take long to open more.
-const MAX_BYTES: u64 = 96 << 20;
+use crate::{colormap::to_bytes, contents::ReportContents, quantity::Quantity, record::Record, table::measured};
 
 #[derive(Template)]
 #[template(path = "report.html")]
@@ -37,25 +22,7 @@ struct CollectionPage<'a> {
     chapters: &'a [ReportContents<'a>],
 }
 
-#[derive(Template)]
-#[template(path = "comparison.html")]
-struct ComparisonPage<'a> {
-    title: &'a str,
-    protocol: String,
-    comparison: &'a PictureComparison<'a>,
-    metrics: &'a [&'a Metric],
-    sliders: Vec<Slider<'a>>,
-}
-
-/// View with a slider between render and truth, which are URLs that hold the images.
-struct Slider<'a> {
-    name: &'a str,
-    truth: String,
-    render: String,
-    scores: String,
-}
-
-fn rendered(page: &impl Template) -> String {
+pub(crate) fn rendered(page: &impl Template) -> String {
     page.render().expect("formatting into a string cannot fail")
 }
 
@@ -67,31 +34,6 @@ pub(crate) fn report_page(contents: &ReportContents) -> String {
 
 pub(crate) fn collection_page(title: &str, introduction: &str, chapters: &[ReportContents]) -> String {
     rendered(&CollectionPage { title, introduction, chapters })
-}
-
-/// Makes the page of other programs' renders, with as many views as browsers open quickly.
-pub(crate) fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError> {
-    let metrics = comparison.metrics();
-    let size = |path: &Path| fs::metadata(path).map(|file| file.len()).map_err(ReportError::io("read", path));
-    let (mut sliders, mut bytes) = (Vec::new(), 0);
-    for (view, values) in comparison.compared.views.iter().zip(&comparison.compared.measured.views) {
-        bytes += size(&view.render)? + size(&view.truth)?;
-        if bytes > MAX_BYTES {
-            break;
-        }
-        let score = |metric: &&Metric| format!("{} {}", metric.descriptor.name, cell(metric, values));
-        let scores = metrics.iter().take(4).map(score).collect::<Vec<_>>().join(" · ");
-        sliders.push(Slider { name: &view.name, truth: data(&view.truth)?, render: data(&view.render)?, scores });
-    }
-    let (title, protocol) = (comparison.title, comparison.protocol.to_string());
-    Ok(rendered(&ComparisonPage { title, protocol, comparison, metrics: &metrics, sliders }))
-}
-
-/// Reads an image into a URL that holds it.
-fn data(path: &Path) -> Result<String, ReportError> {
-    let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
-    let kind = if bytes.starts_with(&[0x89, b'P']) { "png" } else { "jpeg" };
-    Ok(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(bytes)))
 }
 
 /// Keeps the arrow of a column's heading on the same line as the word before.

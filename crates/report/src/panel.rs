@@ -9,8 +9,7 @@ use crate::{
     chart::{LABEL, text_width, write_text},
     error::ReportError,
     gallery::{Choice, GalleryImage, GalleryView, SceneGallery, pictured},
-    record::Record,
-    table::distinct,
+    record::{Record, distinct},
 };
 
 const HEIGHT: u32 = 240;

@@ -4,8 +4,8 @@ use infonerf_metrics::Summary;
 
 use crate::{
     quantity::Quantity,
-    record::Record,
-    table::{Cell, Column, Table, TableRow, VariantGroup, distinct, groups, measured},
+    record::{Record, distinct},
+    table::{Cell, Column, Table, TableRow, VariantGroup, groups, measured},
 };
 
 /// Published figures of a paper.

@@ -1,6 +1,7 @@
+use std::hash::Hash;
 use std::path::PathBuf;
 
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::{METRICS, Values};
 use serde::{Deserialize, Deserializer, Serialize, de};
 
@@ -105,6 +106,11 @@ pub(crate) fn short_key(key: &str) -> &str {
         "loss.kl.weight" => "λ₂",
         key => key.split_once('.').map_or(key, |(_, rest)| rest),
     }
+}
+
+/// Returns the distinct values of `key`, in order of appearance.
+pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key: impl Fn(&'a Record) -> T) -> Vec<T> {
+    records.iter().map(AsRef::as_ref).map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
 impl AsRef<Self> for Record {

@@ -1,9 +1,8 @@
 //! Comparison tables: rows are variants, columns scenes or quantities, cells mean ± standard deviation over seeds.
 
-mod format;
+pub(crate) mod format;
 
 use std::collections::BTreeSet;
-use std::hash::Hash;
 
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
@@ -12,9 +11,8 @@ use crate::{
     interval::Interval,
     protocol::protocol_lines,
     quantity::Quantity,
-    record::{Record, short_key},
+    record::{Record, distinct, short_key},
 };
-pub use format::Emphasis;
 
 const MEAN: &str = "mean";
 const MISSING: &str = "–";
@@ -141,11 +139,6 @@ pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> V
         group.records.entry((&record.scene, record.seed)).or_insert(record);
     }
     groups.into_values().collect()
-}
-
-/// Returns the distinct values of `key`, in order of appearance.
-pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key: impl Fn(&'a Record) -> T) -> Vec<T> {
-    records.iter().map(AsRef::as_ref).map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
 impl<'a> VariantGroup<'a> {
@@ -285,6 +278,7 @@ impl Table {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::table::format::Emphasis;
 
     pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         Record {
