@@ -1,6 +1,4 @@
-//! Escaping of text for HTML, Markdown and URLs.
-
-use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+//! Escaping of text for HTML and Markdown.
 
 /// Escapes text for HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
 pub fn escape_html(text: &str) -> String {
@@ -53,12 +51,6 @@ fn markdown_text(text: &str) -> String {
     escaped
 }
 
-/// Escapes the path of a link, with `/` between its parts: everything but letters, digits and `-._~/` as percent codes.
-pub(crate) fn escape_url(path: &str) -> String {
-    const UNSAFE: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
-    utf8_percent_encode(path, UNSAFE).to_string()
-}
-
 /// Replaces control characters, which no output needs and some forbid, by spaces.
 pub(crate) fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { ' ' } else { c }).collect()
@@ -76,6 +68,5 @@ mod tests {
         assert_eq!(escape_markdown("a ` b_``"), r"a \` b\_\`\`");
         assert_eq!(html_prose("<a> `b<c` `"), "&lt;a&gt; `b&lt;c` `");
         assert_eq!(html_prose("<a> `b<c`"), "&lt;a&gt; <code>b&lt;c</code>");
-        assert_eq!(escape_url("a b/(ü).png"), "a%20b/%28%C3%BC%29.png");
     }
 }
