@@ -92,11 +92,12 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
         let frame = ChartFrame::new(&format!("{scene}: PSNR on {what}"), "training (s)", "PSNR (dB)");
         figures.push(Figure::new(format!("{scene}-psnr"), frame.clone(), line_chart(&frame, &psnr)?, caption));
     }
-    let mut by_step = |name: String, title: String, y: &str, series: Vec<Series>, caption: &str| {
-        let frame = ChartFrame { title, x: Axis::linear("step"), y: value_axis(y, &series) };
-        figures.push(Figure::new(name, frame.clone(), line_chart(&frame, &series)?, caption));
-        Ok(())
-    };
+    let mut by_step =
+        |name: String, title: String, y: &str, series: Vec<Series>, caption: &str| -> Result<(), ReportError> {
+            let frame = ChartFrame { title, x: Axis::linear("step"), y: value_axis(y, &series) };
+            figures.push(Figure::new(name, frame.clone(), line_chart(&frame, &series)?, caption));
+            Ok(())
+        };
     let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
     if !loss.is_empty() {
         by_step(format!("{scene}-loss"), format!("{scene}: training loss"), "loss", loss, "")?;
