@@ -65,7 +65,7 @@ pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Re
     Ok(RunPlan { config: Config::from_table(table)?, ..plan.clone() })
 }
 
-/// Tells a run apart by a value with which it was measured, which tables show in a column `key`.
+/// Labels a run with a value with which it was measured, which tables show in a column `key`.
 pub(crate) fn measured_with(record: Record, key: &str, value: String) -> Record {
     let variant = format!("{}, {key} {value}", record.variant);
     let setting = Setting { variant: record.variant, values: [(key.to_owned(), value)].into_iter().collect() };
