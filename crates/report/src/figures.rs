@@ -115,7 +115,8 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
 /// Returns a curve of each term of a run's objective. A term that is exactly 0 is not on yet.
 fn terms(events: &Events) -> Vec<Series> {
     let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
-    let point = |step: &StepEvent, name| Some((step.step, step.losses.get(name).copied().filter(|x| *x != 0.0)?));
+    let point =
+        |step: &StepEvent, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x != 0.0)?));
     let one = |name: &String| Series {
         name: name.clone(),
         points: averaged(&events.steps.iter().filter_map(|step| point(step, name)).collect::<Vec<_>>()),
