@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use burn::tensor::Device;
-use infonerf_experiment::{Experiment, RunPlan, networks, open};
+use infonerf_experiment::{Existing, Experiment, RunPlan, Session, networks, open};
 use infonerf_metrics::Networks;
 use infonerf_train::config::{TestViewChoice, Views};
 use serde::Serialize;
@@ -17,10 +17,8 @@ const DEFAULT_VARIANT: &str = "infonerf";
 
 pub(crate) struct Bench {
     pub(crate) plans: Vec<RunPlan>,
-    pub(crate) device: Device,
-    /// Number of fields trained at a time.
-    pub(crate) side_by_side: usize,
-    pub(crate) networks: Networks,
+    /// Runs that are trained and evaluated are in `runs` below the folder of results.
+    pub(crate) session: Session,
     pub(crate) folder: PathBuf,
     pub(crate) conditions: Conditions,
 }
@@ -82,8 +80,13 @@ impl Bench {
             Benchmark::Pareto { .. } | Benchmark::Skip { .. } => networks(options.weights.as_deref(), &device)?,
             _ => Networks::none(),
         };
-        let side_by_side = device.name.fields_side_by_side();
-        Ok(Self { plans, networks, side_by_side, device: device.device, folder: options.out.join(name), conditions })
+        let folder = options.out.join(name);
+        let session = Session::new(device, folder.join("runs"), Existing::Overwrite).with_networks(networks);
+        Ok(Self { plans, session, folder, conditions })
+    }
+
+    pub(crate) fn device(&self) -> &Device {
+        &self.session.device.device
     }
 
     /// Returns the first run; there is always one.
@@ -111,7 +114,6 @@ pub(crate) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> V
     values
 }
 
-/// Returns the name of the processor, if the system has it.
 fn cpu() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;

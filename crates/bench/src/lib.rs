@@ -1,25 +1,7 @@
 //! Benchmarks: speed, what speed costs, exactness under stress, and agreement of devices.
 //!
-//! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json`, a table as
-//! CSV, and charts. [`run`] runs one of [`Benchmark`].
-//!
-//! ```no_run
-//! use infonerf_bench::{Benchmark, BenchOptions, run};
-//! use infonerf_experiment::{DeviceName, Selection};
-//!
-//! // Errors of every operation on extreme inputs, against f64.
-//! let options = BenchOptions {
-//!     benchmark: Benchmark::Stress { rays: 64 },
-//!     experiment: "synthetic-4view".into(),
-//!     selection: Selection::default(),
-//!     device: DeviceName::Auto,
-//!     weights: None,
-//!     out: "runs/bench".into(),
-//! };
-//! let holds = run(&options, &mut |line| println!("{line}"))?;
-//! assert!(holds);
-//! # Ok::<(), anyhow::Error>(())
-//! ```
+//! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json` and a table as
+//! CSV. [`run`] runs one of [`Benchmark`].
 
 mod agreement;
 mod context;
@@ -34,11 +16,12 @@ mod step;
 mod stress;
 mod stress_training;
 mod trial;
+mod values;
 
 use anyhow::Result;
 
 use context::Bench;
-pub use options::{BenchOptions, Benchmark, StepTiming};
+pub use options::{BenchOptions, Benchmark};
 
 /// Runs a benchmark; `print` receives its results as text. Returns whether every bound that it checks holds.
 ///
@@ -50,7 +33,9 @@ pub fn run(options: &BenchOptions, print: &mut dyn FnMut(&str)) -> Result<bool> 
     let holds = match &options.benchmark {
         Benchmark::Pareto { budgets } => pareto::run(&bench, budgets, print).map(|()| true),
         Benchmark::Skip { steps } => skip::run(&bench, *steps, print).map(|()| true),
-        Benchmark::Step(timing) => step::run(&bench, timing, print).map(|()| true),
+        Benchmark::Step { warmup, steps, from } => {
+            step::run(&bench, [*warmup, *steps], from.as_deref(), print).map(|()| true)
+        }
         Benchmark::Render { steps, sizes } => render::run(&bench, *steps, sizes, print).map(|()| true),
         Benchmark::Agreement => agreement::run(&bench, options.device, print),
         Benchmark::Stress { rays } => stress::run(&bench, options.device, *rays as usize, print),

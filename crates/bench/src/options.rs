@@ -34,7 +34,14 @@ pub enum Benchmark {
         steps: Option<u32>,
     },
     /// Milliseconds per step, by phase.
-    Step(StepTiming),
+    Step {
+        /// Steps before the measurement.
+        warmup: u32,
+        /// Steps measured.
+        steps: u32,
+        /// Run whose weights and occupancy grid to start from; `None` for an untrained field.
+        from: Option<PathBuf>,
+    },
     /// Seconds per frame, by image size.
     Render {
         /// Steps of training before rendering.
@@ -58,24 +65,13 @@ pub enum Benchmark {
     },
 }
 
-/// Steps that [`Benchmark::Step`] measures.
-#[derive(Clone, Debug)]
-pub struct StepTiming {
-    /// Steps before the measurement.
-    pub warmup: u32,
-    /// Steps measured.
-    pub steps: u32,
-    /// Run whose weights and occupancy grid to start from; `None` for an untrained field.
-    pub from: Option<PathBuf>,
-}
-
 impl Benchmark {
     /// Returns the name on the command line.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Pareto { .. } => "pareto",
             Self::Skip { .. } => "skip",
-            Self::Step(_) => "step",
+            Self::Step { .. } => "step",
             Self::Render { .. } => "render",
             Self::Agreement => "agreement",
             Self::Stress { .. } => "stress",

@@ -1,22 +1,19 @@
 //! Published few-shot figures of other systems, from `published.toml`.
 
 use anyhow::{Context, Result};
-use infonerf_report::chart::Mark;
+use infonerf_report::chart::Series;
 use serde::Deserialize;
 
 /// Published figures for a number of training views.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PublishedFigures {
-    /// Number of training views.
     views: usize,
-    /// Scenes of the data set.
     scenes: Vec<String>,
     #[serde(rename = "system")]
     systems: Vec<PublishedSystem>,
 }
 
-/// Figures of one system on a scene.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PublishedSystem {
@@ -28,7 +25,6 @@ struct PublishedSystem {
     seconds: f64,
     psnr: Option<f64>,
     ssim: Option<f64>,
-    /// Publication of the figures.
     source: String,
 }
 
@@ -49,15 +45,16 @@ impl PublishedFigures {
         self.systems.iter().filter(shown).collect()
     }
 
-    /// Lists comparable systems in a chart of training time against the metric `key`, with their hardware.
-    pub(crate) fn marks(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Mark> {
-        let mark = |system: &PublishedSystem| {
+    /// Returns a point for each comparable system in a chart of training time against the metric `key`, named with its
+    /// hardware.
+    pub(crate) fn series(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Series> {
+        let series = |system: &PublishedSystem| {
             let value = system.metric(key)?;
             let other = if system.scene.is_none() && scenes.len() < self.scenes.len() { ", 8 scenes" } else { "" };
-            let label = format!("{} ({}{other})", system.name, system.hardware);
-            Some(Mark { label, point: (system.seconds, value) })
+            let name = format!("{} ({}{other})", system.name, system.hardware);
+            Some(Series { name, points: vec![(system.seconds, value)] })
         };
-        self.comparable(scenes, views).into_iter().filter_map(mark).collect()
+        self.comparable(scenes, views).into_iter().filter_map(series).collect()
     }
 
     /// Describes each comparable system in a line, with its source.
@@ -89,14 +86,13 @@ mod tests {
     #[test]
     fn published_figures_match_scenes_and_views() {
         let published = PublishedFigures::read().unwrap();
-        let marks = |scene: &str, views| published.marks(&[scene.to_owned()], &[views], "psnr");
-        let point =
-            |marks: &[Mark], label: &str| marks.iter().find(|mark| mark.label == label).map(|mark| mark.point.1);
-        let lego = marks("lego", 4);
+        let series = |scene: &str, views| published.series(&[scene.to_owned()], &[views], "psnr");
+        let point = |all: &[Series], name: &str| all.iter().find(|one| one.name == name).map(|one| one.points[0].1);
+        let lego = series("lego", 4);
         assert_eq!(point(&lego, "InfoNeRF (RTX 2080 Ti)"), Some(18.92), "{lego:?}");
         assert_eq!(point(&lego, "ZeroRF (A100, 8 scenes)"), Some(21.94), "{lego:?}");
         assert_eq!(lego.len(), 5, "each system once");
-        assert_eq!(point(&marks("mic", 4), "InfoNeRF (RTX 2080 Ti, 8 scenes)"), Some(18.65));
-        assert!(marks("lego", 8).is_empty() && marks("crane", 4).is_empty());
+        assert_eq!(point(&series("mic", 4), "InfoNeRF (RTX 2080 Ti, 8 scenes)"), Some(18.65));
+        assert!(series("lego", 8).is_empty() && series("crane", 4).is_empty());
     }
 }

@@ -5,24 +5,22 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use infonerf_experiment::RunPlan;
 use infonerf_render::render_image;
-use infonerf_report::chart::{ChartFrame, Series, power_law_chart};
+use infonerf_report::TextTable;
 use infonerf_scene::resized_dimensions;
 use infonerf_train::Trainer;
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::output::{TextTable, median};
+use crate::output::median;
 use crate::roofline;
 use crate::trial::{train, with_settings};
 
-/// Frames of each size; the median counts.
 const FRAMES: usize = 3;
 
 const PROTOCOL: &str = "a field after a short training (train.iterations) renders test cameras with skipping as configured; \
                         seconds are medians over three frames, the first of all frames not counted";
 
-/// Timing of frames of one size.
 #[derive(Serialize)]
 struct FrameTiming {
     run: String,
@@ -35,14 +33,12 @@ struct FrameTiming {
 }
 
 pub(crate) fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<()> {
-    let (mut rows, mut series, mut roofline) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut roofline) = (Vec::new(), Vec::new());
     for plan in &bench.plans {
         let plan = with_settings(plan, &[format!("train.iterations={steps}")])?;
         let mut trainer = bench.trainer(&plan)?;
         train(&mut trainer).with_context(|| plan.label())?;
         let timings = frames(&trainer, &plan, sizes)?;
-        let point = |row: &FrameTiming| (f64::from(row.width.max(row.height)), row.seconds_per_frame);
-        series.push(Series { name: plan.label(), points: timings.iter().map(point).collect() });
         if let Some(FrameTiming { samples_evaluated, seconds_per_frame, .. }) = timings.last() {
             roofline = roofline::of_frame(&trainer, &plan.config, *samples_evaluated as f64, 1e3 * seconds_per_frame);
         }
@@ -61,8 +57,6 @@ pub(crate) fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMu
     );
     print(&format!("\nafter {steps} steps\n\n{}{}", table.to_text(), roofline::text(&roofline)));
     bench.save_csv(&table)?;
-    let frame = ChartFrame::new("Rendering", "longest side (pixels)", "seconds per frame");
-    bench.save_chart("render", &power_law_chart(&frame, &series)?)?;
     // The roofline belongs to the last row.
     bench.save_results(PROTOCOL, &rows, json!({ "train_iterations": steps, "roofline": roofline }))
 }

@@ -5,10 +5,9 @@ use infonerf_field::{FieldConfig, FieldSpec, RadianceField};
 use infonerf_ops::Peak;
 use infonerf_ops::factored::FactoredLayout;
 use infonerf_ops::mlp::Precision;
+use infonerf_report::TextTable;
 use infonerf_train::{Config, Phase, Trainer};
 use serde::Serialize;
-
-use crate::output::TextTable;
 
 /// Part of a step or a frame, with the peaks of a matrix product and of a copy in the same run.
 #[derive(Serialize)]
@@ -22,9 +21,7 @@ pub(crate) struct RooflinePart {
     share_of_bytes: f64,
     /// Precision of the field's products and of the peak.
     precision: Precision,
-    /// Operations per second.
     peak_flops: f64,
-    /// Bytes per second.
     peak_bytes: f64,
 }
 
@@ -63,7 +60,6 @@ pub(crate) fn of_frame(trainer: &Trainer, config: &Config, samples: f64, ms: f64
     Cost::of(trainer, config).map(part).into_iter().collect()
 }
 
-/// Returns the precision of the field's products.
 fn precision(config: &Config) -> Precision {
     match &config.field {
         FieldConfig::Nerf(field) => field.precision,
@@ -134,7 +130,6 @@ impl Cost {
     }
 }
 
-/// Formats the parts as a table.
 pub(crate) fn text(parts: &[RooflinePart]) -> String {
     let Some(RooflinePart { precision, peak_flops, peak_bytes, .. }) = parts.first() else { return String::new() };
     let precision = format!("{precision:?}").to_lowercase();

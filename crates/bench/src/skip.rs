@@ -1,42 +1,25 @@
 //! Time, samples and quality of each way of skipping: all off, all on, each off alone, and without unseen rays.
 
 use anyhow::{Context, Result};
-use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
+use infonerf_report::{Emphasis, Quantity, Record, TextTable, overview_table};
 use infonerf_train::Config;
-use serde::Serialize;
 use serde_json::json;
 
-use crate::context::Bench;
-use crate::output::{TextTable, number};
-use crate::trial::{Trial, mean, with_settings};
+use crate::context::{Bench, distinct};
+use crate::output::number;
+use crate::trial::{measured_with, with_settings};
 
-/// Way of skipping, and the settings that switch it off.
-struct Switch {
-    name: &'static str,
-    /// Label of a bar without it.
-    label: &'static str,
-    off: fn(&Config) -> Vec<String>,
-}
-
-const SWITCHES: &[Switch] = &[
-    Switch { name: "empty space", label: "−empty", off: |_| settings(&["render.occupancy.enabled=false"]) },
-    Switch {
-        name: "hidden samples",
-        label: "−hidden",
-        off: |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"]),
-    },
-    Switch { name: "out of bounds", label: "−bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
-    Switch { name: "image pyramid", label: "−pyramid", off: |_| settings(&["train.downscale=1"]) },
-    Switch {
-        name: "sample ramp",
-        label: "−ramp",
-        off: |config| vec![format!("render.samples={}", config.render.samples.largest())],
-    },
+/// Ways of skipping, and the settings that switch each off.
+const SWITCHES: &[(&str, fn(&Config) -> Vec<String>)] = &[
+    ("empty space", |_| settings(&["render.occupancy.enabled=false"])),
+    ("hidden samples", |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"])),
+    ("out of bounds", |_| settings(&["render.clip_to_bounds=false"])),
+    ("image pyramid", |_| settings(&["train.downscale=1"])),
+    ("sample ramp", |config| vec![format!("render.samples={}", config.render.samples.largest())]),
 ];
 
-/// Name, label and settings of cases on top of all ways of skipping: the cost of the terms on unseen rays.
-const EXTRAS: &[(&str, &str, &[&str])] =
-    &[("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"])];
+/// Name and settings of cases on top of all ways of skipping: the cost of the terms on unseen rays.
+const EXTRAS: &[(&str, &[&str])] = &[("all, no unseen rays", &["loss.entropy.weight=0", "loss.kl.weight=0"])];
 
 /// Setting that gives every run the same number of rays, however few samples they need.
 const FIXED_RAYS: &str = "train.target_samples=0";
@@ -44,37 +27,13 @@ const FIXED_RAYS: &str = "train.target_samples=0";
 const PROTOCOL: &str = "every run takes the same number of steps of the same number of rays (train.target_samples=0); factors \
                         compare with the run that skips nothing; means over scenes, variants and seeds";
 
-/// Case with its runs and their means.
-#[derive(Serialize)]
-struct SkipCase {
-    case: String,
-    #[serde(skip)]
-    label: &'static str,
-    settings: Vec<String>,
-    iterations: f64,
-    train_seconds: f64,
-    render_seconds_per_image: f64,
-    samples_total: f64,
-    samples_evaluated: f64,
-    /// Evaluated over all samples.
-    evaluated_share: f64,
-    /// Samples evaluated without skipping over those of this case.
-    fewer_samples: Option<f64>,
-    /// Training time without skipping over that of this case.
-    less_time: Option<f64>,
-    psnr: f64,
-    ssim: Option<f64>,
-    collapsed: bool,
-    trials: Vec<Trial>,
-}
-
-/// Lists name, label and settings of each case, in the order of the table; the first one skips nothing.
-fn cases(config: &Config) -> Vec<(String, &'static str, Vec<String>)> {
-    let nothing = SWITCHES.iter().flat_map(|switch| (switch.off)(config)).collect();
-    let all_but = |switch: &Switch| (format!("all but {}", switch.name), switch.label, (switch.off)(config));
-    let mut cases = vec![("skip nothing".into(), "nothing", nothing), ("skip all".into(), "all", Vec::new())];
+/// Lists name and settings of each case, in the order of the table; the first one skips nothing.
+fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
+    let nothing = SWITCHES.iter().flat_map(|(_, off)| off(config)).collect();
+    let all_but = |(name, off): &(&str, fn(&Config) -> Vec<String>)| (format!("all but {name}"), off(config));
+    let mut cases = vec![("skip nothing".into(), nothing), ("skip all".into(), Vec::new())];
     cases.extend(SWITCHES.iter().map(all_but));
-    cases.extend(EXTRAS.iter().map(|&(name, label, on)| (name.to_owned(), label, settings(on))));
+    cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), settings(on))));
     cases
 }
 
@@ -84,95 +43,58 @@ fn settings(settings: &[&str]) -> Vec<String> {
 
 pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
-    let mut rows: Vec<SkipCase> = Vec::new();
-    for (case, label, settings) in cases(&bench.first_plan().config) {
-        let mut trials = Vec::new();
+    let mut records: Vec<Record> = Vec::new();
+    for (case, settings) in cases(&bench.first_plan().config) {
         for plan in &bench.plans {
             let iterations = steps.map_or(plan.config.train.iterations, |steps| steps as usize);
             let mut all = vec![FIXED_RAYS.to_owned(), format!("train.iterations={iterations}")];
             all.extend(settings.iter().cloned());
             let plan = with_settings(plan, &all).with_context(|| case.clone())?;
-            let trial = bench.trial(&plan)?;
-            let (label, seconds, psnr) = (plan.label(), trial.train_seconds, trial.psnr());
-            print(&format!("{case}, {label}: {seconds:.1} s, {psnr:.2} dB"));
-            trials.push(trial);
-        }
-        rows.push(SkipCase::new((case, label, settings), trials, rows.first()));
-        save(bench, &rows)?;
-    }
-    print(&text(&rows));
-    Ok(())
-}
-
-impl SkipCase {
-    /// Averages `trials` and compares them with the case that skips nothing, if this is another one.
-    fn new(
-        (case, label, settings): (String, &'static str, Vec<String>),
-        trials: Vec<Trial>,
-        nothing: Option<&Self>,
-    ) -> Self {
-        let all: Vec<&Trial> = trials.iter().collect();
-        let of = |value: fn(&Trial) -> f64| mean(&all, |trial| Some(value(trial))).unwrap_or(f64::NAN);
-        let (samples_total, samples_evaluated) =
-            (of(|trial| trial.samples_total as f64), of(|trial| trial.samples_evaluated as f64));
-        let train_seconds = of(|trial| trial.train_seconds);
-        let ratio =
-            |without: Option<f64>, with: f64| Some(without.unwrap_or(with) / with).filter(|ratio| ratio.is_finite());
-        Self {
-            case,
-            label,
-            settings,
-            iterations: of(|trial| trial.iterations as f64),
-            train_seconds,
-            render_seconds_per_image: of(|trial| trial.render_seconds_per_image),
-            samples_total,
-            samples_evaluated,
-            evaluated_share: samples_evaluated / samples_total,
-            fewer_samples: ratio(nothing.map(|row| row.samples_evaluated), samples_evaluated),
-            less_time: ratio(nothing.map(|row| row.train_seconds), train_seconds),
-            psnr: of(Trial::psnr),
-            ssim: mean(&all, |trial| trial.metric("ssim")),
-            collapsed: all.iter().any(|trial| trial.collapsed),
-            trials,
+            let record = bench.trial(&plan)?;
+            let (label, seconds, psnr) = (plan.label(), record.train_seconds, number(Quantity::PSNR.value(&record), 2));
+            print(&format!("{case}, {label}: {seconds:.1} s, {psnr} dB"));
+            records.push(measured_with(record, "case", case.clone()));
+            // Results so far stay if the rest is interrupted.
+            bench.save_results(PROTOCOL, &records, json!({}))?;
         }
     }
-}
-
-/// Writes all results so far, which stay if the rest is interrupted.
-fn save(bench: &Bench, rows: &[SkipCase]) -> Result<()> {
-    bench.save_results(PROTOCOL, rows, json!({}))?;
-    for (name, title, value) in [
-        ("seconds", "Training time (s)", (|row| row.train_seconds) as fn(&SkipCase) -> f64),
-        ("samples", "Samples evaluated (millions)", |row| row.samples_evaluated / 1e6),
-        ("psnr", "PSNR (dB)", |row| row.psnr),
-    ] {
-        let bar = |row: &SkipCase| Bar { label: row.label.to_owned(), value: value(row), spread: None };
-        let bars: Vec<Bar> = rows.iter().map(bar).collect();
-        bench.save_chart(&format!("skip-{name}"), &bar_chart(&ChartFrame::new(title, "skipped", ""), &bars)?)?;
-    }
-    Ok(())
-}
-
-fn text(rows: &[SkipCase]) -> String {
-    let table = TextTable::new(
-        rows,
+    let table = overview_table(&records, &[Quantity::cost(), vec![Quantity::PSNR, Quantity::SSIM]].concat());
+    let factors = TextTable::new(
+        &factors(&records),
         &[
-            ("", |row| row.case.clone()),
-            ("training", |row| format!("{:.1} s", row.train_seconds)),
-            ("ms/step", |row| format!("{:.1}", 1e3 * row.train_seconds / row.iterations.max(1.0))),
-            ("render", |row| format!("{:.2} s", row.render_seconds_per_image)),
-            ("samples", |row| format!("{:.1} M", row.samples_total / 1e6)),
-            ("evaluated", |row| format!("{:.1} M", row.samples_evaluated / 1e6)),
-            ("share", |row| format!("{:.1} %", 100.0 * row.evaluated_share)),
-            ("fewer", |row| number(row.fewer_samples, 1) + "x"),
-            ("faster", |row| number(row.less_time, 1) + "x"),
-            ("PSNR", |row| format!("{:.2}", row.psnr)),
-            ("SSIM", |row| number(row.ssim, 4)),
+            ("", |factor: &Factor| factor.run.clone()),
+            ("fewer samples", |factor| format!("{:.1}x", factor.fewer_samples)),
+            ("faster", |factor| format!("{:.1}x", factor.less_time)),
         ],
     );
-    let collapsed = rows.iter().filter(|row| row.collapsed);
-    let note = |row: &SkipCase| format!("{}: a run collapsed, its field went empty\n", row.case);
-    format!("\n{}", table.to_text()) + &collapsed.map(note).collect::<String>()
+    print(&format!("\n{}\n{}", table.to_text(Emphasis::Star), factors.to_text()));
+    Ok(())
+}
+
+/// Samples evaluated and training time without skipping, over those of a run.
+struct Factor {
+    run: String,
+    fewer_samples: f64,
+    less_time: f64,
+}
+
+/// Compares the runs of each case with the first case's runs of the same variant.
+fn factors(records: &[Record]) -> Vec<Factor> {
+    let variant = |record: &Record| record.setting.as_ref().map(|setting| setting.variant.clone());
+    let factor = |run: String| {
+        let own: Vec<&Record> = records.iter().filter(|record| record.variant == run).collect();
+        let first = records.iter().find(|record| variant(record) == variant(own[0])).unwrap_or(own[0]);
+        let ratio = |value: fn(&Record) -> f64| {
+            let without = records.iter().filter(|record| record.variant == first.variant).map(value).sum::<f64>();
+            without / own.iter().map(|record| value(record)).sum::<f64>()
+        };
+        Factor {
+            fewer_samples: ratio(|record| record.samples_evaluated as f64),
+            less_time: ratio(|record| record.train_seconds),
+            run,
+        }
+    };
+    distinct(records, |record| record.variant.clone()).into_iter().map(factor).collect()
 }
 
 #[cfg(test)]
@@ -185,7 +107,7 @@ mod tests {
     fn every_switch_is_a_setting_of_every_preset() {
         for preset in Preset::ALL {
             let base = Config::from_table(preset.table()).unwrap();
-            for (case, _, settings) in cases(&base) {
+            for (case, settings) in cases(&base) {
                 let settings = settings.iter().map(String::as_str).chain([FIXED_RAYS]);
                 Config::of(preset, settings).unwrap_or_else(|error| panic!("{case}: {error}"));
             }

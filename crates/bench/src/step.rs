@@ -5,14 +5,13 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use infonerf_experiment::RunPlan;
 use infonerf_ops::Traffic;
-use infonerf_report::chart::{Bar, ChartFrame, bar_chart};
+use infonerf_report::TextTable;
 use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::options::StepTiming;
-use crate::output::{TextTable, median};
+use crate::output::median;
 use crate::roofline::{self, RooflinePart};
 use crate::trial::{step_seconds, with_settings};
 
@@ -20,7 +19,6 @@ const PROTOCOL: &str = "the first steps are a warm-up and not counted; the sched
                         are the first steps; totals are medians and 90th percentiles; phases are means of as many further steps, \
                         in which the device is waited for after each phase";
 
-/// Timing of the steps of one run.
 #[derive(Serialize)]
 struct RunTiming {
     run: String,
@@ -28,7 +26,6 @@ struct RunTiming {
     last_step: usize,
     median_ms: f64,
     p90_ms: f64,
-    /// Traffic of these steps together.
     traffic: Traffic,
     phases: Vec<PhaseTiming>,
     roofline: Vec<RooflinePart>,
@@ -41,25 +38,17 @@ struct PhaseTiming {
     share: f64,
 }
 
-pub(crate) fn run(bench: &Bench, options: &StepTiming, print: &mut dyn FnMut(&str)) -> Result<()> {
-    let (warmup, steps) = (options.warmup as usize, options.steps as usize);
+pub(crate) fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let row = measure(bench, plan, options.from.as_deref(), warmup, steps)?;
+        let row = measure(bench, plan, from, steps.map(|count| count as usize))?;
         print(&text(&row));
-        // Names short enough to stand below a bar.
-        let label = |phase: &str| phase.trim_end_matches(" rays").to_owned();
-        let bar = |phase: &PhaseTiming| Bar { label: label(phase.phase), value: phase.ms, spread: None };
-        let title = format!("{}: {:.1} ms per step", row.run, row.median_ms);
-        let bars: Vec<Bar> = row.phases.iter().map(bar).collect();
-        let svg = bar_chart(&ChartFrame::new(&title, "", "ms per step"), &bars)?;
-        bench.save_chart(&format!("step-{}-{}-seed{}", plan.scene, plan.variant, plan.seed), &svg)?;
         rows.push(row);
     }
     bench.save_results(PROTOCOL, &rows, json!({}))
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, steps: usize) -> Result<RunTiming> {
+fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
     let checkpoint = from
         .map(|run| {
             let (checkpoint, _) = Checkpoint::load(run)?;

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use infonerf_experiment::RunPlan;
-use infonerf_report::chart::{ChartFrame, heat_map};
+use infonerf_report::TextTable;
 use infonerf_scene::{Range, Scene};
 use infonerf_train::{Event, Outcome, TrainError, Trainer, evaluate_view};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::output::{TextTable, number};
+use crate::output::number;
 use crate::trial::with_settings;
 
 const PROTOCOL: &str = "each row: one run per seed of a tiny field on 24-pixel images, with the other settings as the preset has \
@@ -34,7 +34,6 @@ const TINY: [&str; 11] = [
     "render.occupancy.every=8",
 ];
 
-/// Small factored field.
 const FACTORED: [&str; 3] = ["field.resolutions=[8,16,32]", "field.channels=2", "field.width=16"];
 
 /// Small network with the paper's losses: ReLU density, a coarse network, no priors.
@@ -48,7 +47,6 @@ const NERF: [&str; 7] = [
     "train.lr=5e-4",
 ];
 
-/// Change of the scene before training.
 type Change = fn(&mut Scene);
 
 struct StressSetting {
@@ -101,7 +99,6 @@ const SETTINGS: [StressSetting; 27] = [
     ),
 ];
 
-/// Outcome of all seeds of one setting.
 #[derive(Default, Serialize)]
 struct SettingOutcome {
     setting: &'static str,
@@ -112,7 +109,6 @@ struct SettingOutcome {
     not_finite: usize,
     /// Runs that ended, and were reported, as collapsed.
     collapsed: usize,
-    /// Restarts of all runs together.
     restarts: usize,
     /// Runs that restarted and ended with a field that is not empty.
     recovered: usize,
@@ -146,7 +142,6 @@ pub(crate) fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&
     );
     print(&format!("\n{}", table.to_text()));
     bench.save_csv(&table)?;
-    draw(bench, &rows)?;
     Ok(rows.iter().all(|row| row.stopped == 0 && row.not_finite == 0))
 }
 
@@ -167,7 +162,7 @@ fn measure(
         let plan = RunPlan { seed, ..plan.clone() };
         let mut scene = plan.load()?;
         (setting.change)(&mut scene);
-        let mut trainer = Trainer::new(&plan.config, scene, seed, None, &bench.device)?;
+        let mut trainer = Trainer::new(&plan.config, scene, seed, None, bench.device())?;
         psnrs.extend(outcome.count(&mut trainer)?);
     }
     outcome.train_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);
@@ -244,7 +239,6 @@ fn noise(pixel: usize) -> [f32; 3] {
     [rng.f32(), rng.f32(), rng.f32()]
 }
 
-/// Scales cameras, ranges and bounds by `factor`.
 fn scale(scene: &mut Scene, factor: f32) {
     let views = scene.train.iter_mut().chain(&mut scene.test).map(|view| &mut view.camera);
     for camera in views.chain(&mut scene.all_train_cameras) {
@@ -257,15 +251,4 @@ fn scale(scene: &mut Scene, factor: f32) {
     (space.near, space.far) = (space.near * factor, space.far * factor);
     space.range = Range::Distance { near: space.near, far: space.far };
     (space.bounds.min, space.bounds.max) = (space.bounds.min * factor, space.bounds.max * factor);
-}
-
-/// Draws the number of runs of each setting by outcome.
-fn draw(bench: &Bench, rows: &[SettingOutcome]) -> Result<()> {
-    let columns = ["stopped", "not finite", "collapsed", "recovered", "faint"].map(str::to_owned);
-    let labels: Vec<String> = rows.iter().map(|row| row.setting.to_owned()).collect();
-    let counts = |row: &SettingOutcome| [row.stopped, row.not_finite, row.collapsed, row.recovered, row.faint];
-    let values: Vec<Vec<Option<f64>>> =
-        rows.iter().map(|row| counts(row).into_iter().map(|count| Some(count as f64)).collect()).collect();
-    let svg = heat_map(&ChartFrame::new("runs by outcome", "", ""), &columns, &labels, &values)?;
-    bench.save_chart("stress-training", &svg)
 }

@@ -106,9 +106,8 @@ fn an_experiment_leaves_everything_behind() {
             assert_eq!((picture.width(), picture.height()), (24, 24));
         }
     }
-    let report = fs::read_to_string(experiment.join("report.md")).unwrap();
-    assert!(report.contains("infonerf") && report.contains("PSNR"), "{report}");
     let html = fs::read_to_string(experiment.join("report.html")).unwrap();
+    assert!(html.contains("infonerf") && html.contains("PSNR"), "{html}");
     assert!(html.contains("data:image/png;base64,") && html.contains("<svg"));
     assert!(html.contains("src=\"knot/infonerf%2B/seed0/viewer.html\""));
     for outside in ["src=\"http", "href=\"http", "<script src", "@import"] {

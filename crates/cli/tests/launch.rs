@@ -198,6 +198,6 @@ fn reproduce_is_launched_as_one() {
     assert!(cluster.script(102).contains("afterany:100:101"), "{}", cluster.script(102));
     assert!(cluster.task(101, 0).status.success());
     assert_eq!(cluster.task(102, 0).status.code(), Some(1), "most runs are not finished");
-    let report = fs::read_to_string(cluster.0.path("runs/reproduce/report.md")).unwrap();
+    let report = fs::read_to_string(cluster.0.path("runs/reproduce/report.html")).unwrap();
     assert!(report.contains("Claims of the paper"), "{report}");
 }

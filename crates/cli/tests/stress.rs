@@ -22,10 +22,6 @@ fn every_operation_holds_its_bounds() {
     // An exception says why, and is one of few.
     let exceptions = rows.iter().filter(|row| !row["exception"].is_null()).count();
     assert!(exceptions * 20 < rows.len(), "{exceptions} of {}", rows.len());
-    for picture in ["compositing-value-flex", "compositing-gradient-ndarray", "divergence-value-ndarray"] {
-        let path = place.path("runs/bench/stress").join(picture).with_extension("svg");
-        assert!(fs::read_to_string(path).unwrap().contains("<svg"));
-    }
 }
 
 #[test]

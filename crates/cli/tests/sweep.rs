@@ -60,7 +60,7 @@ fn every_combination_is_run_once() {
     let expected = ["0_loss.kl.weight_0", "0_loss.kl.weight_1e-4", "1e-3_loss.kl.weight_0", "1e-3_loss.kl.weight_1e-4"]
         .map(|rest| format!("infonerf_loss.entropy.weight_{rest}"));
     assert_eq!(variants, expected.iter().map(String::as_str).collect());
-    for file in ["table.md", "table.csv", "table.tex", "report.html", "report.md", "plots/sweep-psnr-infonerf.svg"] {
+    for file in ["table.md", "table.csv", "report.html", "plots/sweep-psnr-infonerf.svg"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
     assert!(fs::read_to_string(folder.join("table.md")).unwrap().contains('±'));

@@ -32,9 +32,9 @@ impl Plot {
         });
         let x = if self.log { Axis::log(&self.x) } else { Axis::linear(&self.x) };
         let title = format!("{} by {}", Quantity::PSNR.heading(), self.x);
-        let frame = ChartFrame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
+        let frame = ChartFrame { title, x, y: Axis::linear("PSNR (dB)") };
         let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
-        Ok(Figure { name: "psnr-by".into(), title, svg, caption: "Means over scenes and seeds.".into() })
+        Ok(Figure::new("psnr-by", frame, svg, "Means over scenes and seeds."))
     }
 }
 

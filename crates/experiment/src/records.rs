@@ -11,7 +11,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use infonerf_report::{Record, RunKey, run_directory, write_atomically};
+use infonerf_report::{Record, run_directory, write_atomically};
 use serde_json::Value;
 
 /// File name of the list.
@@ -86,12 +86,12 @@ pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
 /// Merges records by key. Those of `listed` keep their places and are replaced by those of `given` (in the order of
 /// `given`) or of `stored` that have their keys; the others are added at the end.
 fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Record> {
-    let given_keys: BTreeSet<RunKey> = given.iter().map(RunKey::from).collect();
-    let keyed = stored.into_iter().map(|record| (RunKey::from(&record), record));
-    let mut stored: BTreeMap<RunKey, Record> = keyed.filter(|(key, _)| !given_keys.contains(key)).collect();
+    let given_keys: BTreeSet<_> = given.iter().map(Record::key).collect();
+    let keyed = stored.into_iter().map(|record| (record.key(), record));
+    let mut stored: BTreeMap<_, Record> = keyed.filter(|(key, _)| !given_keys.contains(key)).collect();
     let mut given = given.iter().cloned();
     let replace = |record: Record| {
-        let key = RunKey::from(&record);
+        let key = record.key();
         if given_keys.contains(&key) { given.next() } else { Some(stored.remove(&key).unwrap_or(record)) }
     };
     let mut merged: Vec<Record> = listed.into_iter().filter_map(replace).collect();

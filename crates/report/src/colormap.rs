@@ -1,16 +1,16 @@
 //! Colour maps as polynomials, and the pictures of depth and error made with them.
 
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 use infonerf_metrics::MetricError;
 
 /// Error at which [`error_image`] reaches the end of its scale.
-pub const ERROR_FULL_SCALE: f32 = 0.5;
+const ERROR_FULL_SCALE: f32 = 0.5;
 
 /// Returns a dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
 ///
 /// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
 /// `t` is clamped, NaN counts as 0.
-pub fn viridis(t: f32) -> [f32; 3] {
+pub(crate) fn viridis(t: f32) -> [f32; 3] {
     polynomial(
         t,
         &[
@@ -49,8 +49,7 @@ pub fn turbo(t: f32) -> [f32; 3] {
 ///
 /// `colour = A · turbo((far − d) / (far − near)) + (1 − A)` with `A` the accumulated weight `acc`. `depth` and `acc`
 /// are row-major `[height × width]`; `depth`, `near` and `far` share a unit. A pixel whose depth or `acc` is not
-/// finite is white; when
-/// `near < far` does not hold, every hit has the middle colour.
+/// finite is white; when `near < far` does not hold, every hit has the middle colour.
 ///
 /// # Errors
 /// When `depth` or `acc` does not hold `width × height` values.
@@ -62,22 +61,11 @@ pub fn depth_image(
     near: f32,
     far: f32,
 ) -> Result<RgbImage, MetricError> {
-    check_length("depth", depth.len(), width, height)?;
-    check_length("acc", acc.len(), width, height)?;
     let range = far - near;
-    let pixels: Vec<[f32; 3]> = depth
-        .iter()
-        .zip(acc)
-        .map(|(&depth, &acc)| {
-            if !depth.is_finite() || !acc.is_finite() {
-                return [1.0; 3];
-            }
-            let nearness = if range > 0.0 { (far - depth) / range } else { 0.5 };
-            let acc = acc.clamp(0.0, 1.0);
-            turbo(nearness).map(|channel| acc * channel + 1.0 - acc)
-        })
-        .collect();
-    Ok(picture(&pixels, width))
+    drawn(["depth", "acc"], depth, acc, [width, height], |depth, &acc| {
+        let nearness = if range > 0.0 { (far - depth) / range } else { 0.5 };
+        (depth.is_finite() && acc.is_finite()).then(|| faded(turbo(nearness), acc))
+    })
 }
 
 /// Draws normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was hit.
@@ -88,38 +76,49 @@ pub fn depth_image(
 /// # Errors
 /// When `normals` or `acc` does not hold `width × height` values.
 pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) -> Result<RgbImage, MetricError> {
-    check_length("normals", normals.len(), width, height)?;
-    check_length("acc", acc.len(), width, height)?;
-    let pixel = |(normal, &acc): (&[f32; 3], &f32)| {
+    drawn(["normals", "acc"], normals, acc, [width, height], |normal, &acc| {
         let length = normal.iter().map(|n| n * n).sum::<f32>().sqrt();
-        if !(length > 0.0 && length.is_finite() && acc.is_finite()) {
-            return [1.0; 3];
-        }
-        let acc = acc.clamp(0.0, 1.0);
-        normal.map(|n| acc * 0.5 * (n / length + 1.0) + 1.0 - acc)
-    };
-    Ok(picture(&normals.iter().zip(acc).map(pixel).collect::<Vec<_>>(), width))
+        let defined = length > 0.0 && length.is_finite() && acc.is_finite();
+        defined.then(|| faded(normal.map(|n| 0.5 * (n / length + 1.0)), acc))
+    })
 }
 
-/// Draws the mean absolute error over channels: dark is right, yellow is [`ERROR_FULL_SCALE`] off or more
-/// ([`viridis`]). A pixel that is not finite is white.
+/// Draws the mean absolute error over channels: dark is right, yellow is 0.5 off or more ([`viridis`]). A pixel that is
+/// not finite is white.
 ///
 /// Images are row-major `[height × width]`, values in `[0, 1]`.
 ///
 /// # Errors
 /// When an image does not hold `width × height` pixels.
 pub fn error_image(render: &[[f32; 3]], truth: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
-    check_length("render", render.len(), width, height)?;
-    check_length("truth", truth.len(), width, height)?;
-    let pixels: Vec<[f32; 3]> = render
-        .iter()
-        .zip(truth)
-        .map(|(render, truth)| {
-            let error = render.iter().zip(truth).map(|(r, t)| (r - t).abs()).sum::<f32>() / 3.0;
-            if error.is_finite() { viridis(error / ERROR_FULL_SCALE) } else { [1.0; 3] }
-        })
-        .collect();
-    Ok(picture(&pixels, width))
+    drawn(["render", "truth"], render, truth, [width, height], |render, truth| {
+        let error = render.iter().zip(truth).map(|(r, t)| (r - t).abs()).sum::<f32>() / 3.0;
+        error.is_finite().then(|| viridis(error / ERROR_FULL_SCALE))
+    })
+}
+
+/// Draws the colour of each pixel of two inputs with these names; white is `None`.
+fn drawn<A, B>(
+    names: [&'static str; 2],
+    first: &[A],
+    second: &[B],
+    [width, height]: [u32; 2],
+    colour: impl Fn(&A, &B) -> Option<[f32; 3]>,
+) -> Result<RgbImage, MetricError> {
+    let expected = (width as usize).saturating_mul(height as usize);
+    for (what, found) in names.into_iter().zip([first.len(), second.len()]) {
+        if found != expected {
+            return Err(MetricError::Length { what, found, expected });
+        }
+    }
+    let pixels = first.iter().zip(second).flat_map(|(a, b)| to_bytes(colour(a, b).unwrap_or([1.0; 3])));
+    Ok(RgbImage::from_raw(width, height, pixels.collect()).expect("there is a colour for each pixel"))
+}
+
+/// Fades a colour to white by 1 − `acc`.
+fn faded(colour: [f32; 3], acc: f32) -> [f32; 3] {
+    let acc = acc.clamp(0.0, 1.0);
+    colour.map(|channel| acc * channel + 1.0 - acc)
 }
 
 fn polynomial(t: f32, coefficients: &[[f32; 3]]) -> [f32; 3] {
@@ -128,19 +127,8 @@ fn polynomial(t: f32, coefficients: &[[f32; 3]]) -> [f32; 3] {
     std::array::from_fn(|channel| horner(channel).clamp(0.0, 1.0))
 }
 
-fn picture(pixels: &[[f32; 3]], width: u32) -> RgbImage {
-    let height = pixels.len() as u32 / width.max(1);
-    RgbImage::from_fn(width, height, |x, y| Rgb(to_bytes(pixels[y as usize * width as usize + x as usize])))
-}
-
-/// Rounds colours in [0, 1] to 8 bits.
 pub(crate) fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|channel| (255.0 * channel.clamp(0.0, 1.0)).round() as u8)
-}
-
-fn check_length(what: &'static str, found: usize, width: u32, height: u32) -> Result<(), MetricError> {
-    let expected = (width as usize).saturating_mul(height as usize);
-    if found == expected { Ok(()) } else { Err(MetricError::length(what, found, expected)) }
 }
 
 #[cfg(test)]
@@ -182,6 +170,8 @@ mod tests {
         let pixels: Vec<[u8; 3]> = image.pixels().map(|pixel| pixel.0).collect();
         assert_eq!(pixels, [[128, 128, 255], [255, 128, 128], [191, 128, 191], [255; 3]]);
         assert!(normal_image(&normals, &[1.0], 2, 2).is_err());
+        assert!(depth_image(&[1.0], &[1.0], 2, 1, 0.0, 1.0).is_err());
+        assert!(depth_image(&[], &[], 0, 0, 0.0, f32::NAN).is_ok());
     }
 
     #[test]
@@ -189,12 +179,5 @@ mod tests {
         let image = error_image(&[[0.5; 3], [1.0; 3]], &[[0.5; 3], [0.0; 3]], 2, 1).unwrap();
         assert_eq!(image.get_pixel(0, 0).0, to_bytes(viridis(0.0)));
         assert_eq!(image.get_pixel(1, 0).0, to_bytes(viridis(1.0)));
-    }
-
-    #[test]
-    fn lengths_are_checked() {
-        assert!(depth_image(&[1.0], &[1.0], 2, 1, 0.0, 1.0).is_err());
-        assert!(error_image(&[], &[], 1, 1).is_err());
-        assert!(depth_image(&[], &[], 0, 0, 0.0, f32::NAN).is_ok());
     }
 }

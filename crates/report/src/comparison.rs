@@ -1,12 +1,18 @@
 //! Comparison of other programs' renders with the truth, as `infonerf eval --renders` writes it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
+use askama::Template;
+use base64::prelude::{BASE64_STANDARD, Engine};
 use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{ReportError, html, write_atomically};
+use crate::{error::ReportError, files::write_atomically, html::rendered, text_table::TextTable};
+
+/// Maximum number of bytes of a comparison's images: browsers would take long to open more.
+const MAX_BYTES: u64 = 96 << 20;
 
 /// Metrics of two folders of images, with the images.
 #[derive(Debug, Clone, Copy)]
@@ -19,16 +25,24 @@ pub struct PictureComparison<'a> {
     pub compared: &'a ComparedFolders,
 }
 
-/// Files that [`PictureComparison::write`] wrote.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ComparisonFiles {
-    /// `comparison.json`, which has every number.
-    pub json: PathBuf,
-    /// `comparison.html`, a table and images with a slider between render and truth.
-    pub html: PathBuf,
+#[derive(Template)]
+#[template(path = "comparison.html")]
+struct ComparisonPage<'a> {
+    title: &'a str,
+    protocol: String,
+    comparison: &'a PictureComparison<'a>,
+    metrics: &'a [&'a Metric],
+    sliders: Vec<Slider<'a>>,
 }
 
-/// Contents of `comparison.json`.
+/// View with a slider between render and truth, which are URLs that hold the images.
+struct Slider<'a> {
+    name: &'a str,
+    truth: String,
+    render: String,
+    scores: String,
+}
+
 #[derive(Serialize)]
 struct ComparisonJson<'a> {
     evaluation: String,
@@ -39,12 +53,13 @@ struct ComparisonJson<'a> {
 }
 
 impl<'a> PictureComparison<'a> {
-    /// Writes the JSON and the page into `folder`.
+    /// Writes into `folder`, and returns, `comparison.json`, which has every number, and `comparison.html`, a table and
+    /// images with a slider between render and truth.
     ///
     /// # Errors
     /// If a file cannot be written, or an image cannot be read again.
-    pub fn write(&self, folder: &Path) -> Result<ComparisonFiles, ReportError> {
-        let files = ComparisonFiles { json: folder.join("comparison.json"), html: folder.join("comparison.html") };
+    pub fn write(&self, folder: &Path) -> Result<[PathBuf; 2], ReportError> {
+        let [json, html] = ["comparison.json", "comparison.html"].map(|name| folder.join(name));
         let measured = self.compared.measured.clone().representable();
         let names = self.compared.views.iter().map(|view| view.name.as_str());
         let numbers = ComparisonJson {
@@ -54,46 +69,64 @@ impl<'a> PictureComparison<'a> {
             views: names.zip(&measured.views).collect(),
             notes: &measured.notes,
         };
-        let json = serde_json::to_string_pretty(&numbers).expect("numbers and text are representable");
-        write_atomically(&files.json, json.as_bytes())?;
-        write_atomically(&files.html, html::comparison_page(self)?.as_bytes())?;
-        Ok(files)
+        let text = serde_json::to_string_pretty(&numbers).expect("numbers and text are representable");
+        write_atomically(&json, text.as_bytes())?;
+        write_atomically(&html, comparison_page(self)?.as_bytes())?;
+        Ok([json, html])
     }
 
     /// Formats the protocol, a row per view, the mean, and the notes as plain text.
     pub fn to_text(&self) -> String {
         let metrics = self.metrics();
-        let width = self.rows().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-        let line = |name: &str, cells: Vec<String>| {
-            let cells = metrics.iter().zip(cells).map(|(metric, cell)| {
-                format!("  {cell:>width$}", width = metric.descriptor.heading().chars().count().max(8))
-            });
-            format!("{name:width$}{}\n", cells.collect::<String>())
+        let line = |first: &str, cell: &dyn Fn(&&Metric) -> String| {
+            std::iter::once(first.to_owned()).chain(metrics.iter().map(cell)).collect::<Vec<String>>()
         };
-        let headings = metrics.iter().map(|metric| metric.descriptor.heading()).collect();
-        let mut text = format!("{}\n{}", self.protocol, line("", headings));
-        for (name, values) in self.rows() {
-            text += &line(name, metrics.iter().map(|metric| cell(metric, values)).collect());
-        }
+        let headings = line("", &|metric| metric.descriptor.heading());
+        let rows = self.rows().map(|(name, values)| line(name, &|metric| cell(metric, values)));
+        let text =
+            format!("{}\n{}", self.protocol, TextTable(std::iter::once(headings).chain(rows).collect()).to_text());
         self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
     }
 
-    /// Returns the metrics that have a value.
-    pub(crate) fn metrics(&self) -> Vec<&'static Metric> {
+    fn metrics(&self) -> Vec<&'static Metric> {
         let has = |metric: &&&Metric| self.compared.measured.set.get(metric.key()).copied().flatten().is_some();
         METRICS.iter().filter(has).copied().collect()
     }
 
     /// Returns each view with its values, and the mean.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
+    fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
         let ComparedFolders { views, measured } = self.compared;
         let views = views.iter().map(|view| view.name.as_str()).zip(&measured.views);
         views.chain(std::iter::once(("mean", &measured.set)))
     }
 }
 
-/// Formats a value.
-pub(crate) fn cell(metric: &Metric, values: &Values) -> String {
+/// Makes the page of other programs' renders, with as many views as browsers open quickly.
+fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError> {
+    let metrics = comparison.metrics();
+    let size = |path: &Path| fs::metadata(path).map(|file| file.len()).map_err(ReportError::io("read", path));
+    let (mut sliders, mut bytes) = (Vec::new(), 0);
+    for (view, values) in comparison.compared.views.iter().zip(&comparison.compared.measured.views) {
+        bytes += size(&view.render)? + size(&view.truth)?;
+        if bytes > MAX_BYTES {
+            break;
+        }
+        let score = |metric: &&Metric| format!("{} {}", metric.descriptor.name, cell(metric, values));
+        let scores = metrics.iter().take(4).map(score).collect::<Vec<_>>().join(" · ");
+        sliders.push(Slider { name: &view.name, truth: data(&view.truth)?, render: data(&view.render)?, scores });
+    }
+    let (title, protocol) = (comparison.title, comparison.protocol.to_string());
+    Ok(rendered(&ComparisonPage { title, protocol, comparison, metrics: &metrics, sliders }))
+}
+
+/// Reads an image into a URL that holds it.
+fn data(path: &Path) -> Result<String, ReportError> {
+    let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
+    let kind = if bytes.starts_with(&[0x89, b'P']) { "png" } else { "jpeg" };
+    Ok(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(bytes)))
+}
+
+fn cell(metric: &Metric, values: &Values) -> String {
     let value = values.get(metric.key()).copied().flatten();
     value.map_or_else(|| "–".to_owned(), |value| metric.descriptor.format(value))
 }

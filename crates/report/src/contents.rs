@@ -1,40 +1,45 @@
-use std::{collections::BTreeMap, io::Cursor, path::Path};
+use std::{
+    collections::BTreeMap,
+    io::Cursor,
+    path::{Path, PathBuf},
+};
 
 use image::ImageFormat;
 use indexmap::IndexMap;
 
 use crate::{
-    Events, Figure, Quantity, ReportError, ReportInput, Run, Table, TestedClaim,
     chart::standalone,
-    figures::{comparison_figures, curve_figures},
+    claim::TestedClaim,
+    error::ReportError,
+    events::Events,
+    figures::{Figure, comparison_figures, curve_figures},
     files::write_atomically,
-    gallery::{Choice, Gallery, GalleryView},
-    overview_table,
-    panel::{PanelRow, compose},
-    pictured::{Labelled, MAX_PICTURED, pictured, runs_of},
-    protocol_lines, scene_table,
-    table::{distinct, groups, measured},
+    gallery::{Choice, MAX_PICTURED, SceneGallery, pictured, slashed},
+    input::ReportInput,
+    panel::compose,
+    protocol::protocol_lines,
+    quantity::Quantity,
+    record::{Record, VIEWER_PAGE, distinct},
+    table::{Table, groups, measured, overview_table, scene_table},
 };
 
-/// Maximum number of images on a page.
 const MAX_IMAGES: usize = 400;
+/// Maximum number of test views shown of each scene.
+const MAX_VIEWS: usize = 3;
 /// Maximum number of scenes, and of variants, in the figure of all scenes.
 const MAX_IN_PANEL: usize = 8;
 /// File of the figure of all scenes.
-pub(crate) const PANEL: &str = "figure.png";
+const PANEL: &str = "figure.png";
 /// Maximum number of runs that a line names.
 const MAX_NAMED: usize = 16;
 
-/// Everything that a report shows, in its order, whatever the format.
 pub(crate) struct ReportContents<'a> {
     pub(crate) input: &'a ReportInput,
-    /// Runs that are shown.
-    pub(crate) runs: Vec<&'a Run>,
+    pub(crate) records: Vec<&'a Record>,
     pub(crate) protocol: Vec<String>,
     pub(crate) warnings: Vec<String>,
     /// Means over scenes, of quality and of cost.
     pub(crate) overviews: [Table; 2],
-    /// The paper's figures next to ours.
     pub(crate) published: Option<Table>,
     pub(crate) claims: Vec<TestedClaim>,
     pub(crate) figures: Vec<Figure>,
@@ -48,59 +53,59 @@ pub(crate) struct ReportContents<'a> {
     pub(crate) missing: Vec<String>,
 }
 
-/// Images and curves of one scene.
 pub(crate) struct SceneContents<'a> {
-    pub(crate) name: String,
-    /// Labels of the gallery's runs, as in the tables.
-    pub(crate) labels: Vec<String>,
-    pub(crate) gallery: Gallery<'a>,
+    pub(crate) gallery: SceneGallery<'a>,
     pub(crate) figures: Vec<Figure>,
+    /// Label of each run that has a page which shows its scene in 3D, and the page's path relative to the report.
+    pub(crate) viewers: Vec<(String, String)>,
 }
 
 impl<'a> ReportContents<'a> {
     pub(crate) fn gather(input: &'a ReportInput, root: &Path) -> Result<Self, ReportError> {
-        let runs = input.shown_runs();
+        let records = input.shown_records();
         let mut missing = Vec::new();
-        let names = distinct(&runs, |record| record.scene.clone());
+        let names = distinct(&records, |record| record.scene.clone());
         let several = names.len() > 1;
-        let tables = Quantity::all().into_iter().filter(|quantity| several && measured(&runs, *quantity));
+        let tables = Quantity::all().into_iter().filter(|quantity| several && measured(&records, *quantity));
         // The protocol stands once, above all.
         let bare = |table: Table, title: String| Table { title, protocol: Vec::new(), ..table };
-        let pictured = pictured(&runs);
-        if pictured.len() < groups(&runs).len() {
+        let pictured = pictured(&records);
+        if pictured.len() < groups(records.iter().copied()).len() {
             missing.push(format!("images and curves of all but the {MAX_PICTURED} variants with the highest PSNR"));
         }
         // A view has a truth, and a render, its depth and its error for each variant.
         let of_a_view = 3 * pictured.len() + 1;
-        let views = (MAX_IMAGES / (of_a_view * names.len().max(1))).clamp(1, input.views.max(1)).min(input.views);
+        let most = (MAX_IMAGES / (of_a_view * names.len().max(1))).clamp(1, MAX_VIEWS);
         let mut left = MAX_IMAGES / of_a_view;
         let mut scenes = Vec::new();
         for name in names {
-            let views = views.min(left);
-            if views < input.views {
-                missing.push(format!("{name}: images of {} of {} test views", input.views - views, input.views));
+            let views = most.min(left);
+            if views < MAX_VIEWS {
+                missing.push(format!("{name}: images of {} of {MAX_VIEWS} test views", MAX_VIEWS - views));
             }
             left -= views;
-            scenes.push(scene(&runs, &pictured, root, name, views, &mut missing)?);
+            let choice = Choice::Spread(views);
+            let gallery = SceneGallery::collect(&pictured, root, name, &choice, &mut missing);
+            scenes.push(SceneContents::gather(gallery, root, &mut missing)?);
         }
         Ok(Self {
             input,
-            protocol: protocol_lines(&runs),
-            warnings: warnings(input, &runs),
+            protocol: protocol_lines(&records),
+            warnings: warnings(input, &records),
             overviews: [("Quality", Quantity::quality()), ("Cost", Quantity::cost())].map(|(name, quantities)| {
-                let table = overview_table(&runs, &quantities);
+                let table = overview_table(&records, &quantities);
                 let title = format!("{name}, {}", table.title);
                 bare(table, title)
             }),
-            published: input.published.as_ref().and_then(|published| published.table(&runs)),
+            published: input.published.as_ref().and_then(|published| published.table(&records)),
             claims: input.tested_claims(),
-            figures: comparison_figures(&runs)?.into_iter().chain(input.figures.iter().cloned()).collect(),
-            tables: tables.map(|quantity| bare(scene_table(&runs, quantity), quantity.heading())).collect(),
+            figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
+            tables: tables.map(|quantity| bare(scene_table(&records, quantity), quantity.heading())).collect(),
             panel: panel(&scenes)?,
             scenes,
-            notes: notes(&runs),
+            notes: notes(&records),
             missing,
-            runs,
+            records,
         })
     }
 
@@ -109,87 +114,73 @@ impl<'a> ReportContents<'a> {
         if let Some(png) = &self.panel {
             write_atomically(&root.join(PANEL), png)?;
         }
-        for figure in self.all_figures() {
+        for figure in self.figures.iter().chain(self.scenes.iter().flat_map(|scene| &scene.figures)) {
             write_atomically(&root.join(plot_path(figure)), standalone(&figure.svg).as_bytes())?;
         }
         Ok(())
     }
+}
 
-    fn all_figures(&self) -> impl Iterator<Item = &Figure> {
-        self.figures.iter().chain(self.scenes.iter().flat_map(|scene| &scene.figures))
+impl<'a> SceneContents<'a> {
+    /// Adds the curves and pages of its runs to a gallery. Events that cannot be read are named in `missing`.
+    fn gather(gallery: SceneGallery<'a>, root: &Path, missing: &mut Vec<String>) -> Result<Self, ReportError> {
+        let (mut curves, mut viewers) = (Vec::new(), Vec::new());
+        for (label, record) in &gallery.runs {
+            let folder = record.directory();
+            let page = folder.join(VIEWER_PAGE);
+            if root.join(&page).is_file() {
+                viewers.push((label.clone(), slashed(&page)));
+            }
+            // A run that trained several fields shows the first one's events.
+            let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));
+            let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
+            match Events::read(&root.join(path)) {
+                Ok(events) => {
+                    if events.skipped > 0 {
+                        missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));
+                    }
+                    curves.push((label.clone(), events));
+                }
+                Err(_) => missing.push(format!("{}: cannot be read", path.display())),
+            }
+        }
+        let figures = curve_figures(&gallery.scene, &curves)?;
+        Ok(Self { gallery, figures, viewers })
     }
 }
 
 /// Draws the first view of each scene as a PNG; `None` for too many scenes or variants.
-fn panel<'a>(scenes: &'a [SceneContents<'a>]) -> Result<Option<Vec<u8>>, ReportError> {
-    if scenes.iter().map(|scene| scene.labels.len()).chain([scenes.len()]).any(|count| count > MAX_IN_PANEL) {
+fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
+    if scenes.iter().map(|scene| scene.gallery.runs.len()).chain([scenes.len()]).any(|count| count > MAX_IN_PANEL) {
         return Ok(None);
     }
-    let viewed = scenes.iter().filter_map(|scene| Some((scene, scene.gallery.views.first()?)));
-    let row = |(scene, view): (&'a SceneContents<'a>, &'a GalleryView)| PanelRow {
-        scene: &scene.name,
-        labels: &scene.labels,
-        view,
-    };
-    let rows: Vec<PanelRow> = viewed.map(row).collect();
-    let Some(picture) = compose(&rows)? else { return Ok(None) };
+    let Some(image) = compose(&scenes.iter().map(|scene| &scene.gallery).collect::<Vec<_>>())? else { return Ok(None) };
     let mut png = Cursor::new(Vec::new());
-    let written = picture.write_to(&mut png, ImageFormat::Png);
-    written.map_err(|error| ReportError::Chart { title: PANEL.into(), reason: error.to_string() })?;
+    image.write_to(&mut png, ImageFormat::Png).map_err(ReportError::chart(PANEL))?;
     Ok(Some(png.into_inner()))
 }
 
 /// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and other characters than letters, digits, `-` and `_`
 /// become `-`.
-pub(crate) fn plot_path(figure: &Figure) -> String {
+fn plot_path(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
     format!("plots/{}.svg", name.chars().map(safe).collect::<String>())
 }
 
-/// Collects images and curves of a scene, of the lowest seed of each variant.
-fn scene<'a>(
-    runs: &[&'a Run],
-    variants: &[Labelled],
-    root: &Path,
-    name: String,
-    views: usize,
-    missing: &mut Vec<String>,
-) -> Result<SceneContents<'a>, ReportError> {
-    let (labels, runs) = runs_of(runs, variants, &name);
-    let mut curves = Vec::new();
-    for (label, run) in labels.iter().zip(&runs) {
-        // A run that trained several fields shows the first one's events.
-        let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| run.directory.join(name));
-        let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
-        match Events::read(&root.join(path)) {
-            Ok(events) => {
-                if events.skipped > 0 {
-                    missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));
-                }
-                curves.push((label.clone(), events));
-            }
-            Err(_) => missing.push(format!("{}: cannot be read", path.display())),
-        }
-    }
-    let figures = curve_figures(&name, &curves)?;
-    let gallery = Gallery::collect(root, runs, &Choice::Spread(views), missing);
-    Ok(SceneContents { name, labels, gallery, figures })
-}
-
-fn warnings(input: &ReportInput, runs: &[&Run]) -> Vec<String> {
-    let left_out = (runs.len() < input.runs.len()).then(|| {
-        let [shown, all] = [groups(runs).len(), groups(&input.runs).len()];
+fn warnings(input: &ReportInput, records: &[&Record]) -> Vec<String> {
+    let left_out = (records.len() < input.records.len()).then(|| {
+        let [shown, all] = [groups(records.iter().copied()).len(), groups(input.records.iter()).len()];
         format!("Shown are the {shown} variants with the highest PSNR, of {all}: the others are in results.json.")
     });
-    let collapsed: Vec<String> = runs.iter().filter(|run| run.record.collapsed).map(|run| run.label()).collect();
-    let collapsed = match collapsed.len() {
+    let collapsed = records.iter().filter(|record| record.collapsed).map(|record| record.run_label());
+    let collapsed = match collapsed.clone().count() {
         count if count > MAX_NAMED => vec![format!("{count} runs collapsed: their fields went empty")],
-        _ => collapsed.into_iter().map(|run| format!("{run} collapsed: its field went empty")).collect(),
+        _ => collapsed.map(|run| format!("{run} collapsed: its field went empty")).collect(),
     };
-    let mut presets: BTreeMap<&Path, Vec<&str>> = BTreeMap::new();
-    for run in runs {
-        presets.entry(&run.directory).or_default().push(&run.record.preset);
+    let mut presets: BTreeMap<PathBuf, Vec<&str>> = BTreeMap::new();
+    for record in records {
+        presets.entry(record.directory()).or_default().push(&record.preset);
     }
     let shared = presets.into_iter().filter(|(_, presets)| presets.len() > 1).map(|(folder, presets)| {
         format!("{} holds the images and curves of one of its runs only: {}", folder.display(), presets.join(", "))
@@ -198,17 +189,17 @@ fn warnings(input: &ReportInput, runs: &[&Run]) -> Vec<String> {
 }
 
 /// Returns distinct notes in order of appearance, each with the runs that have it.
-fn notes(runs: &[&Run]) -> Vec<(String, String)> {
-    let mut notes: IndexMap<&String, Vec<&Run>> = IndexMap::new();
-    for run in runs {
-        for note in &run.record.notes {
-            notes.entry(note).or_default().push(run);
+fn notes(records: &[&Record]) -> Vec<(String, String)> {
+    let mut notes: IndexMap<&String, Vec<String>> = IndexMap::new();
+    for record in records {
+        for note in &record.notes {
+            notes.entry(note).or_default().push(record.run_label());
         }
     }
-    let bearers = |of: Vec<&Run>| match of.len() {
-        count if count == runs.len() => "all runs".to_owned(),
+    let bearers = |of: Vec<String>| match of.len() {
+        count if count == records.len() => "all runs".to_owned(),
         count if count > MAX_NAMED => format!("{count} runs"),
-        _ => of.into_iter().map(Run::label).collect::<Vec<_>>().join(", "),
+        _ => of.join(", "),
     };
     notes.into_iter().map(|(note, of)| (note.clone(), bearers(of))).collect()
 }

@@ -1,11 +1,11 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
-use serde_json::Value;
+use serde::{Deserialize, Deserializer};
 
-use crate::ReportError;
+use crate::error::ReportError;
 
 /// Training step of a `metrics.jsonl`, `"event": "step"`; `None` for values that its line lacks.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 pub struct StepEvent {
     /// Optimizer step.
     pub step: f64,
@@ -14,13 +14,14 @@ pub struct StepEvent {
     /// Total loss.
     pub loss: Option<f64>,
     /// Value of each term of the objective, unweighted, by its name.
+    #[serde(default, deserialize_with = "finite")]
     pub losses: BTreeMap<String, f64>,
     /// PSNR of the training batch, in decibels.
     pub psnr: Option<f64>,
 }
 
 /// Evaluation on test views during training, `"event": "eval"`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 pub struct EvaluationEvent {
     /// Optimizer step.
     pub step: f64,
@@ -39,7 +40,7 @@ pub struct Events {
     pub steps: Vec<StepEvent>,
     /// Evaluations, in the order of the file.
     pub evaluations: Vec<EvaluationEvent>,
-    /// Number of lines that are not JSON, of an unknown event, or without a finite `step`, as the last line of a run
+    /// Number of lines that are not JSON, of an unknown event, or without a `step`, as the last line of a run
     /// that was killed often is.
     pub skipped: usize,
 }
@@ -48,7 +49,7 @@ impl Events {
     /// Reads a `metrics.jsonl`. Lines that cannot be used are counted in [`Events::skipped`].
     ///
     /// # Errors
-    /// [`ReportError::Io`] when the file cannot be read.
+    /// If the file cannot be read.
     pub fn read(path: &Path) -> Result<Self, ReportError> {
         let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
         Ok(Self::parse(&String::from_utf8_lossy(&bytes)))
@@ -59,32 +60,30 @@ impl Events {
     pub fn parse(text: &str) -> Self {
         let mut events = Self::default();
         for line in text.lines().filter(|line| !line.trim().is_empty()) {
-            if events.push(line).is_none() {
-                events.skipped += 1;
+            match serde_json::from_str(line) {
+                Ok(EventLine::Step(step)) => events.steps.push(step),
+                Ok(EventLine::Eval(evaluation)) => events.evaluations.push(evaluation),
+                Ok(EventLine::Collapse | EventLine::Plateau) => {}
+                Err(_) => events.skipped += 1,
             }
         }
         events
     }
+}
 
-    fn push(&mut self, line: &str) -> Option<()> {
-        let value: Value = serde_json::from_str(line).ok()?;
-        let number = |key: &str| value.get(key).and_then(Value::as_f64).filter(|number| number.is_finite());
-        let (step, seconds, psnr) = (number("step")?, number("seconds"), number("psnr"));
-        match value.get("event")?.as_str()? {
-            "step" => {
-                let terms = value.get("losses").and_then(Value::as_object).into_iter().flatten();
-                let finite = |(name, value): (&String, &Value)| {
-                    value.as_f64().filter(|value| value.is_finite()).map(|value| (name.clone(), value))
-                };
-                let losses = terms.filter_map(finite).collect();
-                self.steps.push(StepEvent { step, seconds, loss: number("loss"), losses, psnr });
-            }
-            "eval" => self.evaluations.push(EvaluationEvent { step, seconds, psnr, ssim: number("ssim") }),
-            "collapse" | "plateau" => {}
-            _ => return None,
-        }
-        Some(())
-    }
+#[derive(Deserialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+enum EventLine {
+    Step(StepEvent),
+    Eval(EvaluationEvent),
+    Collapse,
+    Plateau,
+}
+
+/// Reads the values that are numbers: a loss that is not finite is written as `null`.
+fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
+    let values: BTreeMap<String, Option<f64>> = Deserialize::deserialize(deserializer)?;
+    Ok(values.into_iter().filter_map(|(name, value)| Some((name, value?))).collect())
 }
 
 #[cfg(test)]

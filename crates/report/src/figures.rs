@@ -3,18 +3,20 @@
 use std::collections::BTreeSet;
 
 use crate::{
-    Events, Quantity, Record, ReportError, StepEvent,
-    chart::{Axis, Bar, ChartFrame, Series, bar_chart, line_chart, scatter_chart},
-    table::{distinct, groups},
+    chart::{Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart},
+    error::ReportError,
+    events::{Events, StepEvent},
+    quantity::Quantity,
+    record::{Record, distinct},
+    table::{VariantGroup, groups},
 };
 
-/// Number of points to which a long curve is averaged.
 const CURVE_POINTS: usize = 200;
 
 /// Chart with its caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Stem of its file name, `plots/<name>.svg` next to `report.md`.
+    /// Stem of its file name, `plots/<name>.svg` next to `report.html`.
     pub name: String,
     /// Description for readers who cannot see it.
     pub title: String,
@@ -24,108 +26,108 @@ pub struct Figure {
     pub caption: String,
 }
 
+impl Figure {
+    /// Makes a figure of a chart with this frame, whose title describes it.
+    pub fn new(name: impl Into<String>, frame: ChartFrame, svg: String, caption: &str) -> Self {
+        Self { name: name.into(), title: frame.title, svg, caption: caption.into() }
+    }
+}
+
 /// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants; nothing for a single
 /// one.
 pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<Figure>, ReportError> {
     let scenes = distinct(records, |record| record.scene.clone());
-    let groups = groups(records);
+    let groups = groups(records.iter().map(AsRef::as_ref));
     if groups.len() < 2 {
         return Ok(Vec::new());
     }
     let over = if scenes.len() > 1 { format!("mean over {} scenes", scenes.len()) } else { scenes.join("") };
     let mut figures = Vec::new();
     for (quantity, name) in [(Quantity::PSNR, "psnr"), (Quantity::RAY_ENTROPY, "ray-entropy")] {
-        let bar = |group: &crate::table::VariantGroup| {
+        let bar = |group: &VariantGroup| {
             let summary = group.cell(quantity, &scenes).summary?;
             Some(Bar { label: group.label.clone(), value: summary.mean, spread: summary.std })
         };
         let bars: Vec<Bar> = groups.iter().filter_map(bar).collect();
         if bars.len() > 1 {
-            let title = format!("{}, {over}", quantity.heading());
-            let svg = bar_chart(&ChartFrame::new(&title, "", &quantity.heading()), &bars)?;
+            let frame = ChartFrame::new(&format!("{}, {over}", quantity.heading()), "", &quantity.heading());
+            let svg = bar_chart(&frame, &bars)?;
             let spread = bars.iter().any(|bar| bar.spread.is_some());
             let caption = if spread { "Whiskers: standard deviation over seeds." } else { "" };
-            figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
+            figures.push(Figure::new(name, frame, svg, caption));
         }
     }
-    let point = |group: &crate::table::VariantGroup| {
-        let mean = |quantity| group.cell(quantity, &scenes).summary.map(|summary| summary.mean);
-        let seconds = mean(Quantity::TRAIN_SECONDS).filter(|&seconds| seconds > 0.0)?;
-        Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Quantity::PSNR)?)] })
+    let point = |group: &VariantGroup| {
+        let seconds = group.mean(Quantity::TRAIN_SECONDS, &scenes).filter(|&seconds| seconds > 0.0)?;
+        Some(Series { name: group.label.clone(), points: vec![(seconds, group.mean(Quantity::PSNR, &scenes)?)] })
     };
     let series: Vec<Series> = groups.iter().filter_map(point).collect();
     if series.len() > 1 {
         let title = format!("Training time against PSNR, {over}");
-        let frame = ChartFrame { title: title.clone(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
-        let svg = scatter_chart(&frame, &series, true)?;
-        let caption = "Up and left is better; the line is the best PSNR reached by each time.".into();
-        figures.push(Figure { name: "time-psnr".into(), title, svg, caption });
+        let frame = ChartFrame { title, x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+        let svg = frontier_chart(&frame, &series)?;
+        let caption = "Up and left is better; the line is the best PSNR reached by each time.";
+        figures.push(Figure::new("time-psnr", frame, svg, caption));
     }
     Ok(figures)
 }
 
-/// Draws curves of loss and PSNR of the runs of one scene, each run by its label.
+/// Draws curves of PSNR and loss of the runs of one scene, each run by its label, and of the terms of each run's
+/// objective.
 pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Vec<Figure>, ReportError> {
     let series = |points: &dyn Fn(&Events) -> Vec<(f64, f64)>| -> Vec<Series> {
         let one = |(name, events): &(String, Events)| Series { name: name.clone(), points: averaged(&points(events)) };
         runs.iter().map(one).filter(|series| series.points.len() > 1).collect()
     };
-    let mut figures = Vec::new();
-
     let tested = series(&|events| events.evaluations.iter().filter_map(|e| Some((e.seconds?, e.psnr?))).collect());
     let trained = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
     let (psnr, what, caption) = if tested.is_empty() {
-        (
-            trained,
-            "training rays",
-            "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.",
-        )
+        let caption = "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.";
+        (trained, "training rays", caption)
     } else {
         (tested, "test views", "")
     };
+    let mut figures = Vec::new();
     if !psnr.is_empty() {
-        let title = format!("{scene}: PSNR on {what}");
-        let svg = line_chart(&ChartFrame::new(&title, "training (s)", "PSNR (dB)"), &psnr)?;
-        figures.push(Figure { name: format!("{scene}-psnr"), title, svg, caption: caption.into() });
+        let frame = ChartFrame::new(&format!("{scene}: PSNR on {what}"), "training (s)", "PSNR (dB)");
+        figures.push(Figure::new(format!("{scene}-psnr"), frame.clone(), line_chart(&frame, &psnr)?, caption));
     }
+    let mut by_step =
+        |name: String, title: String, y: &str, series: Vec<Series>, caption: &str| -> Result<(), ReportError> {
+            let frame = ChartFrame { title, x: Axis::linear("step"), y: value_axis(y, &series) };
+            figures.push(Figure::new(name, frame.clone(), line_chart(&frame, &series)?, caption));
+            Ok(())
+        };
     let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
     if !loss.is_empty() {
-        let title = format!("{scene}: training loss");
-        let frame = ChartFrame { title: title.clone(), x: Axis::linear("step"), y: value_axis("loss", &loss) };
-        let svg = line_chart(&frame, &loss)?;
-        figures.push(Figure { name: format!("{scene}-loss"), title, svg, caption: String::new() });
+        by_step(format!("{scene}-loss"), format!("{scene}: training loss"), "loss", loss, "")?;
     }
     for (label, events) in runs {
-        figures.extend(term_figure(scene, label, events)?);
+        let terms = terms(events);
+        if terms.len() > 1 {
+            let title = format!("{scene}: terms of the objective of {label}");
+            by_step(format!("{scene}-{label}-terms"), title, "value", terms, "Values before their weights.")?;
+        }
     }
     Ok(figures)
 }
 
-/// Draws curves of the objective's terms in one run; `None` if it has fewer than two.
-fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figure>, ReportError> {
+/// Returns a curve of each term of a run's objective. A term that is exactly 0 is not on yet.
+fn terms(events: &Events) -> Vec<Series> {
     let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
-    // A term that is exactly 0 is not on yet.
     let point =
         |step: &StepEvent, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x != 0.0)?));
     let one = |name: &String| Series {
         name: name.clone(),
         points: averaged(&events.steps.iter().filter_map(|step| point(step, name)).collect::<Vec<_>>()),
     };
-    let series: Vec<Series> = names.into_iter().map(one).filter(|series| series.points.len() > 1).collect();
-    if series.len() < 2 {
-        return Ok(None);
-    }
-    let title = format!("{scene}: terms of the objective of {label}");
-    let frame = ChartFrame { title: title.clone(), x: Axis::linear("step"), y: value_axis("value", &series) };
-    let svg = line_chart(&frame, &series)?;
-    let caption = "Values before their weights.".into();
-    Ok(Some(Figure { name: format!("{scene}-{label}-terms"), title, svg, caption }))
+    names.into_iter().map(one).filter(|series| series.points.len() > 1).collect()
 }
 
-/// Returns a logarithmic axis, which has both signs if a series has.
+/// Returns a logarithmic axis if all values are positive.
 fn value_axis(label: &str, series: &[Series]) -> Axis {
     let positive = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
-    if positive { Axis::log(label) } else { Axis::symmetric_log(label) }
+    if positive { Axis::log(label) } else { Axis::linear(label) }
 }
 
 /// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of as many neighbours.
@@ -164,10 +166,11 @@ mod tests {
             format!("{{\"event\":\"step\",\"step\":{step},\"losses\":{{\"rgb\":0.01,\"tv\":{tv}}}}}\n")
         };
         let events = Events::parse(&[step(1, 0.0), step(2, 0.5), step(3, -0.5), step(4, -2.0)].concat());
-        let figure = term_figure("lego", "nerf", &events).unwrap().expect("two terms");
+        let figures = curve_figures("lego", &[("nerf".into(), events)]).unwrap();
+        let [figure] = figures.as_slice() else { panic!("{figures:?}") };
         // Markers: four of rgb, and three of tv, which is not on in the first step.
         assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);
-        assert!(figure.svg.contains("-0.1") && figure.svg.contains("tv"), "{}", figure.svg);
+        assert!(figure.svg.contains("-1.5") && figure.svg.contains("tv"), "{}", figure.svg);
     }
 
     #[test]

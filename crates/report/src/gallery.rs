@@ -1,26 +1,33 @@
 //! Images of the runs, next to each other.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashSet},
     fs,
     io::Cursor,
     path::{Path, PathBuf},
 };
 
+use base64::prelude::{BASE64_STANDARD, Engine};
 use image::{ImageFormat, imageops::FilterType};
 
-use crate::{Run, run::VIEWER_PAGE};
+use crate::{
+    quantity::Quantity,
+    record::{Record, distinct},
+    table::{VariantGroup, groups},
+};
 
+/// Maximum number of variants whose images and curves are shown.
+pub(crate) const MAX_PICTURED: usize = 12;
 /// Maximum width and height of an image in the page; larger ones are scaled down.
 const MAX_SIDE: u32 = 512;
+/// Kinds of images of a view, in the order of the rows, with the folder of each.
+const KINDS: [(&str, &str); 3] = [("render", "test"), ("depth", "depth"), ("error", "error")];
 
-/// Images of one scene.
-pub(crate) struct Gallery<'a> {
-    /// Runs shown, one of each variant.
-    pub(crate) runs: Vec<&'a Run>,
+pub(crate) struct SceneGallery<'a> {
+    pub(crate) scene: String,
+    /// Run of each variant that has runs of the scene: its label as in the tables, and the record of its lowest seed.
+    pub(crate) runs: Vec<(String, &'a Record)>,
     pub(crate) views: Vec<GalleryView>,
-    /// Page of each run that shows its scene in 3D, relative to the report.
-    pub(crate) viewers: Vec<Option<String>>,
 }
 
 /// Test view: the truth, and the images of each run.
@@ -28,25 +35,10 @@ pub(crate) struct GalleryView {
     /// Stem of the files' names.
     pub(crate) name: String,
     pub(crate) truth: Option<GalleryImage>,
-    /// Images of each of the gallery's runs.
-    pub(crate) shots: Vec<Shots>,
+    /// Render, depth and error of each of the gallery's runs.
+    pub(crate) shots: Vec<[Option<GalleryImage>; 3]>,
 }
 
-/// Images of one view from one run.
-pub(crate) struct Shots {
-    pub(crate) render: Option<GalleryImage>,
-    pub(crate) depth: Option<GalleryImage>,
-    pub(crate) error: Option<GalleryImage>,
-}
-
-/// Kind of image: its name, and its field of [`Shots`].
-pub(crate) type ImageKind = (&'static str, fn(&Shots) -> &Option<GalleryImage>);
-
-/// Kinds in the order of the rows.
-pub(crate) const KINDS: [ImageKind; 3] =
-    [("render", |shots| &shots.render), ("depth", |shots| &shots.depth), ("error", |shots| &shots.error)];
-
-/// PNG file.
 pub(crate) struct GalleryImage {
     /// Path relative to the report, with forward slashes.
     pub(crate) path: String,
@@ -60,19 +52,40 @@ pub(crate) struct GalleryImage {
 pub(crate) enum Choice {
     /// This number of views, spread evenly over those that every run has, or over all if there is none.
     Spread(usize),
-    /// View of this name.
     Named(String),
 }
 
-impl<'a> Gallery<'a> {
-    /// Reads the views of `choice`. Images that are missing or cannot be read are left out and named in `missing`.
-    pub(crate) fn collect(root: &Path, runs: Vec<&'a Run>, choice: &Choice, missing: &mut Vec<String>) -> Self {
-        let names: Vec<BTreeSet<String>> =
-            runs.iter().map(|run| picture_names(&root.join(&run.directory).join("test"))).collect();
-        for (run, names) in runs.iter().zip(&names) {
-            if names.is_empty() {
-                missing.push(format!("{}: no images", slashed(&run.directory.join("test"))));
+/// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order.
+pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
+    let scenes = distinct(records, |record| record.scene.clone());
+    let groups = groups(records.iter().copied());
+    let psnr = groups.iter().map(|group| group.mean(Quantity::PSNR, &scenes).unwrap_or(f64::NEG_INFINITY));
+    let mut ranked: Vec<(f64, usize)> = psnr.zip(0..).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let best: HashSet<usize> = ranked.into_iter().take(MAX_PICTURED).map(|(_, index)| index).collect();
+    groups.into_iter().enumerate().filter(|(index, _)| best.contains(index)).map(|(_, group)| group).collect()
+}
+
+impl<'a> SceneGallery<'a> {
+    /// Reads the views of `choice` from the runs of `scene`, the lowest seed of each variant. Images that are missing or
+    /// cannot be read are left out and named in `missing`.
+    pub(crate) fn collect(
+        variants: &[VariantGroup<'a>],
+        root: &Path,
+        scene: String,
+        choice: &Choice,
+        missing: &mut Vec<String>,
+    ) -> Self {
+        let run = |variant: &VariantGroup<'a>| Some((variant.label.clone(), variant.first(&scene)?));
+        let runs: Vec<(String, &Record)> = variants.iter().filter_map(run).collect();
+        let mut names = Vec::new();
+        for (_, record) in &runs {
+            let folder = record.directory().join("test");
+            let own = picture_names(&root.join(&folder));
+            if own.is_empty() {
+                missing.push(format!("{}: no images", slashed(&folder)));
             }
+            names.push(own);
         }
         let shared = names.iter().cloned().reduce(|a, b| &a & &b).unwrap_or_default();
         let all = if shared.is_empty() { names.into_iter().flatten().collect() } else { shared };
@@ -83,33 +96,48 @@ impl<'a> Gallery<'a> {
         };
         let mut views = Vec::new();
         for name in chosen {
-            let truth = runs.iter().find_map(|run| read(root, run, "truth", &name).ok());
+            let truth = runs.iter().find_map(|(_, record)| read(root, record, "truth", &name).ok());
             if truth.is_none() {
-                missing
-                    .push(format!("no truth for view {name} of {}", runs.first().map_or("", |run| &run.record.scene)));
+                missing.push(format!("no truth for view {name} of {scene}"));
             }
-            let mut wanted =
-                |run: &Run, folder: &str| read(root, run, folder, &name).map_err(|note| missing.push(note)).ok();
-            let shots = runs.iter().map(|run| Shots {
-                render: wanted(run, "test"),
-                depth: wanted(run, "depth"),
-                error: wanted(run, "error"),
-            });
-            let shots = shots.collect();
+            let mut shot = |record: &Record| {
+                KINDS.map(|(_, folder)| read(root, record, folder, &name).map_err(|note| missing.push(note)).ok())
+            };
+            let shots = runs.iter().map(|(_, record)| shot(record)).collect();
             views.push(GalleryView { name, truth, shots });
         }
-        let viewer = |run: &&Run| {
-            let path = run.directory.join(VIEWER_PAGE);
-            root.join(&path).is_file().then(|| slashed(&path))
-        };
-        let viewers = runs.iter().map(viewer).collect();
-        Self { runs, views, viewers }
+        Self { scene, runs, views }
+    }
+
+    /// Returns whether all runs show views that they were trained on.
+    pub(crate) fn shows_training_views(&self) -> bool {
+        self.runs.iter().all(|(_, record)| record.test_views.protocol == "training")
+    }
+}
+
+impl GalleryView {
+    /// Returns whether any run has an image of the kind at this place of [`KINDS`].
+    pub(crate) fn has(&self, kind: usize) -> bool {
+        self.shots.iter().any(|shots| shots[kind].is_some())
+    }
+
+    /// Returns the kinds that any run has, each with the image of every run.
+    pub(crate) fn rows(&self) -> Vec<(&'static str, Vec<Option<&GalleryImage>>)> {
+        let images = |kind: usize| self.shots.iter().map(move |shots| shots[kind].as_ref()).collect();
+        let kinds = KINDS.iter().enumerate().filter(|(kind, _)| self.has(*kind));
+        kinds.map(|(kind, (name, _))| (*name, images(kind))).collect()
+    }
+}
+
+impl GalleryImage {
+    pub(crate) fn data(&self) -> String {
+        format!("data:image/png;base64,{}", BASE64_STANDARD.encode(&self.png))
     }
 }
 
 /// Reads an image of a run, or returns the reason, in one line, why it cannot be read.
-fn read(root: &Path, run: &Run, folder: &str, name: &str) -> Result<GalleryImage, String> {
-    let path = run.directory.join(folder).join(format!("{name}.png"));
+fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<GalleryImage, String> {
+    let path = record.directory().join(folder).join(format!("{name}.png"));
     let described = |error: &dyn std::fmt::Display| format!("{}: {error}", slashed(&path));
     let bytes = fs::read(root.join(&path)).map_err(|error| described(&error))?;
     let decoded = image::load_from_memory_with_format(&bytes, ImageFormat::Png).map_err(|error| described(&error))?;
@@ -141,7 +169,8 @@ fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     (0..count).filter_map(|i| names.get((2 * i + 1) * names.len() / (2 * count)).cloned()).collect()
 }
 
-fn slashed(path: &Path) -> String {
+/// Returns a path with forward slashes.
+pub(crate) fn slashed(path: &Path) -> String {
     path.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }
 

@@ -1,8 +1,13 @@
 use indexmap::IndexMap;
 
-use crate::{Claim, Figure, Published, Quantity, Record, Run, TestedClaim, record::short_key};
+use crate::{
+    claim::{Claim, TestedClaim},
+    figures::Figure,
+    published::Published,
+    quantity::Quantity,
+    record::{Record, short_key},
+};
 
-/// Maximum number of variants on a page.
 const MAX_VARIANTS: usize = 64;
 
 /// Runs of an experiment and everything else that its report shows.
@@ -12,8 +17,8 @@ pub struct ReportInput {
     pub experiment: String,
     /// Subject of the report; [`ReportInput::heading`] adds to it.
     pub title: String,
-    /// Runs, variants in the order in which they are shown.
-    pub runs: Vec<Run>,
+    /// Records of the runs, variants in the order in which they are shown.
+    pub records: Vec<Record>,
     /// Cautions that stand above all numbers, such as `procedural scenes`.
     pub warnings: Vec<String>,
     /// Charts in addition to those of every report.
@@ -24,27 +29,19 @@ pub struct ReportInput {
     pub claims: Vec<Claim>,
     /// Command that made the runs, if it is known.
     pub command: Option<String>,
-    /// Number of test views shown of each scene.
-    pub views: usize,
 }
 
 impl ReportInput {
-    /// Makes a report of `records`, each in its usual folder, with three views of each scene.
+    /// Makes a report of `records`.
     #[must_use]
     pub fn new(experiment: &str, title: &str, records: Vec<Record>) -> Self {
-        Self {
-            experiment: experiment.into(),
-            title: title.into(),
-            runs: records.into_iter().map(Run::from).collect(),
-            views: 3,
-            ..Self::default()
-        }
+        Self { experiment: experiment.into(), title: title.into(), records, ..Self::default() }
     }
 
-    /// Returns the runs that a page shows: all, or those of the 64 variants with the highest mean PSNR.
-    pub fn shown_runs(&self) -> Vec<&Run> {
+    /// Returns the records of the runs that a page shows: all, or those of the 64 variants with the highest mean PSNR.
+    pub fn shown_records(&self) -> Vec<&Record> {
         let mut values: IndexMap<(&str, &str), Vec<f64>> = IndexMap::new();
-        for Run { record, .. } in &self.runs {
+        for record in &self.records {
             values.entry((&record.variant, &record.preset)).or_default().extend(Quantity::PSNR.value(record));
         }
         let mean = |values: &Vec<f64>| match values.len() {
@@ -53,19 +50,19 @@ impl ReportInput {
         };
         values.sort_by(|_, a, _, b| mean(b).total_cmp(&mean(a)));
         values.truncate(MAX_VARIANTS);
-        self.runs.iter().filter(|run| values.contains_key(&(&*run.record.variant, &*run.record.preset))).collect()
+        self.records.iter().filter(|record| values.contains_key(&(&*record.variant, &*record.preset))).collect()
     }
 
     /// Returns the title with the keys of a sweep and the number of training views, such as
     /// `NeRF and InfoNeRF by λ₁, 4 training views`.
     pub fn heading(&self) -> String {
-        let settings = self.runs.iter().filter_map(|run| run.record.setting.as_ref());
+        let settings = self.records.iter().filter_map(|record| record.setting.as_ref());
         let mut keys: Vec<&str> =
             settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();
         keys.sort_unstable();
         keys.dedup();
         let title = if keys.is_empty() { self.title.clone() } else { format!("{} by {}", self.title, keys.join(", ")) };
-        let counts = || self.runs.iter().map(|run| run.record.train_views.len());
+        let counts = || self.records.iter().map(|record| record.train_views.len());
         let views = match (counts().min(), counts().max()) {
             (None | Some(0), _) | (_, None) => return title,
             (Some(1), Some(1)) => "1 training view".to_owned(),
@@ -77,14 +74,14 @@ impl ReportInput {
 
     /// Tests the claims on the runs.
     pub fn tested_claims(&self) -> Vec<TestedClaim> {
-        self.claims.iter().map(|claim| claim.test(&self.runs, self.published.as_ref())).collect()
+        self.claims.iter().map(|claim| claim.test(&self.records, self.published.as_ref())).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Setting, table::tests::record};
+    use crate::{record::Setting, table::tests::record};
 
     #[test]
     fn heading_of_a_sweep_names_its_keys() {
@@ -100,7 +97,7 @@ mod tests {
     fn page_shows_the_best_of_too_many_variants() {
         let records = (0..MAX_VARIANTS + 6).map(|i| record("lego", &i.to_string(), 0, i as f64)).collect();
         let input = ReportInput::new("e", "Sweep", records);
-        let shown = input.shown_runs();
-        assert_eq!((shown.len(), shown[0].record.variant.as_str()), (MAX_VARIANTS, "6"));
+        let shown = input.shown_records();
+        assert_eq!((shown.len(), shown[0].variant.as_str()), (MAX_VARIANTS, "6"));
     }
 }

@@ -1,16 +1,15 @@
 //! Records of runs, and the tables, charts and reports made from them.
 //!
 //! - [`Record`]: one run as `results.json` holds it.
-//! - [`ReportInput`]: runs, claims and published figures of an experiment, which
-//!   [`write_report`] makes `report.html` and `report.md` of, [`write_collection`] one report with others, and
-//!   [`results_document`] one Markdown document with others.
+//! - [`ReportInput`]: records, claims and published figures of an experiment, which
+//!   [`write_report`] makes `report.html` of, [`write_collection`] one report with others, and [`results_document`] one
+//!   Markdown document with others.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
-//!   CSV, LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
+//!   CSV or plain text, always below the [protocol](protocol_lines) that its numbers follow.
 //! - [`Published`]: a paper's own figures, and [`Claim`]: a statement on the order of variants, tested on records.
 //! - [`chart`]: small functions from numbers to an SVG string; [`panel`]: the comparison figure of papers.
 //! - [`PictureComparison`]: a page of other programs' renders over the truth.
 //! - [`write_tensorboard`]: training curves for TensorBoard.
-//! - [`RESULTS_SCHEMA`]: the JSON schema of `results.json`.
 //! - [`depth_image`], [`error_image`] and [`normal_image`]: images of depth, error and normals.
 //!
 //! ```
@@ -39,40 +38,40 @@ mod files;
 mod gallery;
 mod html;
 mod input;
+mod interval;
 mod markdown;
 mod names;
 mod panel;
-mod pictured;
 mod protocol;
 mod published;
 mod quantity;
 mod record;
 mod report;
-mod run;
-mod schema;
 mod table;
 mod tensorboard;
 mod text;
+mod text_table;
 
-pub use claim::{Claim, Comparison, Finding, Interval, Relation, Side, TestedClaim, Verdict};
-pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, normal_image, turbo, viridis};
-pub use comparison::{ComparisonFiles, PictureComparison};
+pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict};
+pub use colormap::{depth_image, error_image, normal_image, turbo};
+pub use comparison::PictureComparison;
 pub use error::ReportError;
 pub use events::{EvaluationEvent, Events, StepEvent};
 pub use figures::Figure;
 pub use files::write_atomically;
 pub use gallery::picture_names;
 pub use input::ReportInput;
+pub use interval::Interval;
 pub use markdown::results_document;
 pub use names::folder_name_fault;
 pub use panel::panel;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
-pub use record::{CameraErrors, Record, Setting, TestViews};
+pub use record::{CameraErrors, Record, Setting, TestViews, VIEWER_PAGE, run_directory};
 pub use report::{ReportFiles, write_collection, write_report};
-pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};
-pub use schema::RESULTS_SCHEMA;
-pub use table::{Cell, Column, Emphasis, Table, TableRow, overview_table, scene_table};
+pub use table::format::Emphasis;
+pub use table::{Cell, Column, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
 pub use text::escape_html;
+pub use text_table::{TextColumn, TextTable};

@@ -1,76 +1,15 @@
-//! `report.md`, the report for a repository, with links to the images of the runs; and the document of several
-//! experiments.
+//! Markdown document of the results of several experiments.
 
 use indexmap::IndexSet;
 
 use crate::{
-    Figure, Finding, Quantity, ReportInput, Table, TestedClaim,
-    contents::{PANEL, ReportContents, SceneContents, plot_path},
-    gallery::{GalleryImage, GalleryView, KINDS},
-    overview_table, protocol_lines, scene_table,
-    text::{escape_html, escape_markdown, escape_url},
+    claim::{Finding, TestedClaim},
+    input::ReportInput,
+    protocol::protocol_lines,
+    quantity::Quantity,
+    table::{Table, overview_table, scene_table},
+    text::escape_markdown,
 };
-
-/// Heading of the claims.
-const CLAIMS: &str = "## Claims of the paper, tested here";
-
-pub(crate) fn page(contents: &ReportContents) -> String {
-    let mut blocks = vec![format!("# {}", escape_markdown(&contents.input.heading()))];
-    blocks.push(format!("Experiment {}", escape_markdown(&contents.input.experiment)));
-    blocks.extend(protocol(&contents.protocol));
-    blocks.extend(warnings(contents));
-    blocks.push("## Results".into());
-    if contents.panel.is_some() {
-        blocks.push(format!("![truth, render and depth of every variant]({PANEL})"));
-    }
-    blocks.extend(contents.overviews.iter().chain(&contents.published).map(Table::to_markdown));
-    if !contents.claims.is_empty() {
-        blocks.extend([CLAIMS.to_owned(), claims(&contents.claims)]);
-    }
-    blocks.extend(contents.figures.iter().map(|one| figure(one, "")));
-    blocks.extend(contents.tables.iter().map(Table::to_markdown));
-    for scene in &contents.scenes {
-        blocks.push(format!("## {}", escape_markdown(&scene.name)));
-        blocks.extend(scene.gallery.views.iter().map(|one| view(scene, one)));
-        blocks.extend(scene.figures.iter().map(|one| figure(one, "")));
-    }
-    if !contents.notes.is_empty() || !contents.missing.is_empty() {
-        blocks.push("## Notes".into());
-        let notes = contents
-            .notes
-            .iter()
-            .map(|(note, runs)| format!("- {} ({})", escape_markdown(note), escape_markdown(runs)));
-        let missing = contents.missing.iter().map(|line| format!("- left out: {}", escape_markdown(line)));
-        blocks.push(notes.chain(missing).collect::<Vec<_>>().join("\n"));
-    }
-    blocks.join("\n\n") + "\n"
-}
-
-/// Makes `report.md` of several experiments.
-pub(crate) fn collection_page(title: &str, introduction: &str, chapters: &[ReportContents]) -> String {
-    let mut blocks = vec![format!("# {}", escape_markdown(title)), escape_markdown(introduction), CLAIMS.into()];
-    let mut summary = vec!["| | statement | experiment |".to_owned(), "| --- | --- | --- |".to_owned()];
-    for contents in chapters {
-        let experiment = escape_markdown(&contents.input.experiment);
-        let line = |claim: &TestedClaim| {
-            format!("| **{}** | {} | {experiment} |", claim.verdict, escape_markdown(&claim.statement))
-        };
-        summary.extend(contents.claims.iter().map(line));
-    }
-    blocks.push(summary.join("\n"));
-    for contents in chapters {
-        let experiment = &contents.input.experiment;
-        blocks.push(format!("## {}", escape_markdown(&contents.input.heading())));
-        blocks.extend(protocol(&contents.protocol));
-        blocks.extend(warnings(contents));
-        blocks.extend(contents.overviews.iter().take(1).chain(&contents.published).map(Table::to_markdown));
-        blocks.extend((!contents.claims.is_empty()).then(|| claims(&contents.claims)));
-        blocks.extend(contents.figures.iter().map(|one| figure(one, experiment)));
-        let report = escape_url(&format!("{experiment}/report.html"));
-        blocks.push(format!("[The whole report of {}]({report})", escape_markdown(experiment)));
-    }
-    blocks.join("\n\n") + "\n"
-}
 
 /// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand: for
 /// each its command and protocol, the notes of its records, the means over scenes, each scene's PSNR, and its claims.
@@ -80,25 +19,21 @@ pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
     // The protocol stands above all tables.
     let markdown = |table: Table| Table { protocol: Vec::new(), ..table }.to_markdown();
     for input in experiments {
-        let runs = &input.runs;
+        let records = &input.records;
         blocks.push(format!("## {}", escape_markdown(&input.heading())));
         blocks.extend(input.command.as_ref().map(|command| format!("```sh\n{command}\n```")));
-        blocks.extend(protocol(&protocol_lines(runs)));
-        let notes: IndexSet<&String> = runs.iter().flat_map(|run| &run.record.notes).collect();
+        blocks.extend(protocol(&protocol_lines(records)));
+        let notes: IndexSet<&String> = records.iter().flat_map(|record| &record.notes).collect();
         let notes: Vec<String> = notes.into_iter().map(|note| format!("- {}", escape_markdown(note))).collect();
         blocks.extend((!notes.is_empty()).then(|| notes.join("\n")));
-        blocks.push(markdown(overview_table(runs, &Quantity::all())));
-        if runs.iter().any(|run| run.record.scene != runs[0].record.scene) {
-            blocks.push(markdown(scene_table(runs, Quantity::PSNR)));
+        blocks.push(markdown(overview_table(records, &Quantity::all())));
+        if records.iter().any(|record| record.scene != records[0].scene) {
+            blocks.push(markdown(scene_table(records, Quantity::PSNR)));
         }
         let tested = input.tested_claims();
         blocks.extend((!tested.is_empty()).then(|| claims(&tested)));
     }
     blocks.join("\n\n") + "\n"
-}
-
-fn warnings(contents: &ReportContents) -> impl Iterator<Item = String> {
-    contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning)))
 }
 
 /// Describes how the numbers were obtained, a line each; `None` without runs.
@@ -122,42 +57,10 @@ fn claims(claims: &[TestedClaim]) -> String {
     claims.iter().map(one).collect::<Vec<_>>().join("\n\n")
 }
 
-/// Links a chart whose file is in `folder`, below that of the page.
-fn figure(figure: &Figure, folder: &str) -> String {
-    let path = match folder {
-        "" => plot_path(figure),
-        folder => format!("{folder}/{}", plot_path(figure)),
-    };
-    let image = format!("![{}]({})", escape_markdown(&figure.title), escape_url(&path));
-    if figure.caption.is_empty() { image } else { format!("{image}\n\n{}", escape_markdown(&figure.caption)) }
-}
-
-/// Makes a table with the truth and each run as columns; render, depth and error as rows.
-fn view(scene: &SceneContents, view: &GalleryView) -> String {
-    let headings = scene.labels.iter().map(|label| format!(" {} |", escape_markdown(label))).collect::<String>();
-    let mut lines = vec![
-        format!("| view {} | truth |{headings}", escape_markdown(&view.name)),
-        format!("| --- | --- |{}", " --- |".repeat(scene.labels.len())),
-    ];
-    for (name, kind) in KINDS {
-        let truth = if name == "render" { image(&view.truth) } else { String::new() };
-        let cells = view.shots.iter().map(|shots| format!(" {} |", image(kind(shots)))).collect::<String>();
-        lines.push(format!("| {name} | {truth} |{cells}"));
-    }
-    lines.join("\n")
-}
-
-fn image(picture: &Option<GalleryImage>) -> String {
-    picture.as_ref().map_or(String::new(), |picture| {
-        let path = escape_url(&picture.path);
-        format!("<img src=\"{path}\" alt=\"{}\" width=\"220\">", escape_html(&picture.path))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Record;
+    use crate::record::Record;
 
     #[test]
     fn results_document_has_command_protocol_and_tables() {

@@ -1,4 +1,4 @@
-use crate::{Record, TestViews, table::distinct};
+use crate::record::{Record, TestViews, distinct};
 
 /// Views, or values that nothing explains, that a line names one by one; it counts more of them.
 const MAX_LISTED: usize = 8;

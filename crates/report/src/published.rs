@@ -3,8 +3,9 @@
 use infonerf_metrics::Summary;
 
 use crate::{
-    Quantity, Record,
-    table::{Cell, Column, Table, TableRow, VariantGroup, distinct, groups, measured},
+    quantity::Quantity,
+    record::{Record, distinct},
+    table::{Cell, Column, Table, TableRow, VariantGroup, groups, measured},
 };
 
 /// Published figures of a paper.
@@ -59,7 +60,7 @@ impl Published {
             }
             columns.push((Column { heading: format!("{}, paper", quantity.heading()), quantity }, false));
         }
-        let groups = groups(records);
+        let groups = groups(records.iter().map(AsRef::as_ref));
         let row = |label: String, ours: Option<&VariantGroup>, variant: &str, scene: Option<&String>| {
             let paper = self.rows.iter().find(|row| row.variant == variant && row.scene.as_ref() == scene);
             let scenes = scene.map_or(&scenes[..], std::slice::from_ref);
@@ -70,9 +71,9 @@ impl Published {
             TableRow { label, settings: Vec::new(), cells: columns.iter().map(cell).collect() }
         };
         let mut rows: Vec<TableRow> =
-            groups.iter().map(|group| row(group.label.clone(), Some(group), group.variant(), None)).collect();
+            groups.iter().map(|group| row(group.label.clone(), Some(group), group.variant, None)).collect();
         for PublishedRow { variant, scene, .. } in &self.rows {
-            let ours: Vec<&VariantGroup> = groups.iter().filter(|group| group.variant() == variant).collect();
+            let ours: Vec<&VariantGroup> = groups.iter().filter(|group| group.variant == variant).collect();
             match scene {
                 None if ours.is_empty() => rows.push(row(variant.clone(), None, variant, None)),
                 Some(scene) if scenes.contains(scene) => {

@@ -1,10 +1,11 @@
 use std::fmt;
 use std::hash::{Hash, Hasher};
+use std::ops::Deref;
 
 use infonerf_metrics::{Better, Descriptor, METRICS};
 use serde::{Deserialize, Deserializer, de};
 
-use crate::Record;
+use crate::record::Record;
 
 /// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
 /// or a cost. Files name it by its key.
@@ -14,43 +15,34 @@ pub struct Quantity {
     value: fn(&Record, &str) -> Option<f64>,
 }
 
-const fn of_record(descriptor: Descriptor, value: fn(&Record, &str) -> Option<f64>) -> Quantity {
-    Quantity { descriptor, value }
+const fn quantity(
+    key: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    decimals: usize,
+    better: Better,
+    value: fn(&Record, &str) -> Option<f64>,
+) -> Quantity {
+    Quantity { descriptor: Descriptor { key, name, unit, decimals, better }, value }
 }
 
 /// Statistics of test rays (the paper's Figure A).
 const OF_RAYS: [Quantity; 2] = [
-    of_record(
-        Descriptor { key: "ray_entropy_bits", name: "Ray entropy", unit: "bits", decimals: 2, better: Better::Lower },
-        |record, _| record.ray_entropy_bits,
-    ),
-    of_record(
-        Descriptor { key: "information_gain", name: "Information gain", unit: "", decimals: 3, better: Better::Lower },
-        |record, _| record.information_gain,
-    ),
+    quantity("ray_entropy_bits", "Ray entropy", "bits", 2, Better::Lower, |record, _| record.ray_entropy_bits),
+    quantity("information_gain", "Information gain", "", 3, Better::Lower, |record, _| record.information_gain),
 ];
 
-/// Costs of a run.
 const COSTS: [Quantity; 4] = [
     Quantity::TRAIN_SECONDS,
-    of_record(
-        Descriptor {
-            key: "render_seconds_per_image",
-            name: "Render",
-            unit: "s/image",
-            decimals: 2,
-            better: Better::Lower,
-        },
-        |record, _| Some(record.render_seconds_per_image),
-    ),
-    of_record(
-        Descriptor { key: "samples_skipped", name: "Samples skipped", unit: "×", decimals: 1, better: Better::Higher },
-        |record, _| Some(record.samples_total as f64 / record.samples_evaluated as f64),
-    ),
-    of_record(
-        Descriptor { key: "peak_memory", name: "Peak memory", unit: "MiB", decimals: 0, better: Better::Lower },
-        |record, _| record.peak_rss_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20)),
-    ),
+    quantity("render_seconds_per_image", "Render", "s/image", 2, Better::Lower, |record, _| {
+        Some(record.render_seconds_per_image)
+    }),
+    quantity("samples_skipped", "Samples skipped", "×", 1, Better::Higher, |record, _| {
+        Some(record.samples_total as f64 / record.samples_evaluated as f64)
+    }),
+    quantity("peak_memory", "Peak memory", "MiB", 0, Better::Lower, |record, _| {
+        record.peak_rss_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20))
+    }),
 ];
 
 impl Quantity {
@@ -61,13 +53,11 @@ impl Quantity {
     /// Mean entropy of the ray distribution.
     pub const RAY_ENTROPY: Self = OF_RAYS[0];
     /// Wall clock of training.
-    pub const TRAIN_SECONDS: Self = of_record(
-        Descriptor { key: "train_seconds", name: "Training", unit: "s", decimals: 1, better: Better::Lower },
-        |record, _| Some(record.train_seconds),
-    );
+    pub const TRAIN_SECONDS: Self =
+        quantity("train_seconds", "Training", "s", 1, Better::Lower, |record, _| Some(record.train_seconds));
 
     const fn metric(descriptor: Descriptor) -> Self {
-        of_record(descriptor, |record, key| record.metrics.get(key).copied().flatten())
+        Self { descriptor, value: |record, key| record.metrics.get(key).copied().flatten() }
     }
 
     /// Returns the metrics, and the statistics of the paper's Figure A.
@@ -107,30 +97,13 @@ impl Quantity {
             unit => format!("{} ({unit})", self.descriptor.name),
         }
     }
+}
 
-    /// Returns the name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
-    pub fn heading(self) -> String {
-        self.descriptor.heading()
-    }
+impl Deref for Quantity {
+    type Target = Descriptor;
 
-    /// Returns the number of decimals shown.
-    pub fn decimals(self) -> usize {
-        self.descriptor.decimals
-    }
-
-    /// Formats `value` with the decimals that are shown.
-    pub fn format(self, value: f64) -> String {
-        self.descriptor.format(value)
-    }
-
-    pub(crate) fn better(self) -> Better {
-        self.descriptor.better
-    }
-
-    /// Returns `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a
-    /// tie.
-    pub(crate) fn rank(self, value: f64) -> f64 {
-        self.descriptor.rank(value)
+    fn deref(&self) -> &Descriptor {
+        &self.descriptor
     }
 }
 

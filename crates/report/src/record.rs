@@ -1,6 +1,12 @@
-use indexmap::IndexMap;
+use std::hash::Hash;
+use std::path::PathBuf;
+
+use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::{METRICS, Values};
 use serde::{Deserialize, Deserializer, Serialize, de};
+
+/// Name of the page in a run's folder that shows the scene in 3D; reports open it in place.
+pub const VIEWER_PAGE: &str = "viewer.html";
 
 /// One run: an entry of `results.json`, keys in this order.
 ///
@@ -102,13 +108,42 @@ pub(crate) fn short_key(key: &str) -> &str {
     }
 }
 
+/// Returns the distinct values of `key`, in order of appearance.
+pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key: impl Fn(&'a Record) -> T) -> Vec<T> {
+    records.iter().map(AsRef::as_ref).map(key).collect::<IndexSet<T>>().into_iter().collect()
+}
+
 impl AsRef<Self> for Record {
     fn as_ref(&self) -> &Self {
         self
     }
 }
 
+/// Returns the folder of a run below its experiment's: `<scene>/<variant>/seed<N>`.
+///
+/// It holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`, each of
+/// which may be missing. Images of the same name show the same view.
+pub fn run_directory(scene: &str, variant: &str, seed: u64) -> PathBuf {
+    [scene, variant, &format!("seed{seed}")].iter().collect()
+}
+
 impl Record {
+    /// Returns the identity of the run: experiment, scene, variant, seed and preset. Saving a record replaces the one
+    /// with the same key.
+    pub fn key(&self) -> (String, String, String, u64, String) {
+        (self.experiment.clone(), self.scene.clone(), self.variant.clone(), self.seed, self.preset.clone())
+    }
+
+    /// Returns the run's folder, relative to the report.
+    pub(crate) fn directory(&self) -> PathBuf {
+        run_directory(&self.scene, &self.variant, self.seed)
+    }
+
+    /// Returns `lego / infonerf / seed 0`.
+    pub(crate) fn run_label(&self) -> String {
+        format!("{} / {} / seed {}", self.scene, self.label(), self.seed)
+    }
+
     /// Returns the variant as readers see it, such as `infonerf, λ₁ = 1e-3`.
     pub fn label(&self) -> String {
         let Some(Setting { variant, values }) = &self.setting else { return self.variant.clone() };

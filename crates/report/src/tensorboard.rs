@@ -13,10 +13,10 @@ use std::{
 };
 
 use serde_json::Value;
+use walkdir::WalkDir;
 
-use crate::{ReportError, write_atomically};
+use crate::{error::ReportError, files::write_atomically};
 
-/// Name of a run's log.
 const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
@@ -30,10 +30,14 @@ const EVENTS: &str = "events.out.tfevents.infonerf";
 /// If there is no `metrics.jsonl`, or a file cannot be read or written.
 pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let mut logs = Vec::new();
-    find(folder, &mut logs)?;
+    for entry in WalkDir::new(folder).follow_links(true).sort_by_file_name() {
+        let entry = entry.map_err(ReportError::io("list", folder))?;
+        if entry.file_name() == LOG {
+            logs.push(entry.into_path());
+        }
+    }
     if logs.is_empty() {
-        let source = std::io::Error::new(std::io::ErrorKind::NotFound, format!("no {LOG} in it or below"));
-        return Err(ReportError::io("read", folder)(source));
+        return Err(ReportError::io("read", folder)(format!("no {LOG} in it or below")));
     }
     let write = |log: PathBuf| {
         let text = fs::read(&log).map_err(ReportError::io("read", &log))?;
@@ -43,22 +47,6 @@ pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         Ok(events)
     };
     logs.into_iter().map(write).collect()
-}
-
-/// Finds every `metrics.jsonl` in `folder` and below, sorted.
-fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
-    let entries = fs::read_dir(folder).map_err(ReportError::io("list", folder))?;
-    let paths: Result<Vec<PathBuf>, _> = entries.map(|entry| entry.map(|entry| entry.path())).collect();
-    let mut paths = paths.map_err(ReportError::io("list", folder))?;
-    paths.sort();
-    for path in paths {
-        if path.is_dir() {
-            find(&path, logs)?;
-        } else if path.file_name().is_some_and(|name| name == LOG) {
-            logs.push(path);
-        }
-    }
-    Ok(())
 }
 
 /// Makes the event file of a `metrics.jsonl` whose last line was written at `end`.
@@ -112,7 +100,6 @@ fn scalars(value: &Value, name: &str, summary: &mut Vec<u8>) {
     }
 }
 
-/// Adds a record.
 fn push(file: &mut Vec<u8>, data: &[u8]) {
     let length = (data.len() as u64).to_le_bytes();
     for part in [&length[..], data] {

@@ -1,6 +1,4 @@
-//! Escaping of text for HTML, Markdown, LaTeX and URLs.
-
-use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+//! Escaping of text for HTML and Markdown.
 
 /// Escapes text for HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
 pub fn escape_html(text: &str) -> String {
@@ -53,38 +51,6 @@ fn markdown_text(text: &str) -> String {
     escaped
 }
 
-/// Escapes LaTeX text.
-pub(crate) fn escape_latex(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in plain(text).chars() {
-        match c {
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', c]),
-            '\\' => escaped.push_str(r"\textbackslash{}"),
-            '~' => escaped.push_str(r"\textasciitilde{}"),
-            '^' => escaped.push_str(r"\textasciicircum{}"),
-            '±' => escaped.push_str(r"$\pm$"),
-            '×' => escaped.push_str(r"$\times$"),
-            '·' => escaped.push_str(r"$\cdot$"),
-            '↑' => escaped.push_str(r"$\uparrow$"),
-            '↓' => escaped.push_str(r"$\downarrow$"),
-            '→' => escaped.push_str(r"$\rightarrow$"),
-            '†' => escaped.push_str(r"\dag{}"),
-            '–' => escaped.push_str("--"),
-            'λ' => escaped.push_str(r"$\lambda$"),
-            '₁' => escaped.push_str("$_1$"),
-            '₂' => escaped.push_str("$_2$"),
-            other => escaped.push(other),
-        }
-    }
-    escaped
-}
-
-/// Escapes the path of a link, with `/` between its parts: everything but letters, digits and `-._~/` as percent codes.
-pub(crate) fn escape_url(path: &str) -> String {
-    const UNSAFE: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
-    utf8_percent_encode(path, UNSAFE).to_string()
-}
-
 /// Replaces control characters, which no output needs and some forbid, by spaces.
 pub(crate) fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { ' ' } else { c }).collect()
@@ -102,7 +68,5 @@ mod tests {
         assert_eq!(escape_markdown("a ` b_``"), r"a \` b\_\`\`");
         assert_eq!(html_prose("<a> `b<c` `"), "&lt;a&gt; `b&lt;c` `");
         assert_eq!(html_prose("<a> `b<c`"), "&lt;a&gt; <code>b&lt;c</code>");
-        assert_eq!(escape_latex(r"a_b\c ± 1"), r"a\_b\textbackslash{}c $\pm$ 1");
-        assert_eq!(escape_url("a b/(ü).png"), "a%20b/%28%C3%BC%29.png");
     }
 }

@@ -5,6 +5,8 @@ use fastrand::Rng;
 use infonerf_ops::to_host;
 use serde::Serialize;
 
+use crate::values::{gradient_of, uniform};
+
 pub(super) const SEED: u64 = 11;
 /// Maximum error of a value or gradient, over the largest of its array.
 const OPERATION: f64 = 1e-4;
@@ -14,7 +16,6 @@ const OPERATION: f64 = 1e-4;
 pub(super) struct DeviceComparison {
     pub(super) what: String,
     pub(super) of: String,
-    /// Number of values.
     pub(super) numbers: usize,
     /// Error; `None` if values are missing, all 0 or not finite.
     pub(super) error: Option<f64>,
@@ -53,23 +54,13 @@ impl DeviceComparisons<'_> {
     }
 }
 
-/// Draws `count` values in [`low`, `high`).
-pub(super) fn uniform(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
-    (0..count).map(|_| low + (high - low) * rng.f32()).collect()
-}
-
-pub(super) fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
-    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
-}
-
 /// Returns the output, and the gradient of Σ uᵢ outᵢ with respect to each input, u in [−1, 1).
 pub(super) fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
     let out = out.flatten::<1>(0, D - 1);
     let count = out.dims()[0];
     let pull = TensorData::new(uniform(&mut Rng::with_seed(SEED), count, -1.0, 1.0), [count]);
     let grads = (out.clone() * Tensor::from_data(pull, &out.device())).sum().backward();
-    let gradient = |input: &&Tensor<1>| input.grad(&grads).map(to_host).unwrap_or_default();
-    std::iter::once(to_host(out.detach())).chain(inputs.iter().map(gradient)).collect()
+    std::iter::once(to_host(out.detach())).chain(inputs.iter().map(|input| gradient_of(input, &grads))).collect()
 }
 
 /// Returns the largest [`largest_difference`] of several arrays; `None` if they differ in number or length, or all is 0.

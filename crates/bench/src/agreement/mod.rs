@@ -9,10 +9,10 @@ mod training;
 use anyhow::{Result, ensure};
 use fastrand::Rng;
 use infonerf_experiment::{DeviceName, open};
+use infonerf_report::TextTable;
 use serde_json::json;
 
 use crate::context::Bench;
-use crate::output::TextTable;
 use comparison::{DeviceComparison, DeviceComparisons, mean_difference, worst};
 use training::{FIELDS, STEPS, loss_difference};
 

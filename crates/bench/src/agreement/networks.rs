@@ -5,7 +5,8 @@ use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{Segments, from_host};
 
-use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
+use super::comparison::{DeviceComparisons, pulled};
+use crate::values::{leaf, uniform};
 
 /// Outputs with a gradient.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -27,55 +28,24 @@ struct NetworkCase {
     upstream: GradientOf,
 }
 
+const fn case(
+    name: &'static str,
+    [samples, rays]: [usize; 2],
+    widths: [usize; 3],
+    [layers, skip]: [usize; 2],
+    upstream: GradientOf,
+) -> NetworkCase {
+    NetworkCase { name, samples, rays, widths, layers, skip, upstream }
+}
+
 const CASES: [NetworkCase; 5] = [
-    NetworkCase {
-        name: "radiance network",
-        samples: 9,
-        rays: 60,
-        widths: [12, 16, 9],
-        layers: 1,
-        skip: 0,
-        upstream: GradientOf::Both,
-    },
-    NetworkCase {
-        name: "radiance network of the authors' sizes",
-        samples: 9,
-        rays: 40,
-        widths: [63, 256, 27],
-        layers: 3,
-        skip: 1,
-        upstream: GradientOf::Both,
-    },
-    NetworkCase {
-        name: "radiance network of many samples, colour's gradient",
-        samples: 9,
-        rays: 1500,
-        widths: [5, 22, 9],
-        layers: 3,
-        skip: 2,
-        upstream: GradientOf::Color,
-    },
-    NetworkCase {
-        name: "radiance network, density's gradient",
-        samples: 9,
-        rays: 30,
-        widths: [7, 33, 9],
-        layers: 2,
-        skip: 1,
-        upstream: GradientOf::Density,
-    },
-    NetworkCase {
-        name: "radiance network of one sample",
-        samples: 2,
-        rays: 2,
-        widths: [3, 6, 3],
-        layers: 2,
-        skip: 0,
-        upstream: GradientOf::Both,
-    },
+    case("radiance network", [9, 60], [12, 16, 9], [1, 0], GradientOf::Both),
+    case("radiance network of the authors' sizes", [9, 40], [63, 256, 27], [3, 1], GradientOf::Both),
+    case("radiance network of many samples, colour's gradient", [9, 1500], [5, 22, 9], [3, 2], GradientOf::Color),
+    case("radiance network, density's gradient", [9, 30], [7, 33, 9], [2, 1], GradientOf::Density),
+    case("radiance network of one sample", [2, 2], [3, 6, 3], [2, 0], GradientOf::Both),
 ];
 
-/// Compares all networks.
 pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     CASES.iter().for_each(|case| network(case, rng, compare));
     density(rng, compare);
@@ -99,7 +69,6 @@ fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: us
     (0..layers).map(|index| layer(rng, inputs(index), width)).collect()
 }
 
-/// Splits a leaf into matrix and bias.
 fn dense(leaf: &Tensor<1>, outputs: usize) -> Dense {
     let weights = leaf.dims()[0] - outputs;
     Dense {

@@ -19,7 +19,8 @@ use infonerf_ops::{
     ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
-use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
+use super::comparison::{DeviceComparisons, pulled};
+use crate::values::{leaf, uniform};
 
 /// Maximum error of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;
@@ -29,7 +30,6 @@ const DISTANCE: f64 = 1e-3;
 /// Compares operations that need inputs from `rng`.
 pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
-/// Groups of all operations but networks.
 pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
 /// Compares compositing, entropies and divergence on rays of all lengths, some of them empty, with optical depths from almost
@@ -174,7 +174,6 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     }
 }
 
-/// Compares the sums that make losses.
 fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let [a, b] = [0, 1].map(|_| uniform(rng, 3000, 0.0, 1.0));
     compare.operation("squared differences and masked sums", |device| {
@@ -185,7 +184,6 @@ fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares a factored field, and the variation of its planes.
 fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const SAMPLES: usize = 700;
     let layout = Arc::new(FactoredLayout::new(3, &[(8, 4), (16, 4)], (2, 32), true, (10.0, -5.0)));

@@ -14,7 +14,6 @@ use super::comparison::worse;
 
 /// Losses below this are compared by their absolute error over it.
 const MIN_LOSS: f64 = 0.01;
-/// Number of compared steps.
 pub(super) const STEPS: usize = 20;
 
 /// Settings with which a run takes a second.
@@ -93,7 +92,6 @@ pub(super) const FIELDS: [FieldCase; 4] = [
     },
 ];
 
-/// Losses and render of a few steps.
 pub(super) struct Course {
     /// Losses of each step, by term, with their sum as `total`.
     pub(super) losses: Vec<BTreeMap<String, f32>>,

@@ -1,14 +1,14 @@
 //! Errors of compositing (weights, colour, depth, opacity), Σα, and the entropy of every distribution, with gradients.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, to_host};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, from_host, ray_entropy, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
 use super::rays::Family;
+use crate::values::{gradient_of, leaf, wide};
 
-/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 11] = [
     "weights",
     "colour",
@@ -80,7 +80,7 @@ pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut 
             left -= 1;
         }
         let batch = StressBatch::new(&rows, rng);
-        let answer = compute(&batch, &device.clone().autodiff());
+        let answer = compute(&batch, device);
         for (sum, errors) in errors.iter_mut().zip(compare(&batch, &answer)) {
             sum.merge(&errors);
         }
@@ -89,19 +89,15 @@ pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut 
 }
 
 fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
-    let samples = batch.tau.len();
-    let tau = Tensor::<1>::from_data(TensorData::new(batch.tau.clone(), [samples]), device).require_grad();
-    let values = TensorData::new(batch.values.clone(), [samples, CHANNELS]);
-    let values = Tensor::<2>::from_data(values, device).require_grad();
-    let upstream = TensorData::new(batch.upstream.clone(), [batch.segments.rays(), 3]);
-    let upstream = Tensor::<2>::from_data(upstream, device);
+    let tau = leaf(&batch.tau, device);
+    let values = from_host(&batch.values, CHANNELS, &device.clone().autodiff()).require_grad();
+    let upstream = from_host(&batch.upstream, 3, &device.clone().autodiff());
     // One graph per backward pass: Burn consumes it.
     let run = || composite(tau.clone(), values.clone(), &batch.segments);
     let entropy = |(of, epsilon)| ray_entropy(tau.clone(), &batch.segments, of, epsilon);
     let gradients = |objective: Tensor<1>| {
         let grads = objective.backward();
-        let of = |tensor: Option<Tensor<1>>| tensor.map(to_host).unwrap_or_default();
-        (of(tau.grad(&grads)), values.grad(&grads).map(to_host).unwrap_or_default())
+        (gradient_of(&tau, &grads), gradient_of(&values, &grads))
     };
     let (depth_gradient, dvalues) = gradients(run().values.narrow(1, 3, 1).sum());
     let Composite { values: integrals, acc } = run();
@@ -128,7 +124,7 @@ fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
     let none = || vec![Errors::default(); QUANTITIES.len()];
     let add = |mut errors: Vec<Errors>, ray: usize| {
         let range = batch.segments.range(ray);
-        let row: Vec<f64> = batch.tau[range.clone()].iter().copied().map(f64::from).collect();
+        let row = wide(&batch.tau[range.clone()]);
         let value = |i: usize, channel: usize| f64::from(batch.values[i * CHANNELS + channel]);
         let along = |channel| range.clone().map(|i| value(i, channel)).collect::<Vec<f64>>();
         let w = infonerf_oracle::weights(&row);

@@ -1,32 +1,30 @@
 //! Errors of the divergence of neighbouring rays in both directions, with both gradients.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Device;
 use fastrand::Rng;
 use infonerf_ops::{Segments, ray_divergence, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
 use super::rays::RayRelation;
+use crate::values::{gradient_of, leaf, wide};
 
-/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 3] = ["divergence", "divergence, reversed", "divergence, eps 1e-12"];
 /// The released code's ε.
 const EPSILON: f32 = 1e-10;
 /// Minimum that a config allows.
 const MIN_EPSILON: f32 = 1e-12;
-/// Pairs of a batch.
 const BATCH: usize = 10_000;
 
 /// Errors of each of [`QUANTITIES`] over `count` pairs of rays.
 pub(super) fn measure(relation: &RayRelation, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); QUANTITIES.len()];
-    let device = device.clone().autodiff();
     for batch in (0..count).step_by(BATCH).map(|done| BATCH.min(count - done)) {
         let (rays, near): (Vec<_>, Vec<_>) = (0..batch).map(|_| (relation.draw)(rng)).unzip();
         for (errors, (p, q, epsilon)) in
             errors.iter_mut().zip([(&rays, &near, EPSILON), (&near, &rays, EPSILON), (&rays, &near, MIN_EPSILON)])
         {
-            errors.merge(&compare(p, q, epsilon, &device));
+            errors.merge(&compare(p, q, epsilon, device));
         }
     }
     errors
@@ -34,17 +32,12 @@ pub(super) fn measure(relation: &RayRelation, count: usize, device: &Device, rng
 
 fn compare(rays: &[Vec<f32>], near: &[Vec<f32>], epsilon: f32, device: &Device) -> Errors {
     let segments = Segments::from_counts(rays.iter().map(Vec::len));
-    let tensor = |rows: &[Vec<f32>]| {
-        let data = TensorData::new(rows.concat(), [segments.samples()]);
-        Tensor::<1>::from_data(data, device).require_grad()
-    };
-    let (p, q) = (tensor(rays), tensor(near));
+    let [p, q] = [rays, near].map(|rows| leaf(&rows.concat(), device));
     let divergence = ray_divergence(p.clone(), q.clone(), &segments, epsilon);
     let values = to_host(divergence.clone().detach());
     let grads = divergence.sum().backward();
-    let [dp, dq] = [&p, &q].map(|tensor| tensor.grad(&grads).map(to_host).unwrap_or_default());
+    let [dp, dq] = [&p, &q].map(|tensor| gradient_of(tensor, &grads));
     let one = |mut errors: Errors, ray: usize| {
-        let wide = |row: &[f32]| row.iter().copied().map(f64::from).collect::<Vec<f64>>();
         let (p, q, range) = (wide(&rays[ray]), wide(&near[ray]), segments.range(ray));
         errors.value(values[ray], infonerf_oracle::divergence(&p, &q, f64::from(epsilon)));
         let (want_p, want_q) = infonerf_oracle::divergence_gradient(&p, &q, f64::from(epsilon));

@@ -5,10 +5,8 @@ use serde::Serialize;
 /// Values below this need no correct digits.
 const FLOOR: f64 = 1e-20;
 
-/// Errors of one quantity.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Errors {
-    /// Number of values and gradients.
     pub(super) numbers: u64,
     /// Number of NaN and ±∞ among them.
     pub(super) non_finite: u64,

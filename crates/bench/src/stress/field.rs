@@ -14,6 +14,7 @@ use infonerf_ops::{
 
 use super::errors::Errors;
 use super::rays::log_uniform;
+use crate::values::{gradient_of, leaf, wide};
 
 type Draw = fn(&mut Rng) -> f32;
 
@@ -29,7 +30,6 @@ pub(super) const COORDINATES: [(&str, Draw); 5] = [
 /// Frequencies of the encoding: NeRF's 10 and twice as many.
 const FREQUENCIES: usize = 20;
 
-/// Measures the encoding of `count` coordinates.
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
     let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
@@ -115,7 +115,6 @@ fn signed(rng: &mut Rng) -> f32 {
     rng.f32() - 0.5
 }
 
-/// Samples of one query.
 const SAMPLES: usize = 256;
 
 fn layout(bias: f32) -> Arc<FactoredLayout> {
@@ -124,10 +123,6 @@ fn layout(bias: f32) -> Arc<FactoredLayout> {
 
 fn draw(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {
     (0..count).map(|_| draw(rng)).collect()
-}
-
-fn wide(values: &[f32]) -> Vec<f64> {
-    values.iter().copied().map(f64::from).collect()
 }
 
 /// Measures density and colour at `count` points, some on the border of the box.
@@ -159,9 +154,7 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
             color: true,
             negligible: 0.0,
         };
-        let parameter =
-            |values: &[f32]| Tensor::<1>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);
-        let (t, w) = (parameter(&tables).require_grad(), parameter(&weights).require_grad());
+        let (t, w) = (leaf(&tables, &device), leaf(&weights, &device));
         let out = factored_field(t.clone(), w.clone(), &layout, query.clone());
         let upstream = draw(rng, 4 * SAMPLES, signed);
         let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
@@ -180,14 +173,12 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
             &wide(&upstream),
         );
         for (parameter, want) in [(&t, dt), (&w, dw)] {
-            let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
-            errors.gradient(&got, &want, |_| false);
+            errors.gradient(&gradient_of(parameter, &grads), &want, |_| false);
         }
     }
     errors
 }
 
-/// Contents of planes whose variation is computed.
 pub(super) const PLANES: [(&str, Draw); 4] = [
     ("as trained", signed),
     ("all equal", |_| 0.7),
@@ -200,13 +191,11 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
     let layout = layout(0.0);
     for _ in 0..count.div_ceil(layout.table_len()) {
         let tables = draw(rng, layout.table_len(), contents);
-        let data = TensorData::new(tables.clone(), [tables.len()]);
-        let tensor = Tensor::<1>::from_data(data, &device.clone().autodiff()).require_grad();
+        let tensor = leaf(&tables, device);
         let sum = plane_variation(tensor.clone(), &layout);
         let (want, gradient) = infonerf_oracle::factored::variation(&wide(&tables), &layout);
         errors.value(to_host(sum.clone().detach())[0], want);
-        let got = tensor.grad(&sum.backward()).map(to_host).unwrap_or_default();
-        errors.gradient(&got, &gradient, |_| false);
+        errors.gradient(&gradient_of(&tensor, &sum.backward()), &gradient, |_| false);
     }
     errors
 }
@@ -222,7 +211,6 @@ pub(super) const COLORS: [(&str, Truth); 4] = [
     ("black and white", |_, color| if color < 0.5 { 1.0 } else { 0.0 }),
 ];
 
-/// Measures L_RGB of `count` rays.
 pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();
@@ -236,7 +224,6 @@ pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut
     let mut errors = Errors::default();
     errors.value(to_host(loss.clone().detach())[0], differences.iter().map(|d| d * d).sum::<f64>() * share);
     let want: Vec<f64> = differences.iter().map(|d| 2.0 * d * share).collect();
-    let got = rendered.grad(&loss.backward()).map(to_host).unwrap_or_default();
-    errors.gradient(&got, &want, |_| false);
+    errors.gradient(&gradient_of(&rendered, &loss.backward()), &want, |_| false);
     errors
 }

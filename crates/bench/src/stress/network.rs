@@ -6,6 +6,7 @@ use infonerf_ops::mlp::{Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::to_host;
 
 use super::errors::Errors;
+use crate::values::{gradient_of, wide};
 
 pub(super) const OPERATION: &str = "network";
 pub(super) const CASE: &str = "bf16 products";
@@ -40,10 +41,9 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
         let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision };
         let out = radiance_mlp(matrix(&encoded, ENCODED), &network);
         let grads = (out.clone() * matrix(&upstream, 1)).sum().backward();
-        let gradients = parameters.iter().map(|weight| weight.grad(&grads).map(to_host).unwrap_or_default());
+        let gradients = parameters.iter().map(|weight| gradient_of(weight, &grads));
         (to_host(out.detach()), gradients.collect::<Vec<Vec<f32>>>())
     };
-    let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect::<Vec<f64>>();
     let ((got, got_gradients), (want, want_gradients)) = (run(Precision::Bf16), run(Precision::F32));
     let mut errors = Errors::default();
     errors.values(&got, &wide(&want));

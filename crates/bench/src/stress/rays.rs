@@ -2,12 +2,10 @@
 
 use fastrand::Rng;
 
-/// Family of extreme rays.
 pub(super) struct Family {
     pub(super) name: &'static str,
     /// Share of the requested number of rays: long rays are fewer.
     pub(super) share: f64,
-    /// Draws the optical depths of one ray.
     pub(super) draw: fn(&mut Rng) -> Vec<f32>,
 }
 
@@ -15,9 +13,7 @@ const fn family(name: &'static str, draw: fn(&mut Rng) -> Vec<f32>) -> Family {
     Family { name, share: 1.0, draw }
 }
 
-/// Maximum samples of an ordinary ray.
 const MAX_SAMPLES: usize = 48;
-/// Samples of very long rays.
 const VERY_LONG: usize = 4096;
 
 pub(super) const FAMILIES: [Family; 16] = [

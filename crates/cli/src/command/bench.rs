@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use infonerf_bench::{BenchOptions, Benchmark, StepTiming};
+use infonerf_bench::{BenchOptions, Benchmark};
 
 use crate::print::outln;
 use crate::selection::SelectionArgs;
@@ -121,7 +121,7 @@ impl BenchCommand {
             Self::Pareto { budgets, runs } => (Benchmark::Pareto { budgets: budgets.clone() }, runs),
             Self::Skip { steps, runs } => (Benchmark::Skip { steps: *steps }, runs),
             Self::Step { steps, warmup, from, runs } => {
-                (Benchmark::Step(StepTiming { warmup: *warmup, steps: *steps, from: from.clone() }), runs)
+                (Benchmark::Step { warmup: *warmup, steps: *steps, from: from.clone() }, runs)
             }
             Self::Render { steps, sizes, runs } => (Benchmark::Render { steps: *steps, sizes: sizes.clone() }, runs),
             Self::Agreement { runs } => (Benchmark::Agreement, runs),

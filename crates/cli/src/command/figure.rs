@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::{read_records, save_png};
-use infonerf_report::{ReportInput, panel};
+use infonerf_report::panel;
 
 use crate::print::outln;
 
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &FigureArgs) -> Result<ExitCode> {
     let chosen = |names: &[String], name: &String| names.is_empty() || names.contains(name);
     let mut records = read_records(&args.folder.join("results.json"))?;
     records.retain(|record| chosen(&args.scenes, &record.scene) && chosen(&args.variants, &record.variant));
-    let figure = panel(&ReportInput::new("", "", records), &args.folder, args.view)?;
+    let figure = panel(&records, &args.folder, args.view)?;
     let out = args.out.clone().unwrap_or_else(|| args.folder.join("figure.png"));
     save_png(&figure, &out)?;
     outln!("figure: {}", out.display());

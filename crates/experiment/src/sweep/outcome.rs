@@ -43,9 +43,7 @@ impl Sweep {
         records.iter_mut().zip(items).for_each(|(record, item)| record.setting = self.setting_of(item));
         list_records(folder, &records)?;
         let table = overview_table(&records, &Quantity::all());
-        for (name, text) in
-            [("table.md", table.to_markdown()), ("table.csv", table.to_csv()), ("table.tex", table.to_latex())]
-        {
+        for (name, text) in [("table.md", table.to_markdown()), ("table.csv", table.to_csv())] {
             let path = folder.join(name);
             fs::write(&path, text).with_context(|| path.display().to_string())?;
         }
@@ -54,7 +52,7 @@ impl Sweep {
         input.figures.extend(figures);
         input.claims.extend(claims);
         let files = write_report(&input, folder)?;
-        let table = overview_table(&input.shown_runs(), &Quantity::all());
+        let table = overview_table(&input.shown_records(), &Quantity::all());
         Ok(Some(SweepFiles { table, input, report: files.html, results: folder.join(LIST) }))
     }
 

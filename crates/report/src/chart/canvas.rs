@@ -15,7 +15,7 @@ use plotters::{
 };
 
 use super::{ChartFrame, scale::Scale};
-use crate::{ReportError, text::plain};
+use crate::{error::ReportError, text::plain};
 
 /// Placeholder of the surrounding text's colour, which [`drawn`] replaces: no chart uses it for anything else.
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
@@ -41,8 +41,8 @@ const FONT_SCALE: f64 = 1.24;
 /// Size of the labels that [`write_text`] writes, in pixels.
 pub(crate) const LABEL: f64 = 14.0;
 
-pub(super) type Area<B> = DrawingArea<B, Shift>;
-pub(super) type Plot<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
+pub(super) type Area<'s> = DrawingArea<SVGBackend<'s>, Shift>;
+pub(super) type Plot<'a, 's> = ChartContext<'a, SVGBackend<'s>, Cartesian2d<Scale, Scale>>;
 pub(super) type DrawingResult = Result<(), Box<dyn std::error::Error>>;
 
 pub(super) fn colour(index: usize) -> RGBColor {
@@ -57,11 +57,6 @@ pub(super) fn anchored<'a>(style: TextStyle<'a>, h: HPos, v: VPos) -> TextStyle<
     style.pos(Pos::new(h, v))
 }
 
-/// Returns the size of a sheet over that of an SVG.
-pub(super) fn zoom<B: DrawingBackend>(sheet: &Area<B>) -> u32 {
-    sheet.dim_in_pixel().0 / WIDTH
-}
-
 /// Registers the font of all charts under the name that they use.
 fn register_fonts() {
     static ONCE: Once = Once::new();
@@ -69,86 +64,60 @@ fn register_fonts() {
     ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, UBUNTU_LIGHT)));
 }
 
-/// Draws on a sheet and returns its pixels, dark on white, of twice the size of an SVG.
-pub(super) fn pictured(
-    frame: &ChartFrame,
-    draw: impl FnOnce(&Area<BitMapBackend>) -> DrawingResult,
-) -> Result<RgbImage, ReportError> {
-    let mut picture = RgbImage::from_pixel(2 * WIDTH, 2 * HEIGHT, image::Rgb([255; 3]));
-    on_picture(&mut picture, &frame.title, draw)?;
-    Ok(picture)
-}
-
 /// Writes texts, each with the place of its upper left corner, on an image.
 pub(crate) fn write_text(picture: &mut RgbImage, texts: &[(String, (i32, i32))]) -> Result<(), ReportError> {
-    on_picture(picture, "labels", |sheet| {
-        for (text, place) in texts {
-            sheet.draw(&Text::new(plain(text), *place, anchored(font(LABEL), HPos::Left, VPos::Top)))?;
-        }
-        Ok(())
-    })
-}
-
-fn on_picture(
-    picture: &mut RgbImage,
-    title: &str,
-    draw: impl FnOnce(&Area<BitMapBackend>) -> DrawingResult,
-) -> Result<(), ReportError> {
     register_fonts();
     let size = picture.dimensions();
     let sheet = BitMapBackend::with_buffer(picture, size).into_drawing_area();
-    let outcome = draw(&sheet).and_then(|()| Ok(sheet.present()?));
-    outcome.map_err(|error| ReportError::Chart { title: title.to_owned(), reason: error.to_string() })
+    for (text, place) in texts {
+        let text = Text::new(plain(text), *place, anchored(font(LABEL), HPos::Left, VPos::Top));
+        sheet.draw(&text).map_err(ReportError::chart("labels"))?;
+    }
+    sheet.present().map_err(ReportError::chart("labels"))
 }
 
 /// Draws on a sheet and returns its SVG.
-pub(super) fn drawn(
-    frame: &ChartFrame,
-    draw: impl FnOnce(&Area<SVGBackend>) -> DrawingResult,
-) -> Result<String, ReportError> {
+pub(super) fn drawn(frame: &ChartFrame, draw: impl FnOnce(&Area<'_>) -> DrawingResult) -> Result<String, ReportError> {
     register_fonts();
     let mut svg = String::new();
     let outcome = {
         let sheet = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
         draw(&sheet).and_then(|()| Ok(sheet.present()?))
     };
-    outcome.map_err(|error| ReportError::Chart { title: frame.title.clone(), reason: error.to_string() })?;
+    outcome.map_err(ReportError::chart(&frame.title))?;
     Ok(svg.replace(INK_CODE, "currentColor"))
 }
 
 /// Draws title, legend and axes, and returns the plot to draw into.
 ///
 /// `legend` holds names and colours; a single nameless entry needs none.
-pub(super) fn plot<'a, B: DrawingBackend<ErrorType: 'static>>(
-    sheet: &'a Area<B>,
+pub(super) fn plot<'a, 's>(
+    sheet: &'a Area<'s>,
     frame: &ChartFrame,
     legend: &[(String, RGBColor)],
     x: Scale,
     y: Scale,
-) -> Result<Plot<'a, B>, Box<dyn std::error::Error>> {
-    let zoom = zoom(sheet);
-    let (scale, size) = (zoom as i32, f64::from(zoom));
-    let mut top = 12 * scale;
+) -> Result<Plot<'a, 's>, Box<dyn std::error::Error>> {
+    let mut top = 12;
     if !frame.title.is_empty() {
-        let bold = ("sans-serif", 13.5 * FONT_SCALE * size, FontStyle::Bold).into_font().color(&INK);
-        let bold = anchored(bold, HPos::Left, VPos::Top);
-        sheet.draw(&Text::new(plain(&frame.title), (16 * scale, top), bold))?;
-        top += 24 * scale;
+        let bold = ("sans-serif", 13.5 * FONT_SCALE, FontStyle::Bold).into_font().color(&INK);
+        sheet.draw(&Text::new(plain(&frame.title), (16, top), anchored(bold, HPos::Left, VPos::Top)))?;
+        top += 24;
     }
     top = draw_legend(sheet, legend, top)?;
 
     let mut chart = ChartBuilder::on(sheet);
-    chart.margin_left(6 * scale).margin_right(20 * scale).margin_bottom(6 * scale).margin_top(top + 4 * scale);
-    chart.set_label_area_size(LabelAreaPosition::Left, 58 * scale);
-    chart.set_label_area_size(LabelAreaPosition::Bottom, 42 * scale);
+    chart.margin_left(6).margin_right(20).margin_bottom(6).margin_top(top + 4);
+    chart.set_label_area_size(LabelAreaPosition::Left, 58);
+    chart.set_label_area_size(LabelAreaPosition::Bottom, 42);
     let mut plot = chart.build_cartesian_2d(x, y)?;
     plot.configure_mesh()
         .max_light_lines(0)
-        .bold_line_style(INK.mix(0.12).stroke_width(zoom))
+        .bold_line_style(INK.mix(0.12))
         .light_line_style(TRANSPARENT)
-        .axis_style(INK.mix(0.5).stroke_width(zoom))
-        .label_style(font(11.0 * size))
-        .axis_desc_style(font(12.0 * size))
+        .axis_style(INK.mix(0.5))
+        .label_style(font(11.0))
+        .axis_desc_style(font(12.0))
         .x_desc(plain(&frame.x.label))
         .y_desc(plain(&frame.y.label))
         .draw()?;
@@ -161,35 +130,28 @@ pub(super) fn fits_below(label: &str, places: usize) -> bool {
 }
 
 /// Draws names in rows from the left, and returns where they end.
-fn draw_legend<B: DrawingBackend<ErrorType: 'static>>(
-    sheet: &Area<B>,
-    legend: &[(String, RGBColor)],
-    top: i32,
-) -> Result<i32, Box<dyn std::error::Error>> {
-    let zoom = zoom(sheet) as i32;
-    let (mut left, mut row) = (16 * zoom, top);
+fn draw_legend(sheet: &Area<'_>, legend: &[(String, RGBColor)], top: i32) -> Result<i32, Box<dyn std::error::Error>> {
+    let (mut left, mut row) = (16, top);
     let named: Vec<_> = legend.iter().filter(|(name, _)| !name.is_empty()).collect();
     if named.is_empty() {
         return Ok(top);
     }
     for (name, colour) in named {
         let name = plain(name);
-        let width = zoom * (40 + text_width(&name, 12.0) as i32);
-        if left > 16 * zoom && left + width > zoom * WIDTH as i32 {
-            (left, row) = (16 * zoom, row + 18 * zoom);
+        let width = 40 + text_width(&name, 12.0) as i32;
+        if left > 16 && left + width > WIDTH as i32 {
+            (left, row) = (16, row + 18);
         }
-        if row > zoom * HEIGHT as i32 / 3 {
+        if row > HEIGHT as i32 / 3 {
             break;
         }
-        sheet.draw(&Rectangle::new([(left, row + 4 * zoom), (left + 18 * zoom, row + 8 * zoom)], colour.filled()))?;
-        let style = anchored(font(12.0 * f64::from(zoom)), HPos::Left, VPos::Center);
-        sheet.draw(&Text::new(name, (left + 24 * zoom, row + 6 * zoom), style))?;
+        sheet.draw(&Rectangle::new([(left, row + 4), (left + 18, row + 8)], colour.filled()))?;
+        sheet.draw(&Text::new(name, (left + 24, row + 6), anchored(font(12.0), HPos::Left, VPos::Center)))?;
         left += width;
     }
-    Ok(row + 18 * zoom)
+    Ok(row + 18)
 }
 
-/// Estimates the width of a text in a font of `pixels`.
 pub(crate) fn text_width(text: &str, pixels: f64) -> f64 {
     text.chars().count() as f64 * pixels * CHARACTER
 }

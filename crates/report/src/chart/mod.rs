@@ -6,16 +6,12 @@
 
 mod bar;
 mod canvas;
-mod fit;
-mod heat;
 mod line;
 mod scale;
 
-pub use bar::{Bar, bar_chart};
+pub use bar::{Bar, bar_chart, heat_map};
 pub(crate) use canvas::{LABEL, text_width, write_text};
-pub use fit::{PowerLaw, fit_power_law, pareto_frontier};
-pub use heat::heat_map;
-pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart, scatter_chart};
+pub use line::{frontier_chart, line_chart, pareto_frontier};
 
 /// Title and axes of a chart.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -33,25 +29,8 @@ pub struct ChartFrame {
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// Scale of the axis.
-    pub scale: AxisScale,
-}
-
-/// Scale of an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum AxisScale {
-    /// Linear.
-    #[default]
-    Linear,
-    /// Logarithmic: values that are not positive are left out.
-    Log,
-    /// Logarithmic on both sides of 0, linear about it.
-    SymmetricLog,
-}
-
-impl AxisScale {
-    /// Every scale.
-    pub const ALL: [Self; 3] = [Self::Linear, Self::Log, Self::SymmetricLog];
+    /// Whether it is logarithmic: values that are not positive are left out.
+    pub log: bool,
 }
 
 /// Named set of points, in one colour.
@@ -75,26 +54,19 @@ impl Axis {
     /// Returns a linear axis.
     #[must_use]
     pub fn linear(label: &str) -> Self {
-        Self { label: label.into(), scale: AxisScale::Linear }
+        Self { label: label.into(), log: false }
     }
 
     /// Returns a logarithmic axis.
     #[must_use]
     pub fn log(label: &str) -> Self {
-        Self { label: label.into(), scale: AxisScale::Log }
-    }
-
-    /// Returns a logarithmic axis that also has 0 and negative values.
-    #[must_use]
-    pub fn symmetric_log(label: &str) -> Self {
-        Self { label: label.into(), scale: AxisScale::SymmetricLog }
+        Self { label: label.into(), log: true }
     }
 }
 
 impl Series {
-    /// Returns the points that the axes can show.
     fn drawable(&self, frame: &ChartFrame) -> Vec<(f64, f64)> {
-        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.scale);
+        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.log);
         self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()
     }
 }

@@ -4,21 +4,17 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-use super::AxisScale;
-
 /// Values beyond this magnitude are not drawn, so that differences of two cannot overflow.
 const MAX_MAGNITUDE: f64 = 1e300;
 const MIN_LOG: f64 = 1e-300;
 const MAX_TICKS: i64 = 12;
-/// Share of the greatest magnitude below which a symmetric logarithmic axis is linear at the most.
-const MIN_SHARE: f64 = 1e-5;
 /// Decades below which a logarithmic axis has evenly spaced ticks.
 const NARROW: f64 = 0.7;
 
 /// Map from values to pixels along one axis.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
-    /// Ends in the coordinate of [`ScaleKind::coordinate`].
+    /// Ends, in decades on a logarithmic axis.
     low: f64,
     high: f64,
     kind: ScaleKind,
@@ -28,64 +24,23 @@ pub(super) struct Scale {
 enum ScaleKind {
     Linear,
     Log,
-    /// sign(v) · log₁₀(1 + |v|/unit): linear about 0, logarithmic beyond `unit`.
-    SymmetricLog {
-        unit: f64,
-    },
     /// Category `i` at `i + ½`.
     Labels(Vec<String>),
 }
 
-/// Returns whether an axis can show a value.
-pub(super) fn drawable(value: f64, scale: AxisScale) -> bool {
-    value.is_finite() && value.abs() <= MAX_MAGNITUDE && (scale != AxisScale::Log || value >= MIN_LOG)
-}
-
-impl ScaleKind {
-    /// Returns the kind of an axis that holds `values`, all of them drawable.
-    fn of(scale: AxisScale, values: &[f64]) -> Self {
-        let magnitudes = || values.iter().map(|value| value.abs()).filter(|magnitude| *magnitude > 0.0);
-        let (least, most) = (magnitudes().fold(f64::INFINITY, f64::min), magnitudes().fold(0.0, f64::max));
-        match scale {
-            AxisScale::Linear => Self::Linear,
-            AxisScale::Log => Self::Log,
-            AxisScale::SymmetricLog if most == 0.0 => Self::SymmetricLog { unit: 1.0 },
-            AxisScale::SymmetricLog => {
-                let unit = 10f64.powf(least.max(MIN_SHARE * most).max(MIN_LOG).log10().floor());
-                Self::SymmetricLog { unit: unit.max(MIN_LOG) }
-            }
-        }
-    }
-
-    fn coordinate(&self, value: f64) -> f64 {
-        match self {
-            Self::Linear | Self::Labels(_) => value,
-            Self::Log => value.max(MIN_LOG).log10(),
-            Self::SymmetricLog { unit } => value.signum() * (1.0 + value.abs() / unit).log10(),
-        }
-    }
-
-    /// Returns the value whose coordinate is `place`.
-    fn value(&self, place: f64) -> f64 {
-        match self {
-            Self::Linear | Self::Labels(_) => place,
-            Self::Log => 10f64.powf(place),
-            Self::SymmetricLog { unit } => place.signum() * unit * (10f64.powf(place.abs()) - 1.0),
-        }
-    }
+/// Returns whether an axis, logarithmic with `log`, can show a value.
+pub(super) fn drawable(value: f64, log: bool) -> bool {
+    value.is_finite() && value.abs() <= MAX_MAGNITUDE && (!log || value >= MIN_LOG)
 }
 
 impl Scale {
     /// Returns a range that holds `values` and a little more.
-    pub(super) fn around(values: impl Iterator<Item = f64>, scale: AxisScale) -> Self {
-        let values: Vec<f64> = values.filter(|&value| drawable(value, scale)).collect();
-        let kind = ScaleKind::of(scale, &values);
-        let (low, high) = values
-            .iter()
-            .map(|&value| kind.coordinate(value))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| (low.min(place), high.max(place)));
+    pub(super) fn around(values: impl Iterator<Item = f64>, log: bool) -> Self {
+        let kind = if log { ScaleKind::Log } else { ScaleKind::Linear };
+        let places = values.filter(|&value| drawable(value, log)).map(|value| kind.coordinate(value));
+        let (low, high) =
+            places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| (low.min(place), high.max(place)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        let log = scale != AxisScale::Linear;
         let least = if log { 0.02 } else { 1e-9 * low.abs().max(high.abs()) };
         let (low, high) = if high - low > least { (low, high) } else { widened(low, high, log) };
         let margin = 0.04 * (high - low);
@@ -123,13 +78,6 @@ impl Scale {
                 let step = ((self.high - self.low) / 7.0).ceil();
                 multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
             }
-            ScaleKind::SymmetricLog { unit } => {
-                let step = ((self.high - self.low) / 7.0).ceil() as usize;
-                let decades = (0..=self.high.max(-self.low) as i32).step_by(step.max(1));
-                let powers = decades.map(|decade| unit * 10f64.powi(decade));
-                let ticks = powers.flat_map(|power| [power, -power]).chain([0.0]);
-                ticks.filter(|tick| (self.low..=self.high).contains(&self.kind.coordinate(*tick))).collect()
-            }
         }
     }
 
@@ -140,7 +88,16 @@ impl Scale {
             ScaleKind::Log if self.high - self.low < NARROW => {
                 multiple(tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
             }
-            ScaleKind::Log | ScaleKind::SymmetricLog { .. } => short(tick, 0),
+            ScaleKind::Log => short(tick, 0),
+        }
+    }
+}
+
+impl ScaleKind {
+    fn coordinate(&self, value: f64) -> f64 {
+        match self {
+            Self::Linear | Self::Labels(_) => value,
+            Self::Log => value.max(MIN_LOG).log10(),
         }
     }
 }
@@ -203,7 +160,10 @@ impl Ranged for Scale {
     }
 
     fn range(&self) -> Range<f64> {
-        self.kind.value(self.low)..self.kind.value(self.high)
+        match self.kind {
+            ScaleKind::Log => 10f64.powf(self.low)..10f64.powf(self.high),
+            ScaleKind::Linear | ScaleKind::Labels(_) => self.low..self.high,
+        }
     }
 }
 
@@ -219,32 +179,27 @@ mod tests {
 
     use super::*;
 
-    fn labels(low: f64, high: f64, scale: AxisScale) -> Vec<String> {
-        let scale = Scale::around([low, high].into_iter(), scale);
+    fn labels(low: f64, high: f64, log: bool) -> Vec<String> {
+        let scale = Scale::around([low, high].into_iter(), log);
         scale.ticks().into_iter().map(|tick| scale.label(tick)).collect()
     }
 
     #[test]
     fn ticks_are_round_numbers() {
-        assert_eq!(labels(0.0, 1000.0, AxisScale::Linear), ["0", "200", "400", "600", "800", "1000"]);
-        assert_eq!(labels(15.0, 21.0, AxisScale::Linear), ["15", "16", "17", "18", "19", "20", "21"]);
-        assert_eq!(labels(0.7, 0.82, AxisScale::Linear), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
-        assert_eq!(labels(0.0, 50_000.0, AxisScale::Linear), ["0", "10k", "20k", "30k", "40k", "50k"]);
-        assert_eq!(labels(40.0, 60.0, AxisScale::Log), ["40", "45", "50", "55", "60"]);
-        assert_eq!(labels(3.9, 4.6, AxisScale::Log), ["4.0", "4.2", "4.4", "4.6"]);
-        assert_eq!(labels(10.0, 300.0, AxisScale::Log), ["10", "20", "50", "100", "200"]);
-        assert_eq!(labels(1e-4, 1.0, AxisScale::Log), ["1e-4", "0.001", "0.01", "0.1", "1"]);
-        let symmetric = Scale::around([-0.2, 0.0, 0.01, 5.0].into_iter(), AxisScale::SymmetricLog);
-        let mut ticks = symmetric.ticks();
-        ticks.sort_by(f64::total_cmp);
-        let ticks: Vec<String> = ticks.into_iter().map(|tick| symmetric.label(tick)).collect();
-        assert_eq!(ticks, ["-0.1", "-0.01", "0", "0.01", "0.1", "1"]);
+        assert_eq!(labels(0.0, 1000.0, false), ["0", "200", "400", "600", "800", "1000"]);
+        assert_eq!(labels(15.0, 21.0, false), ["15", "16", "17", "18", "19", "20", "21"]);
+        assert_eq!(labels(0.7, 0.82, false), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
+        assert_eq!(labels(0.0, 50_000.0, false), ["0", "10k", "20k", "30k", "40k", "50k"]);
+        assert_eq!(labels(40.0, 60.0, true), ["40", "45", "50", "55", "60"]);
+        assert_eq!(labels(3.9, 4.6, true), ["4.0", "4.2", "4.4", "4.6"]);
+        assert_eq!(labels(10.0, 300.0, true), ["10", "20", "50", "100", "200"]);
+        assert_eq!(labels(1e-4, 1.0, true), ["1e-4", "0.001", "0.01", "0.1", "1"]);
     }
 
     proptest! {
         #[test]
-        fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), scale in 0usize..3) {
-            let scale = Scale::around(values.iter().copied(), AxisScale::ALL[scale]);
+        fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), log in prop::bool::ANY) {
+            let scale = Scale::around(values.iter().copied(), log);
             prop_assert!(scale.low < scale.high);
             let ticks = scale.ticks();
             prop_assert!(ticks.len() <= 13, "{ticks:?}");

@@ -1,22 +1,20 @@
 //! Comparison tables: rows are variants, columns scenes or quantities, cells mean ± standard deviation over seeds.
 
-mod csv;
-mod latex;
-mod markdown;
-mod plain;
+pub(crate) mod format;
 
 use std::collections::BTreeSet;
-use std::hash::Hash;
 
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
-use crate::{Quantity, Record, claim::Interval, protocol_lines, record::short_key};
-pub use plain::Emphasis;
+use crate::{
+    interval::Interval,
+    protocol::protocol_lines,
+    quantity::Quantity,
+    record::{Record, distinct, short_key},
+};
 
-/// Heading of the mean over scenes.
 const MEAN: &str = "mean";
-/// Text of a cell in which nothing was measured.
 const MISSING: &str = "–";
 /// Mark of a cell in which a run collapsed.
 const COLLAPSED: &str = "†";
@@ -24,7 +22,7 @@ const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went e
 
 /// Table of results with the protocol that its numbers follow.
 ///
-/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`], [`Table::to_latex`],
+/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`],
 /// [`Table::to_text`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
@@ -108,24 +106,23 @@ pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) 
     })
 }
 
-/// Records of one row.
 pub(crate) struct VariantGroup<'a> {
     /// Variant, values and, if there are several, preset.
     pub(crate) label: String,
     /// Label without the values.
     name: String,
     values: Option<&'a IndexMap<String, String>>,
-    /// Variant and preset.
-    pub(crate) key: (&'a str, &'a str),
+    /// Variant without its preset.
+    pub(crate) variant: &'a str,
     /// Records by scene and seed; the first of several with the same.
     records: IndexMap<(&'a str, u64), &'a Record>,
 }
 
 /// Groups records by variant and preset, in order of appearance; the preset is part of the label if there are several.
-pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
-    let presets = distinct(records, |record| record.preset.clone()).len();
+pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> Vec<VariantGroup<'a>> {
+    let presets = records.clone().map(|record| &record.preset).collect::<IndexSet<_>>().len();
     let mut groups: IndexMap<(&str, &str), VariantGroup> = IndexMap::new();
-    for record in records.iter().map(AsRef::as_ref) {
+    for record in records {
         let key = (record.variant.as_str(), record.preset.as_str());
         let group = groups.entry(key).or_insert_with(|| {
             let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
@@ -135,7 +132,7 @@ pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
                 label: record.label() + &suffix,
                 name: format!("{variant}{suffix}"),
                 values: setting.map(|setting| &setting.values),
-                key,
+                variant: &record.variant,
                 records: IndexMap::new(),
             }
         });
@@ -144,15 +141,15 @@ pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
     groups.into_values().collect()
 }
 
-/// Returns the distinct values of `key`, in order of appearance.
-pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key: impl Fn(&'a Record) -> T) -> Vec<T> {
-    records.iter().map(AsRef::as_ref).map(key).collect::<IndexSet<T>>().into_iter().collect()
-}
-
 impl<'a> VariantGroup<'a> {
-    /// Returns the variant's name, without preset.
-    pub(crate) fn variant(&self) -> &'a str {
-        self.key.0
+    /// Returns the record of `scene` with the lowest seed.
+    pub(crate) fn first(&self, scene: &str) -> Option<&'a Record> {
+        let own = self.records.values().filter(|record| record.scene == scene);
+        own.min_by_key(|record| record.seed).copied()
+    }
+
+    pub(crate) fn mean(&self, quantity: Quantity, scenes: &[String]) -> Option<f64> {
+        self.cell(quantity, scenes).summary.map(|summary| summary.mean)
     }
 
     /// Summarises over seeds the mean over `scenes`, each of which a seed needs.
@@ -172,7 +169,6 @@ impl<'a> VariantGroup<'a> {
     }
 }
 
-/// Returns whether a record has a value of `quantity`.
 pub(crate) fn measured<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> bool {
     records.iter().any(|record| quantity.value(record.as_ref()).is_some())
 }
@@ -183,7 +179,7 @@ fn assemble<R: AsRef<Record>>(
     columns: Vec<Column>,
     cells: impl Fn(&VariantGroup) -> Vec<Cell>,
 ) -> Table {
-    let groups = groups(records);
+    let groups = groups(records.iter().map(AsRef::as_ref));
     let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
     let value = |group: &VariantGroup, key: &String| group.values.and_then(|values| values.get(key)).cloned();
     let row = |group: &VariantGroup| TableRow {
@@ -204,39 +200,34 @@ fn assemble<R: AsRef<Record>>(
     table
 }
 
-fn mark_best(table: &mut Table) {
-    for (index, column) in table.columns.iter().enumerate() {
-        let rank = |row: &TableRow| {
-            let cell = row.cells.get(index).filter(|cell| !cell.collapsed)?;
-            cell.summary.map(|summary| column.quantity.rank(summary.mean))
-        };
-        let ranks: Vec<Option<f64>> = table.rows.iter().map(rank).collect();
-        let shown = table.rows.iter().filter_map(|row| row.cells.get(index)?.summary);
-        let shown: Vec<f64> = shown.map(|summary| column.quantity.rank(summary.mean)).collect();
-        let differ = shown.windows(2).any(|pair| pair[0] != pair[1]);
+/// Marks the best cells of each column, and those whose interval lies apart from all others.
+fn mark_best(Table { columns, rows, .. }: &mut Table) {
+    for (index, column) in columns.iter().enumerate() {
+        let mut cells: Vec<&mut Cell> = rows.iter_mut().filter_map(|row| row.cells.get_mut(index)).collect();
+        let rank = |cell: &Cell| Some(column.quantity.rank(cell.summary?.mean));
+        let ranks: Vec<Option<f64>> = cells.iter().map(|cell| rank(cell).filter(|_| !cell.collapsed)).collect();
         let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
-        let intervals: Vec<Option<[f64; 2]>> = table.rows.iter().map(|row| interval(row.cells.get(index)?)).collect();
-        let disjoint = |one: usize| {
-            let others = table.rows.iter().zip(&intervals).enumerate().filter(|(other, _)| *other != one);
-            intervals[one].is_some_and(|[low, high]| {
-                let mut measured =
-                    others.filter(|(_, (row, _))| row.cells.get(index).is_some_and(|c| c.summary.is_some()));
-                measured.all(|(_, (_, bounds))| bounds.is_some_and(|other| other[1] < low || high < other[0]))
-            })
-        };
-        let clear: Vec<bool> = (0..intervals.len()).map(disjoint).collect();
-        for ((row, rank), clear) in table.rows.iter_mut().zip(ranks).zip(clear) {
-            if let Some(cell) = row.cells.get_mut(index) {
-                cell.best = differ && rank.is_some() && rank == best;
-                cell.clear = cell.best && clear;
-            }
+        let shown: Vec<f64> = cells.iter().filter_map(|cell| rank(cell)).collect();
+        if shown.windows(2).all(|pair| pair[0] == pair[1]) {
+            continue;
+        }
+        let intervals: Vec<(usize, Option<[f64; 2]>)> =
+            cells.iter().enumerate().filter_map(|(row, cell)| Some((row, interval(&cell.summary?)))).collect();
+        for (row, cell) in cells.iter_mut().enumerate().filter(|(row, _)| ranks[*row].is_some() && ranks[*row] == best)
+        {
+            let apart = |[low, high]: [f64; 2]| {
+                let mut others = intervals.iter().filter(|(other, _)| *other != row);
+                others.all(|(_, bounds)| bounds.is_some_and(|other| other[1] < low || high < other[0]))
+            };
+            cell.best = true;
+            cell.clear = cell.summary.as_ref().and_then(interval).is_some_and(apart);
         }
     }
 }
 
-/// Returns the 95 % interval of a cell's mean over seeds; `None` for a single seed.
-fn interval(cell: &Cell) -> Option<[f64; 2]> {
-    Interval::of_summary(&cell.summary?).bounds
+/// Returns the 95 % interval of a mean over seeds; `None` for a single seed.
+fn interval(summary: &Summary) -> Option<[f64; 2]> {
+    Interval::of_summary(summary).bounds
 }
 
 impl Column {
@@ -263,12 +254,21 @@ impl Table {
 
     /// Formats a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
     pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
-        let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals());
+        let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals);
         let value = cell.summary.map_or(MISSING.to_owned(), |summary| format!("{summary:.decimals$}"));
         if cell.collapsed { value + COLLAPSED } else { value }
     }
 
-    /// Returns the remarks below the table.
+    /// Returns the cells of a row with their texts.
+    pub(crate) fn cells<'a>(&'a self, row: &'a TableRow) -> impl Iterator<Item = (&'a Cell, String)> {
+        row.cells.iter().enumerate().map(|(column, cell)| (cell, self.text(cell, column)))
+    }
+
+    /// Returns whether a cell is the best beyond doubt.
+    pub(crate) fn has_clear(&self) -> bool {
+        self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
+    }
+
     pub(crate) fn footnotes(&self) -> Vec<&str> {
         let collapsed = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.collapsed);
         collapsed.then_some(COLLAPSED_NOTE).into_iter().chain(self.notes.iter().map(String::as_str)).collect()
@@ -278,6 +278,7 @@ impl Table {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::table::format::Emphasis;
 
     pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         Record {
@@ -288,7 +289,11 @@ pub(crate) mod tests {
             preset: "fast".into(),
             device: "flex".into(),
             train_views: vec![26, 86, 2, 55],
-            test_views: crate::TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
+            test_views: crate::record::TestViews {
+                protocol: "every-8".into(),
+                count: 25,
+                ids: (0..200).step_by(8).collect(),
+            },
             image_size: [400, 400],
             iterations: 1000,
             train_seconds: 60.0,
@@ -309,17 +314,6 @@ pub(crate) mod tests {
             }
         }
         records
-    }
-
-    #[test]
-    fn the_mean_over_scenes_spreads_over_seeds() {
-        let table = scene_table(&two_by_two(), Quantity::PSNR);
-        let headings: Vec<&str> = table.columns.iter().map(|column| column.heading.as_str()).collect();
-        assert_eq!(headings, ["lego", "mic", "mean"]);
-        let nerf: Vec<String> = (0..3).map(|i| table.text(&table.rows[0].cells[i], i)).collect();
-        assert_eq!(nerf, ["16.50 ± 0.71", "17.50 ± 0.71", "17.00 ± 0.71"]);
-        assert!(table.rows[1].cells.iter().all(|cell| cell.best));
-        assert!(!table.rows[0].cells.iter().any(|cell| cell.best));
     }
 
     #[test]
@@ -362,18 +356,10 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn several_presets_are_several_rows() {
-        let mut records = vec![record("lego", "nerf", 0, 10.0); 2];
-        records[1].preset = "paper".into();
-        let labels: Vec<String> = groups(&records).into_iter().map(|group| group.label).collect();
-        assert_eq!(labels, ["nerf (fast)", "nerf (paper)"]);
-    }
-
-    #[test]
     fn settings_of_a_sweep_are_columns_under_the_papers_symbols() {
         let run = |variant: &str, values: &[(&str, &str)], psnr| {
             let values = values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-            let setting = Some(crate::Setting { variant: "infonerf".into(), values });
+            let setting = Some(crate::record::Setting { variant: "infonerf".into(), values });
             Record { setting, ..record("lego", variant, 0, psnr) }
         };
         let [one, two] = ["1e-3", "1e-2"];
@@ -389,7 +375,6 @@ pub(crate) mod tests {
             assert!(markdown.contains(part), "{part}: {markdown}");
         }
         assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));
-        assert!(table.to_latex().contains(r"infonerf & 1e-3 & 64 & 18.00 \\"));
         assert!(table.to_text(Emphasis::Star).contains("\ninfonerf  1e-3    64 "));
         assert_eq!(records[0].label(), "infonerf, λ₁ = 1e-3, rays = 64");
     }

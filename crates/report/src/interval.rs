@@ -18,13 +18,12 @@ pub struct Interval {
 }
 
 /// Differences of each scene, one per view set. No scene is empty.
-pub(super) type Differences = [Vec<f64>];
+pub(crate) type Differences = [Vec<f64>];
 
 impl Interval {
     /// Returns the mean of independent values: SE = s/√n with n − 1 degrees of freedom; `None` without any.
     fn of(values: &[f64]) -> Option<Self> {
-        let [n, mean, squares] = moments(values);
-        (n > 0.0).then(|| Self::student(mean, (squares / ((n - 1.0) * n)).sqrt(), n - 1.0))
+        Summary::of(values.iter().copied()).map(|summary| Self::of_summary(&summary))
     }
 
     /// Returns the mean of `summary` with its interval, as [`Interval::of`] does from the values.
@@ -47,7 +46,7 @@ impl Interval {
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.
     ///
     /// `None` if every scene has a single pair, from which no spread of view sets follows.
-    pub(super) fn on_these_scenes(scenes: &Differences) -> Option<Self> {
+    pub(crate) fn on_these_scenes(scenes: &Differences) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let count = scenes.len() as f64;
         let sum = |term: fn(&[f64; 3]) -> f64| moments.iter().map(term).sum::<f64>();
@@ -67,7 +66,7 @@ impl Interval {
     /// If all scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
     ///
     /// `None` for a single scene.
-    pub(super) fn on_scenes_alike(scenes: &Differences) -> Option<Self> {
+    pub(crate) fn on_scenes_alike(scenes: &Differences) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();
         let within: f64 = moments.iter().map(|[.., squares]| squares).sum();
@@ -174,7 +173,7 @@ mod tests {
     /// Compares with R's t.test and lm, and lmer with lmerTest: `tests/claim/reference.R`.
     #[test]
     fn intervals_are_those_of_r() {
-        let cases: Vec<Case> = serde_json::from_str(include_str!("../../tests/claim/reference.json")).unwrap();
+        let cases: Vec<Case> = serde_json::from_str(include_str!("../tests/claim/reference.json")).unwrap();
         assert_eq!(cases.len(), 7);
         for Case { case, scenes, these, alike } in cases {
             let found = [Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes)];

@@ -1,0 +1,539 @@
+//! Claims on the order of variants, such as a paper's, tested on records.
+
+use std::collections::HashSet;
+use std::fmt;
+
+use indexmap::IndexMap;
+use infonerf_metrics::Better;
+use serde::Deserialize;
+
+use crate::{
+    interval::Interval,
+    published::Published,
+    quantity::Quantity,
+    record::{Record, distinct},
+};
+
+/// Statement on the order of variants, which holds if all of its comparisons do.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Unchecked")]
+pub struct Claim {
+    /// Statement in words.
+    pub statement: String,
+    /// Quantity that is compared; one that is best at 1 by its distance from 1.
+    pub metric: Quantity,
+    /// Smallest difference that matters, in the metric's unit: the allowance of *not worse*, and the gain that a
+    /// *better* that fails has been shown not to reach. 0 if none is given.
+    pub margin: f64,
+    /// Comparisons, each of which has to hold.
+    pub comparisons: Vec<Comparison>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Unchecked {
+    statement: String,
+    metric: Quantity,
+    margin: Option<f64>,
+    comparisons: Vec<Comparison>,
+}
+
+impl TryFrom<Unchecked> for Claim {
+    type Error = String;
+
+    fn try_from(claim: Unchecked) -> Result<Self, String> {
+        let Unchecked { statement, metric, margin, comparisons } = claim;
+        let needs_margin = comparisons.iter().any(|comparison| comparison.is == Relation::NotWorse);
+        match margin {
+            None if needs_margin => Err(format!(
+                "`{statement}`: `not-worse` expects a `margin`: how much worse still counts as not worse, in the unit of {}",
+                metric.key()
+            )),
+            Some(margin) if !(margin > 0.0 && margin.is_finite()) => {
+                Err(format!("`{statement}`: margin: expected a number above 0, found {margin}"))
+            }
+            margin => Ok(Self { statement, metric, margin: margin.unwrap_or(0.0), comparisons }),
+        }
+    }
+}
+
+/// Relation between two sides.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Comparison {
+    /// Side left of the sign.
+    pub left: Side,
+    /// Relation that is claimed.
+    pub is: Relation,
+    /// Side right of the sign.
+    pub right: Side,
+}
+
+/// Side of a [`Comparison`].
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Side {
+    /// Value of a variant.
+    Variant(String),
+    /// Value of the first variant minus that of the second.
+    Difference([String; 2]),
+}
+
+/// Relation of the left side of a [`Comparison`] to the right.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Relation {
+    /// Better than the right side.
+    Better,
+    /// Worse by less than the claim's margin.
+    NotWorse,
+    /// At most half of the right side, both as distances: |left| ≤ ½ |right|.
+    Near,
+}
+
+/// Outcome of a test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// The claim holds.
+    Holds,
+    /// The difference is within the noise.
+    Undecided,
+    /// No runs have both sides.
+    Untested,
+    /// The claim does not hold.
+    Fails,
+}
+
+/// [`Claim`] with its findings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TestedClaim {
+    /// Statement of the claim.
+    pub statement: String,
+    /// Least favourable verdict of the findings.
+    pub verdict: Verdict,
+    /// Finding of each comparison.
+    pub findings: Vec<Finding>,
+}
+
+impl Claim {
+    /// Tests the claim on `records`.
+    ///
+    /// Differences are taken within pairs of the same scene and view set (seed), so that hard scenes and lucky views
+    /// cancel. The 95 % confidence interval of their mean decides: *better* holds if all of it is above zero and fails
+    /// if all of it is below the margin (a gain of that size is excluded then, as in a test of equivalence); *not
+    /// worse* holds if all of it is above −margin and fails if all of it is below; *near* holds if all of |left| − ½
+    /// |right| is below zero, with the signs of the sides' means. It is the interval over other view sets of *these
+    /// scenes*, as for a mean over a benchmark's scenes with its spread; the wider one over *scenes like these* (a
+    /// mixed model) is given as well, and decides where scenes have one view set each. Runs that collapsed count as
+    /// they are. A single pair decides nothing.
+    pub fn test<R: AsRef<Record>>(&self, records: &[R], published: Option<&Published>) -> TestedClaim {
+        let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
+        let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();
+        let verdict = findings.iter().map(|finding| finding.verdict).max().unwrap_or(Verdict::Untested);
+        TestedClaim { statement: self.statement.clone(), verdict, findings }
+    }
+
+    /// Returns every variant that the claim names.
+    pub fn variants(&self) -> impl Iterator<Item = &str> {
+        self.comparisons.iter().flat_map(Comparison::variants)
+    }
+}
+
+impl Comparison {
+    fn variants(&self) -> impl Iterator<Item = &str> {
+        [&self.left, &self.right].into_iter().flat_map(Side::variants)
+    }
+}
+
+impl Side {
+    fn variants(&self) -> impl Iterator<Item = &str> {
+        let names = match self {
+            Self::Variant(name) => std::slice::from_ref(name),
+            Self::Difference(names) => names.as_slice(),
+        };
+        names.iter().map(String::as_str)
+    }
+
+    fn value(&self, value: impl Fn(&str) -> Option<f64>) -> Option<f64> {
+        match self {
+            Self::Variant(variant) => value(variant),
+            Self::Difference([above, below]) => Some(value(above)? - value(below)?),
+        }
+    }
+}
+
+impl Verdict {
+    /// Returns the class of its mark on a page.
+    pub(crate) fn class(self) -> &'static str {
+        match self {
+            Self::Holds => "holds",
+            Self::Fails => "fails",
+            Self::Undecided | Self::Untested => "open",
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Holds => "holds",
+            Self::Undecided => "undecided",
+            Self::Untested => "not tested",
+            Self::Fails => "does not hold",
+        })
+    }
+}
+
+/// Result of a [`Comparison`].
+///
+/// A pair is both of its sides on one scene with one view set (seed).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// Formula of the comparison, such as `PSNR (dB): entropy > none`.
+    pub formula: String,
+    /// Left side minus right side, as the mean over pairs, with the interval that decides; for *near* the excess
+    /// |left| − ½ |right| of the means.
+    pub difference: Option<Interval>,
+    /// Mean difference with the interval over scenes like these, if `difference` is of these scenes alone.
+    pub alike: Option<Interval>,
+    /// Pairs of each scene.
+    pub pairs: Vec<usize>,
+    /// Whether the seeds of a scene have training views of their own.
+    pub view_sets: bool,
+    /// Pairs of which a run collapsed.
+    pub collapsed: usize,
+    /// Pairs that are left out since a side was not run.
+    pub incomplete: usize,
+    /// Difference in the paper; `None` if it lacks a side.
+    pub published: Option<f64>,
+    /// Verdict of `difference`.
+    pub verdict: Verdict,
+    decimals: usize,
+}
+
+impl Finding {
+    fn of<R: AsRef<Record>>(
+        claim: &Claim,
+        comparison: &Comparison,
+        records: &[R],
+        published: Option<&Published>,
+    ) -> Self {
+        let quantity = claim.metric;
+        let pairs = Pairs::of(comparison, quantity, records);
+        let scenes = differences(comparison.is, pairs.sides.into_values().collect());
+        let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
+        let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
+        let difference = these.or(alike).or(single);
+        let in_paper = published.and_then(|published| {
+            let value = |variant: &str| published.value(variant, quantity).map(|value| compared(quantity, value));
+            let sides = [comparison.left.value(value)?, comparison.right.value(value)?];
+            Some(differences(comparison.is, vec![vec![sides]])[0][0])
+        });
+        Self {
+            formula: formula(claim, comparison, records),
+            difference,
+            alike: these.and(alike),
+            pairs: scenes.iter().map(Vec::len).collect(),
+            view_sets: pairs.view_sets,
+            collapsed: pairs.collapsed,
+            incomplete: pairs.incomplete,
+            published: in_paper,
+            verdict: difference.map_or(Verdict::Untested, |interval| verdict(claim, comparison.is, interval)),
+            decimals: quantity.decimals,
+        }
+    }
+
+    /// Describes the difference, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on
+    /// scenes like them (mixed model, REML, Satterthwaite)`.
+    pub fn found(&self) -> String {
+        let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
+        let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
+        let repeat = if self.view_sets { "view set" } else { "seed" };
+        let over = if scenes == 1 {
+            format!("over {} of one scene", counted(pairs, repeat))
+        } else if pairs == scenes {
+            format!("over {}", counted(scenes, "scene"))
+        } else if self.pairs.iter().all(|&pairs| pairs == first) {
+            format!("on these {scenes} scenes × {}", counted(first, repeat))
+        } else {
+            format!("on these {scenes} scenes, {} in all", counted(pairs, repeat))
+        };
+        let decimals = self.decimals;
+        let alike = self.alike.map_or(String::new(), |alike| {
+            format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
+        });
+        let remark = |count: usize, what: &str| match count {
+            0 => String::new(),
+            count => format!("; {} {what}", counted(count, "pair")),
+        };
+        format!(
+            "{interval:.decimals$} {over}{alike}{}{}",
+            remark(self.collapsed, "with a collapsed run"),
+            remark(self.incomplete, "incomplete and left out")
+        )
+    }
+
+    /// Formats the paper's difference; empty if it has none.
+    pub fn in_paper(&self) -> String {
+        let decimals = self.decimals;
+        self.published.map_or(String::new(), |difference| format!("{difference:+.decimals$}"))
+    }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Both sides of a comparison on each scene and seed.
+struct Pairs {
+    sides: IndexMap<String, Vec<[f64; 2]>>,
+    view_sets: bool,
+    collapsed: usize,
+    incomplete: usize,
+}
+
+impl Pairs {
+    fn of<R: AsRef<Record>>(comparison: &Comparison, quantity: Quantity, records: &[R]) -> Self {
+        let mut pairs = Self { sides: IndexMap::new(), view_sets: false, collapsed: 0, incomplete: 0 };
+        let mut views = HashSet::new();
+        for (scene, seed) in distinct(records, |record| (&record.scene, record.seed)) {
+            let own = |record: &&Record| record.scene == *scene && record.seed == seed;
+            let run =
+                |variant: &str| records.iter().map(AsRef::as_ref).filter(own).find(|record| record.variant == variant);
+            let value = |variant: &str| Some(compared(quantity, quantity.value(run(variant)?)?));
+            match (comparison.left.value(value), comparison.right.value(value)) {
+                (Some(left), Some(right)) => {
+                    pairs.collapsed += usize::from(comparison.variants().filter_map(run).any(|run| run.collapsed));
+                    pairs.sides.entry(scene.clone()).or_default().push([left, right]);
+                    views.extend(comparison.variants().find_map(run).map(|run| (scene, &run.train_views)));
+                }
+                _ => pairs.incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
+            }
+        }
+        pairs.view_sets = views.len() > pairs.sides.len();
+        pairs
+    }
+}
+
+/// Maps the value of a quantity that is best at 1 to its distance from 1, of which less is better; keeps any other.
+fn compared(quantity: Quantity, value: f64) -> f64 {
+    if quantity.better == Better::NearOne { (value - 1.0).abs() } else { value }
+}
+
+/// Returns left minus right of each scene's pairs; for *near* `|left| − ½ |right|` with the signs of the sides' means.
+/// A sign for each pair would take noise about 0 for a distance.
+fn differences(relation: Relation, scenes: Vec<Vec<[f64; 2]>>) -> Vec<Vec<f64>> {
+    let mean = |side: usize| {
+        let of_scene = |pairs: &Vec<[f64; 2]>| pairs.iter().map(|pair| pair[side]).sum::<f64>() / pairs.len() as f64;
+        scenes.iter().map(of_scene).sum::<f64>()
+    };
+    let [left, right] = match relation {
+        Relation::Near => [mean(0).signum(), 0.5 * mean(1).signum()],
+        Relation::Better | Relation::NotWorse => [1.0; 2],
+    };
+    scenes.iter().map(|pairs| pairs.iter().map(|[l, r]| left * l - right * r).collect()).collect()
+}
+
+fn verdict(claim: &Claim, relation: Relation, difference: Interval) -> Verdict {
+    let lower_is_better = claim.metric.better != Better::Higher;
+    let in_favour = match (difference.bounds, relation) {
+        (None, _) => return Verdict::Undecided,
+        (Some([low, high]), Relation::Near) => [-high, -low],
+        (Some([low, high]), _) if lower_is_better => [-high, -low],
+        (Some(bounds), _) => bounds,
+    };
+    let [holds_above, fails_below] = match relation {
+        Relation::Better => [0.0, claim.margin],
+        Relation::NotWorse => [-claim.margin; 2],
+        Relation::Near => [0.0; 2],
+    };
+    match in_favour {
+        [low, _] if low > holds_above => Verdict::Holds,
+        [_, high] if high < fails_below => Verdict::Fails,
+        _ => Verdict::Undecided,
+    }
+}
+
+fn formula<R: AsRef<Record>>(claim: &Claim, comparison: &Comparison, records: &[R]) -> String {
+    let better = claim.metric.better;
+    let label = |variant: &str| {
+        let mut all = records.iter().map(AsRef::as_ref);
+        all.find(|record| record.variant == variant).map_or_else(|| variant.to_owned(), Record::label)
+    };
+    let [left, right] = [&comparison.left, &comparison.right].map(|side| match side {
+        Side::Variant(variant) => label(variant),
+        Side::Difference([above, below]) => format!("{} − {}", label(above), label(below)),
+    });
+    let (name, margin) = (claim.metric.name(), claim.margin);
+    let name = if better == Better::NearOne { format!("|{name} − 1|") } else { name };
+    match (comparison.is, better != Better::Higher) {
+        (Relation::Better, false) => format!("{name}: {left} > {right}"),
+        (Relation::Better, true) => format!("{name}: {left} < {right}"),
+        (Relation::NotWorse, false) => format!("{name}: {left} > {right} − {margin}"),
+        (Relation::NotWorse, true) => format!("{name}: {left} < {right} + {margin}"),
+        (Relation::Near, _) => format!("{name}: |{left}| ≤ ½ |{right}|"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::tests::record;
+
+    /// Makes a claim of `left is right`, where a side is a variant or `above - below`.
+    fn claim(left: &str, is: Relation, right: &str) -> Claim {
+        let side = |text: &str| match text.split_once(" - ") {
+            Some((above, below)) => Side::Difference([above.to_owned(), below.to_owned()]),
+            None => Side::Variant(text.to_owned()),
+        };
+        let comparison = Comparison { left: side(left), is, right: side(right) };
+        Claim { statement: "s".into(), metric: Quantity::PSNR, margin: 0.5, comparisons: vec![comparison] }
+    }
+
+    fn records(variants: &[(&str, [f64; 3])]) -> Vec<Record> {
+        let of = |(variant, values): &(&str, [f64; 3])| {
+            ["x", "y", "z"].iter().zip(values).map(|(scene, psnr)| record(scene, variant, 0, *psnr)).collect::<Vec<_>>()
+        };
+        variants.iter().flat_map(of).collect()
+    }
+
+    #[test]
+    fn differences_are_paired_and_noise_is_no_order() {
+        // Scenes differ by ten, and the variants by one on each of them.
+        let list = records(&[
+            ("a", [10.0, 20.0, 30.1]),
+            ("b", [11.0, 21.1, 31.0]),
+            ("c", [9.0, 21.0, 30.1]),
+            ("d", [10.0, 20.1, 30.0]),
+            // Differences of these are compared as well.
+            ("few", [10.0, 10.1, 10.2]),
+            ("info", [18.0; 3]),
+            ("many", [20.0; 3]),
+            ("both", [20.5; 3]),
+        ]);
+        for (left, is, right, verdict, formula) in [
+            ("b", Relation::Better, "a", Verdict::Holds, "b > a"),
+            ("a", Relation::Better, "b", Verdict::Fails, "a > b"),
+            ("a", Relation::NotWorse, "b", Verdict::Fails, "a > b − 0.5"),
+            ("a", Relation::Better, "c", Verdict::Undecided, "a > c"),
+            // A gain as large as the margin is excluded.
+            ("d", Relation::Better, "a", Verdict::Fails, "d > a"),
+            // It may be worse by more than the margin.
+            ("c", Relation::NotWorse, "a", Verdict::Undecided, "c > a − 0.5"),
+            ("d", Relation::NotWorse, "a", Verdict::Holds, "d > a − 0.5"),
+            ("a", Relation::Better, "none", Verdict::Untested, "a > none"),
+            ("info - few", Relation::Better, "both - many", Verdict::Holds, "info − few > both − many"),
+            ("info - many", Relation::Near, "few - many", Verdict::Holds, "|info − many| ≤ ½ |few − many|"),
+            ("few - many", Relation::Near, "few - many", Verdict::Fails, "|few − many| ≤ ½ |few − many|"),
+        ] {
+            let tested = claim(left, is, right).test(&list, None);
+            assert_eq!((tested.verdict, &*tested.findings[0].formula), (verdict, &*format!("PSNR (dB): {formula}")));
+        }
+        let found = |left, right| claim(left, Relation::Better, right).test(&list, None).findings[0].found();
+        assert_eq!(found("b", "a"), "+1.00 [+0.75, +1.25] over 3 scenes");
+        assert_eq!(found("info - few", "both - many"), "+7.40 [+7.15, +7.65] over 3 scenes");
+    }
+
+    /// A gain on one scene and a loss on the other are a gain on these two, and say nothing of a third.
+    #[test]
+    fn interval_of_these_scenes_decides() {
+        let mut list = Vec::new();
+        for (scene, gain) in [("x", 1.0), ("y", -0.8)] {
+            for seed in 0..4 {
+                list.push(record(scene, "a", seed, 20.0));
+                list.push(record(scene, "b", seed, 20.0 + gain + 0.01 * seed as f64));
+            }
+        }
+        let found = |list: &[Record]| {
+            let finding = claim("b", Relation::Better, "a").test(list, None).findings.remove(0);
+            (finding.verdict, finding.found())
+        };
+        let (verdict, text) = found(&list);
+        assert_eq!(verdict, Verdict::Holds);
+        let expected = "+0.12 [+0.10, +0.13] on these 2 scenes × 4 seeds; +0.12 [-11.32, +11.55] on scenes like them";
+        assert!(text.starts_with(expected), "{text}");
+        assert_eq!(found(&list[..8]), (Verdict::Holds, "+1.02 [+0.99, +1.04] over 4 seeds of one scene".into()));
+        assert_eq!(found(&list[..2]), (Verdict::Undecided, "+1.00 over 1 seed of one scene".into()));
+        list[2..4].iter_mut().for_each(|record| record.train_views = vec![1]);
+        assert!(found(&list[..10]).1.contains("on these 2 scenes, 5 view sets in all; "));
+        assert!(found(&[&list[..2], &list[8..10]].concat()).1.ends_with("over 2 scenes"));
+    }
+
+    #[test]
+    fn collapsed_pairs_count_and_incomplete_pairs_are_named() {
+        let mut list = records(&[("a", [10.0, 20.0, 30.0]), ("b", [11.0, 21.1, 5.0])]);
+        list[5].collapsed = true;
+        let found = |list: &[Record]| claim("b", Relation::Better, "a").test(list, None).findings[0].found();
+        let text = found(&list);
+        assert!(text.starts_with("-7.6") && text.ends_with("over 3 scenes; 1 pair with a collapsed run"), "{text}");
+        let text = found(&list[..5]);
+        assert!(text.ends_with("over 2 scenes; 1 pair incomplete and left out"), "{text}");
+    }
+
+    #[test]
+    fn lower_is_better_for_some_and_the_worst_finding_counts() {
+        let mut list = records(&[("a", [1.0; 3]), ("b", [2.0; 3])]);
+        for record in &mut list {
+            record.ray_entropy_bits = record.metrics["psnr"];
+        }
+        let mut one = Claim { metric: Quantity::RAY_ENTROPY, ..claim("a", Relation::Better, "b") };
+        assert_eq!(one.test(&list, None).verdict, Verdict::Holds);
+        assert_eq!(one.test(&list, None).findings[0].formula, "Ray entropy (bits): a < b");
+        one.comparisons.extend(claim("b", Relation::NotWorse, "a").comparisons);
+        assert_eq!(one.test(&list, None).verdict, Verdict::Fails);
+        assert_eq!(one.variants().collect::<Vec<_>>(), ["a", "b", "b", "a"]);
+    }
+
+    /// Sharpness is best at 1: 0.9 beats 1.3 and 0.6, and half of the distance is *near*.
+    #[test]
+    fn quantities_best_at_one_are_compared_by_distance() {
+        let mut list =
+            records(&[("sharp", [1.30, 1.31, 1.32]), ("good", [0.90, 0.91, 0.92]), ("soft", [0.6, 0.61, 0.6])]);
+        for record in &mut list {
+            record.metrics = [("sharpness".to_owned(), record.metrics["psnr"])].into_iter().collect();
+        }
+        let metric = Quantity::named("sharpness").unwrap();
+        for (left, is, right, verdict, formula) in [
+            ("good", Relation::Better, "sharp", Verdict::Holds, "good < sharp"),
+            ("good", Relation::Better, "soft", Verdict::Holds, "good < soft"),
+            ("sharp", Relation::Better, "good", Verdict::Fails, "sharp < good"),
+            ("good", Relation::Near, "soft", Verdict::Holds, "|good| ≤ ½ |soft|"),
+        ] {
+            let tested = Claim { metric, ..claim(left, is, right) }.test(&list, None);
+            assert_eq!(
+                (tested.verdict, &*tested.findings[0].formula),
+                (verdict, &*format!("|Sharpness − 1|: {formula}"))
+            );
+        }
+    }
+
+    /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is
+    /// 0.
+    #[test]
+    fn noise_about_zero_is_near() {
+        let mut list = Vec::new();
+        for (seed, noise) in [(0, 0.9), (1, -0.9), (2, 0.8), (3, -0.8), (4, 0.85), (5, -0.85)] {
+            for (variant, psnr) in [("few", 15.0), ("many", 18.0), ("info", 18.0 + noise), ("half", 16.0 + noise)] {
+                list.push(record("x", variant, seed, psnr));
+            }
+        }
+        let near =
+            |left: &str| claim(&format!("{left} - many"), Relation::Near, "few - many").test(&list, None).verdict;
+        assert_eq!(near("info"), Verdict::Holds);
+        assert_ne!(near("half"), Verdict::Holds, "two thirds of the way off");
+    }
+
+    #[test]
+    fn a_margin_belongs_to_not_worse() {
+        let parse = |margin: &str| {
+            let text = format!(
+                "{{\"statement\": \"s\", \"metric\": \"psnr\",{margin} \"comparisons\": \
+                 [{{\"left\": \"a\", \"is\": \"not-worse\", \"right\": \"b\"}}]}}"
+            );
+            serde_json::from_str::<Claim>(&text).map(|claim| claim.margin).map_err(|error| error.to_string())
+        };
+        assert_eq!(parse("\"margin\": 0.1,"), Ok(0.1));
+        assert!(parse("").unwrap_err().contains("`not-worse` expects a `margin`"));
+        assert!(parse("\"margin\": 0,").unwrap_err().contains("above 0"));
+    }
+}

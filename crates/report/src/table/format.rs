@@ -1,0 +1,184 @@
+//! Tables as Markdown, CSV and text.
+
+use super::{Cell, Table, TableRow};
+use crate::text::{escape_markdown, plain};
+use crate::text_table::{TextTable, bold};
+
+/// Mark of the best of a column in [`Table::to_text`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Emphasis {
+    /// Bold, by terminal escape codes.
+    Terminal,
+    /// `*` after the value, for files and pipes.
+    Star,
+}
+
+impl Table {
+    /// Formats GitHub-flavoured Markdown: title, protocol, table with the best in bold, footnotes.
+    pub fn to_markdown(&self) -> String {
+        let mut lines = vec![format!("**{}**", escape_markdown(&self.title)), String::new()];
+        lines.extend(self.protocol.iter().map(|line| format!("> {}  ", escape_markdown(line))));
+        if !self.protocol.is_empty() {
+            lines.push(String::new());
+        }
+        let cell = |text: String, best: bool| if best { format!("**{text}**") } else { text };
+        let rows = self.formatted(escape_markdown, cell).into_iter();
+        lines.extend(rows.map(|cells| format!("| {} |", cells.join(" | "))));
+        let rule = "| --- |".to_owned() + &" ---: |".repeat(self.keys.len() + self.columns.len());
+        lines.insert(lines.len() - self.rows.len(), rule);
+        lines.extend(self.footnotes().into_iter().flat_map(|note| [String::new(), escape_markdown(note)]));
+        lines.join("\n") + "\n"
+    }
+
+    /// Formats comma-separated values at full precision (RFC 4180 quoting): for each column its mean, standard
+    /// deviation and number of seeds; title and protocol above, in lines that start with `#`. Missing values are empty.
+    pub fn to_csv(&self) -> String {
+        let comments = std::iter::once(&self.title).chain(&self.protocol).map(|line| format!("# {}\n", plain(line)));
+        let headings = self.columns.iter().flat_map(|column| ["", " std", " n"].map(|of| column.heading.clone() + of));
+        let mut rows = vec![self.names().map(str::to_owned).chain(headings).collect()];
+        for row in &self.rows {
+            let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+            let cells = row.cells.iter().flat_map(|Cell { summary, .. }| {
+                let seeds = summary.map_or(0, |summary| summary.n);
+                [number(summary.map(|of| of.mean)), number(summary.and_then(|of| of.std)), seeds.to_string()]
+            });
+            rows.push(row.names().map(str::to_owned).chain(cells).collect());
+        }
+        comments.collect::<String>() + &TextTable(rows).to_csv()
+    }
+
+    /// Formats aligned columns for a terminal, protocol above.
+    pub fn to_text(&self, emphasis: Emphasis) -> String {
+        let grid = self.grid(emphasis);
+        let rule = "─".repeat(total(&grid.widths()));
+        let mut lines: Vec<String> =
+            std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
+        let mut rows = grid.lines().into_iter();
+        lines.extend(std::iter::once(rule.clone()).chain(rows.next()).chain([rule.clone()]).chain(rows).chain([rule]));
+        lines.extend(self.footnotes().into_iter().map(str::to_owned));
+        lines.join("\n") + "\n"
+    }
+
+    /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the
+    /// most important first, and a note of the number left out.
+    #[must_use]
+    pub fn narrowed(&self, width: usize) -> Self {
+        let widths = self.grid(Emphasis::Star).widths();
+        let (names, numbers) = widths.split_at(1 + self.keys.len());
+        let mut by_rank: Vec<usize> = (0..self.columns.len()).collect();
+        by_rank.sort_by_key(|&column| self.columns[column].rank());
+        let (mut left, mut kept) = (width.saturating_sub(total(names)), Vec::new());
+        for column in by_rank {
+            let Some(rest) = left.checked_sub(2 + numbers[column]) else { break };
+            left = rest;
+            kept.push(column);
+        }
+        kept.sort_unstable();
+        let note = match self.columns.len() - kept.len() {
+            0 => None,
+            1 => Some("1 more column is in report.html".into()),
+            left_out => Some(format!("{left_out} more columns are in report.html")),
+        };
+        let cells = |row: &TableRow| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
+        Self {
+            columns: kept.iter().map(|&column| self.columns[column].clone()).collect(),
+            rows: self.rows.iter().map(|row| TableRow { cells: cells(row), ..row.clone() }).collect(),
+            notes: self.notes.iter().cloned().chain(note).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// Formats the cells as text. With [`Emphasis::Star`] every value of a column with a best keeps a place for the star,
+    /// so that decimals align.
+    fn grid(&self, emphasis: Emphasis) -> TextTable {
+        let mut grid = TextTable(self.formatted(plain, |text, best| match emphasis {
+            Emphasis::Terminal if best => bold(&text),
+            Emphasis::Star if best => text + "*",
+            _ => text,
+        }));
+        for (column, _) in self.columns.iter().enumerate() {
+            let best = |row: &TableRow| row.cells.get(column).is_some_and(|cell| cell.best);
+            if emphasis == Emphasis::Star && self.rows.iter().any(best) {
+                for (line, _) in grid.0[1..].iter_mut().zip(&self.rows).filter(|(_, row)| !best(row)) {
+                    line[1 + self.keys.len() + column].push(' ');
+                }
+            }
+        }
+        grid
+    }
+
+    /// Formats the cells, headings first: names by `name`, values by `value`, which is given whether they are the best.
+    fn formatted(&self, name: fn(&str) -> String, value: impl Fn(String, bool) -> String) -> Vec<Vec<String>> {
+        let headings = self.names().chain(self.columns.iter().map(|column| column.heading.as_str())).map(name);
+        let row = |row: &TableRow| {
+            let cells = self.cells(row).map(|(cell, text)| value(text, cell.best));
+            row.names().map(name).chain(cells).collect()
+        };
+        std::iter::once(headings.collect()).chain(self.rows.iter().map(row)).collect()
+    }
+}
+
+/// Returns the number of characters of columns with two spaces between.
+fn total(widths: &[usize]) -> usize {
+    widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Quantity;
+    use crate::table::{scene_table, tests::record, tests::two_by_two};
+
+    #[test]
+    fn protocol_stands_above_the_best_in_bold() {
+        let table = scene_table(&two_by_two(), Quantity::PSNR);
+        let expected = "\
+**PSNR (dB) ↑**
+
+> train views 26, 86, 2, 55 · test views every-8 (25) · 400 × 400 pixels · seeds 0, 1  
+> preset fast · 1000 iterations · device flex  
+
+| variant | lego | mic | mean |
+| --- | ---: | ---: | ---: |
+| nerf | 16.50 ± 0.71 | 17.50 ± 0.71 | 17.00 ± 0.71 |
+| infonerf | **18.50 ± 0.71** | **19.50 ± 0.71** | **19.00 ± 0.71** |
+";
+        assert_eq!(table.to_markdown(), expected);
+        let expected = "\
+PSNR (dB) ↑
+train views 26, 86, 2, 55 · test views every-8 (25) · 400 × 400 pixels · seeds 0, 1
+preset fast · 1000 iterations · device flex
+─────────────────────────────────────────────────────
+variant            lego            mic           mean
+─────────────────────────────────────────────────────
+nerf      16.50 ± 0.71   17.50 ± 0.71   17.00 ± 0.71
+infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
+─────────────────────────────────────────────────────
+";
+        assert_eq!(table.to_text(Emphasis::Star), expected);
+        let text = table.to_text(Emphasis::Terminal);
+        assert!(text.contains("nerf      16.50 ± 0.71") && text.contains("  \u{1b}[1m18.50 ± 0.71\u{1b}[0m"), "{text}");
+    }
+
+    #[test]
+    fn csv_keeps_full_precision_and_quotes() {
+        let records = [record("a_,b", "nerf", 0, 16.123456789), record("a_,b", "info\"nerf", 0, 17.0)];
+        let table = scene_table(&records, Quantity::PSNR);
+        let csv = table.to_csv();
+        let body: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
+        let expected = ["variant,\"a_,b\",\"a_,b std\",\"a_,b n\"", "nerf,16.123456789,,1", "\"info\"\"nerf\",17,,1"];
+        assert_eq!(body, expected);
+    }
+
+    #[test]
+    fn narrow_table_keeps_the_most_important_columns() {
+        let wide = scene_table(&two_by_two(), Quantity::PSNR);
+        assert_eq!(wide.narrowed(53), wide);
+        let narrow = wide.narrowed(52);
+        let headings: Vec<&str> = narrow.columns.iter().map(|column| column.heading.as_str()).collect();
+        assert_eq!(headings, ["lego", "mean"]);
+        let end = "19.00 ± 0.71*\n──────────────────────────────────────\n1 more column is in report.html\n";
+        assert!(narrow.to_text(Emphasis::Star).ends_with(end));
+        assert!(wide.narrowed(0).columns.is_empty());
+    }
+}
