@@ -68,33 +68,30 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
     origins.push(("--set".to_owned(), set));
     // By way of text, in which 0.001 in single precision is 0.001.
     let whole: Table = toml::to_string(&plan.config)?.parse()?;
-    let mut keys = Vec::new();
-    leaves(&whole, &mut Vec::new(), &mut |path, value| {
-        let origin = origins.iter().rev().find(|(_, table)| sets(table, path)).map_or("", |(origin, _)| origin);
-        keys.push(ConfigKey { key: path.join("."), value: value.to_string(), origin: origin.to_owned() });
-    });
-    Ok(keys)
+    let described = |(key, value): (String, String)| {
+        let origin = origins.iter().rev().find(|(_, table)| sets(table, &key)).map(|(origin, _)| origin.clone());
+        ConfigKey { key, value, origin: origin.unwrap_or_default() }
+    };
+    Ok(leaves(&whole).into_iter().map(described).collect())
 }
 
-/// Calls `found` for every value of `table` that is no table.
-fn leaves<'a>(table: &'a Table, path: &mut Vec<&'a str>, found: &mut impl FnMut(&[&str], &Value)) {
-    for (key, value) in table {
-        path.push(key);
-        match value {
-            Value::Table(table) => leaves(table, path, found),
-            value => found(path, value),
+/// Returns every value of `table` that is no table, as TOML, with its dotted key.
+pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
+    let leaf = |(key, value): (&String, &Value)| match value {
+        Value::Table(table) => {
+            leaves(table).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)).collect()
         }
-        path.pop();
-    }
+        value => vec![(key.clone(), value.to_string())],
+    };
+    table.iter().flat_map(leaf).collect()
 }
 
-/// Whether `table` sets the value at `path`, or something that it is a part of.
-fn sets(table: &Table, path: &[&str]) -> bool {
-    let Some((first, rest)) = path.split_first() else { return true };
-    match table.get(*first) {
-        Some(Value::Table(table)) => sets(table, rest),
-        Some(_) => true,
-        None => false,
+/// Whether `table` sets the value of a dotted key, or something that it is a part of.
+fn sets(table: &Table, key: &str) -> bool {
+    let (first, rest) = key.split_once('.').unwrap_or((key, ""));
+    match table.get(first) {
+        Some(Value::Table(table)) => rest.is_empty() || sets(table, rest),
+        value => value.is_some(),
     }
 }
 
@@ -114,9 +111,7 @@ pub fn variant_names() -> Result<Vec<String>> {
 
 /// Returns the dotted names of the keys that every config of `preset` has.
 pub fn config_keys(preset: Preset) -> Vec<String> {
-    let mut keys = Vec::new();
-    leaves(&preset.table(), &mut Vec::new(), &mut |path, _| keys.push(path.join(".")));
-    keys
+    leaves(&preset.table()).into_iter().map(|(key, _)| key).collect()
 }
 
 #[cfg(test)]

@@ -226,8 +226,8 @@ mod tests {
         let starts: Vec<Start> = found.iter().map(|variant| variant.start).collect();
         assert_eq!(starts, [Start::Experiment, Start::Preset(Some(Preset::Released)), Start::Preset(None)]);
         assert!(found[1].changes.is_empty() && !found[0].changes.is_empty());
-        let error = variants(&["[variants.a]\npreset = 'slow'\n"]).unwrap_err();
-        assert!(format!("{error:#}").starts_with("variants.a.preset"), "{error:#}");
+        let error = format!("{:#}", variants(&["[variants.a]\npreset = 'slow'\n"]).unwrap_err());
+        assert!(error.starts_with("variants.a.preset"), "{error}");
     }
 
     #[test]

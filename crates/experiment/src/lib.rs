@@ -39,7 +39,6 @@ pub mod reproduce;
 mod run;
 mod run_plan;
 mod scenes;
-mod seeds;
 pub mod sweep;
 #[cfg(test)]
 mod testing;
@@ -57,4 +56,4 @@ pub use run::{
     save_png, total_progress,
 };
 pub use run_plan::RunPlan;
-pub use seeds::parse_seeds;
+pub use scenes::parse_seeds;

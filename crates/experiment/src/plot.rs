@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart};
-use infonerf_report::{Figure, Quantity, Record, ReportError, overview_table};
+use infonerf_report::{Figure, Quantity, Record, ReportError};
 use serde::Deserialize;
+
+use crate::sweep::figures::means;
 
 /// Lines through the mean PSNR of variants.
 #[derive(Clone, Debug, Deserialize)]
@@ -22,10 +24,9 @@ pub(crate) struct Plot {
 impl Plot {
     /// Returns the chart of `records`: means over scenes and seeds, as in the tables.
     pub(crate) fn figure(&self, records: &[Record]) -> Result<Figure, ReportError> {
-        let table = overview_table(records, &[Quantity::PSNR]);
-        let mean = |variant: &str| table.rows.iter().find(|row| row.label == variant)?.cells.first()?.summary;
+        let means = means(records);
         let series = self.series.iter().map(|(name, variants)| {
-            let point = |(variant, x): (&String, &f64)| Some((*x, mean(variant)?.mean));
+            let point = |(variant, x): (&String, &f64)| Some((*x, *means.get(variant)?));
             let mut points: Vec<(f64, f64)> = variants.iter().filter_map(point).collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             Series { name: name.clone(), points }

@@ -35,52 +35,45 @@ const TWO_BY_TWO: ChapterExtent = ChapterExtent { scenes: &["crane", "knot"], se
 const FOUR_BY_FIVE: ChapterExtent =
     ChapterExtent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
 
-impl Chapter {
-    const fn new(experiment: &'static str, small: ChapterExtent, full: ChapterExtent) -> Self {
-        Self { experiment, captures: false, variants: &[], set: &[], small, full }
-    }
-
-    /// Returns a chapter on a small capture, forward-facing or inward-looking.
-    const fn capture(experiment: &'static str, set: &'static [&'static str]) -> Self {
-        let full = ChapterExtent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
-        Self { captures: true, set, ..Self::new(experiment, OWN, full) }
-    }
+const fn chapter(experiment: &'static str, small: ChapterExtent) -> Chapter {
+    Chapter { experiment, captures: false, variants: &[], set: &[], small, full: FOUR_BY_FIVE }
 }
 
-/// The variants of a capture.
+/// Returns a chapter on a small capture, forward-facing or inward-looking.
+const fn capture(experiment: &'static str, variants: &'static [&'static str], set: &'static [&'static str]) -> Chapter {
+    let full = ChapterExtent { scenes: &[], ..FOUR_BY_FIVE };
+    Chapter { experiment, captures: true, variants, set, small: OWN, full }
+}
+
+/// The variants of a capture and its settings.
 const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
+const SMALL: &[&str] = &["scene.size=160", "train.iterations=300"];
 
 /// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
-    Chapter::new("synthetic-4view", OWN, FOUR_BY_FIVE),
-    Chapter::new("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
-    Chapter::new("loss-ablation", ChapterExtent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
-    Chapter::new("unseen-rays", TWO_BY_TWO, FOUR_BY_FIVE),
-    Chapter::new("baseline", TWO_BY_TWO, FOUR_BY_FIVE),
+    chapter("synthetic-4view", OWN),
+    chapter("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }),
+    chapter("loss-ablation", ChapterExtent { seeds: &[0, 1], ..FOUR_BY_FIVE }),
+    chapter("unseen-rays", TWO_BY_TWO),
+    chapter("baseline", TWO_BY_TWO),
     Chapter {
         variants: &["nerf-2", "infonerf-2", "nerf-4", "infonerf-4", "nerf-8", "infonerf-8", "nerf-100", "infonerf-100"],
-        ..Chapter::new("views", TWO_BY_TWO, FOUR_BY_FIVE)
+        ..chapter("views", TWO_BY_TWO)
     },
-    Chapter::new("information", TWO_BY_TWO, FOUR_BY_FIVE),
+    chapter("information", TWO_BY_TWO),
     Chapter {
         variants: &["nerf", "infonerf", "mipnerf", "infomipnerf"],
-        ..Chapter::new("integration", ChapterExtent { seeds: &[0], ..TWO_BY_TWO }, FOUR_BY_FIVE)
+        ..chapter("integration", ChapterExtent { seeds: &[0], ..TWO_BY_TWO })
     },
-    Chapter { variants: CAPTURE, ..Chapter::capture("llff-2view", &["scene.size=160", "train.iterations=300"]) },
-    Chapter { variants: CAPTURE, ..Chapter::capture("dtu-3view", &["scene.size=160", "train.iterations=300"]) },
-    Chapter::capture("zju-4view", &["train.iterations=300"]),
+    capture("llff-2view", CAPTURE, SMALL),
+    capture("dtu-3view", CAPTURE, SMALL),
+    capture("zju-4view", &[], &["train.iterations=300"]),
 ];
 
-/// The experiments, in the order of the report.
-pub const EXPERIMENTS: [&str; CHAPTERS.len()] = {
-    let mut names = [""; CHAPTERS.len()];
-    let mut index = 0;
-    while index < names.len() {
-        names[index] = CHAPTERS[index].experiment;
-        index += 1;
-    }
-    names
-};
+/// Returns the experiments, in the order of the report.
+pub fn experiments() -> [&'static str; CHAPTERS.len()] {
+    CHAPTERS.map(|chapter| chapter.experiment)
+}
 
 /// Extent of a reproduction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,10 +91,10 @@ pub enum ReproductionPlan {
 /// otherwise.
 ///
 /// # Errors
-/// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].
+/// If a name is not one of [`experiments`], and as [`Experiment::plan`].
 pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -> Result<Vec<Sweep>> {
-    if let Some(unknown) = names.iter().find(|name| !EXPERIMENTS.contains(&name.as_str())) {
-        bail!("{unknown}: expected one of {}", EXPERIMENTS.join(", "));
+    if let Some(unknown) = names.iter().find(|name| !experiments().contains(&name.as_str())) {
+        bail!("{unknown}: expected one of {}", experiments().join(", "));
     }
     let named = |chapter: &&Chapter| names.iter().any(|name| name == chapter.experiment);
     let captures_alone = !names.is_empty() && CHAPTERS.iter().filter(named).all(|chapter| chapter.captures);
@@ -170,7 +163,7 @@ mod tests {
     fn every_experiment_takes_part() {
         let all = sweeps(&[], ReproductionPlan::Small, &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
-        assert_eq!(names, EXPERIMENTS);
+        assert_eq!(names, experiments());
         assert!(sweeps(&["nothing".into()], ReproductionPlan::Small, &Selection::default()).is_err());
         let full: usize =
             sweeps(&[], ReproductionPlan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();

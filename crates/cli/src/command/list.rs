@@ -68,13 +68,7 @@ fn print_description(name: &str, described: &Description) {
         ("data", data),
         ("seeds", distinct(|plan| plan.seed.to_string())),
         ("presets", distinct(|plan| plan.preset.name().to_owned())),
-        (
-            "training",
-            distinct(|plan| match plan.budget {
-                Some(seconds) => format!("{seconds} s"),
-                None => format!("{} steps of {} rays", plan.config.train.iterations, plan.config.train.rays),
-            }),
-        ),
+        ("training", distinct(RunPlan::training)),
         ("runs", runs.len().to_string()),
     ] {
         if !values.is_empty() {

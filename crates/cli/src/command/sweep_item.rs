@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::execute::{PEAK_MEMORY, STOPPED};
+use infonerf_experiment::execute::STOPPED;
 use infonerf_experiment::sweep::run_item;
 use infonerf_experiment::{Finished, RunEvent};
 
@@ -53,12 +53,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
     let finished = run_item(&args.manifest, args.item, device, networks, watch)?;
     match finished {
-        Finished::Record(record, _) => {
-            if let Some(bytes) = record.peak_rss_bytes {
-                outln!("{PEAK_MEMORY}{}", bytes >> 20);
-            }
-            outln!("{}", summary(&record));
-        }
+        Finished::Record(record, _) => outln!("{}", summary(&record)),
         Finished::Kept(_) => outln!("finished before and kept"),
         Finished::Stopped => return Ok(ExitCode::from(STOPPED as u8)),
     }

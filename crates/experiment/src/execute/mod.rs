@@ -10,7 +10,7 @@ use anyhow::Result;
 use infonerf_report::Record;
 use infonerf_train::Trainer;
 
-pub use processes::{PEAK_MEMORY, Runner, STOPPED, Workers};
+pub use processes::{Runner, STOPPED, Workers};
 pub(crate) use slurm::refuse_under_way;
 pub use slurm::{JobProgress, JobResources, Jobs, Slurm};
 

@@ -4,27 +4,24 @@
 //! grids ─► plan (items) ─► execute (in this process, in processes, as Slurm's jobs) ─► records ─► table, figures, report
 //! ```
 
-mod best;
-mod collected;
-mod figures;
+pub(crate) mod figures;
 mod grid;
 pub(crate) mod manifest;
 mod outcome;
 mod prepare;
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use crate::plan::Outline;
 use crate::{About, Existing, Experiment, RunPlan, Selection};
-pub use collected::collect;
 pub use grid::PAPER_SPACE;
 use grid::{Grid, MAX_RUNS, assignments, choices};
 pub use manifest::run_item;
-pub use outcome::SweepFiles;
+pub use outcome::{SweepFiles, collect};
 pub use prepare::Prepared;
 
 /// Runs that are tabulated together: an experiment's, or one for each setting of some keys.
@@ -146,43 +143,28 @@ fn safe_name(variant: &str, assignments: &[String]) -> String {
 
 /// Refuses values that mean the same, and leaves out a variant that the values make into another.
 fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
-    let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
-    let first = items.par_iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed);
-    let texts: Vec<Result<(String, String)>> =
-        first.map(|item| Ok((item.variant.clone(), serde_json::to_string(&item.plan.config)?))).collect();
-    let mut variants: Vec<(String, Vec<String>)> = Vec::new();
-    for text in texts {
-        let (variant, config) = text?;
-        match variants.last_mut().filter(|(last, _)| *last == variant) {
-            Some((_, configs)) => configs.push(config),
-            None => variants.push((variant, vec![config])),
+    let Some((scene, seed)) = items.first().map(|item| (item.plan.scene.clone(), item.plan.seed)) else {
+        return Ok(Vec::new());
+    };
+    let first: Vec<&Item> = items.iter().filter(|item| item.plan.scene == scene && item.plan.seed == seed).collect();
+    let configs =
+        first.par_iter().map(|item| serde_json::to_string(&item.plan.config)).collect::<Result<Vec<_>, _>>()?;
+    let mut variants: IndexMap<String, IndexMap<String, &[usize]>> = IndexMap::new();
+    for (item, config) in first.into_iter().zip(configs) {
+        if let Some(other) = variants.entry(item.variant.clone()).or_default().insert(config, &item.choice) {
+            let [a, b] = [other, &item.choice].map(|choice| assignments(grids, choice).join(" "));
+            bail!("--grid: {a} and {b} give the same run of variant {}", item.variant);
         }
     }
-    let mut notices = Vec::new();
-    let mut known: HashMap<Vec<String>, String> = HashMap::new();
-    for (variant, configs) in variants {
-        refuse_equal(grids, &variant, &configs)?;
-        match known.get(&configs) {
-            Some(other) => {
-                items.retain(|item| item.variant != variant);
-                notices.push(format!("variant {variant} is left out: with these values it is the same as {other}"));
-            }
-            None => drop(known.insert(configs, variant)),
-        }
-    }
-    Ok(notices)
-}
-
-fn refuse_equal(grids: &[Grid], variant: &str, configs: &[String]) -> Result<()> {
-    let mut seen: HashMap<&str, usize> = HashMap::new();
-    for (index, config) in configs.iter().enumerate() {
-        if let Some(other) = seen.insert(config, index) {
-            let choices = choices(grids)?;
-            let [a, b] = [other, index].map(|index| assignments(grids, &choices[index]).join(" "));
-            bail!("--grid: {a} and {b} give the same run of variant {variant}");
-        }
-    }
-    Ok(())
+    let twin = |(index, (variant, configs)): (usize, (&String, &IndexMap<String, &[usize]>))| {
+        let (other, _) = variants.iter().take(index).find(|(_, others)| others.keys().eq(configs.keys()))?;
+        Some((variant.clone(), other.clone()))
+    };
+    let twins: IndexMap<String, String> = variants.iter().enumerate().filter_map(twin).collect();
+    items.retain(|item| !twins.contains_key(&item.variant));
+    let notice =
+        |(variant, other)| format!("variant {variant} is left out: with these values it is the same as {other}");
+    Ok(twins.iter().map(notice).collect())
 }
 
 #[cfg(test)]

@@ -23,8 +23,6 @@ pub struct Prepared {
     pub adopted: usize,
     /// A warning for the user.
     pub warning: Option<String>,
-    /// Bytes that the largest of the finished runs took, if it is known.
-    pub(crate) peak: Option<u64>,
     pub(crate) folder: PathBuf,
     /// Keeps other processes from preparing the same sweep.
     _lock: Option<fs::File>,
@@ -46,17 +44,15 @@ impl Sweep {
         let mut prepared = Prepared { missing: Vec::new(), ..self.all_missing(out)? };
         for (index, plan) in self.runs().enumerate() {
             let run = prepared.folder.join(plan.directory());
-            let record = plan.record_path(&run);
-            if run.join("config.toml").exists() {
+            let is_begun = run.join("config.toml").exists();
+            if is_begun {
                 Identity::of(plan, device.name())?.refuse_another(&run, &plan.to_toml()?)?;
-                if record.exists() {
-                    let peaks = read_records(&record)?.into_iter().filter_map(|record| record.peak_rss_bytes);
-                    prepared.peak = prepared.peak.max(peaks.max());
-                    prepared.kept += 1;
-                    continue;
-                }
             }
-            prepared.missing.push(index);
+            if is_begun && plan.record_path(&run).exists() {
+                prepared.kept += 1;
+            } else {
+                prepared.missing.push(index);
+            }
         }
         Ok(prepared)
     }
@@ -71,7 +67,7 @@ impl Sweep {
         if list.exists() {
             read_records(&list).context("records are added to this file: move it away")?;
         }
-        Ok(Prepared { missing, kept: 0, adopted: 0, warning: None, peak: None, folder, _lock: None })
+        Ok(Prepared { missing, kept: 0, adopted: 0, warning: None, folder, _lock: None })
     }
 
     /// Writes the manifest below `out`, for processes that run an item each, and finds what is to do on `device`. No other
