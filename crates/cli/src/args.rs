@@ -6,8 +6,8 @@ use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::command::{
-    bench, capture, collect, demo, documentation, eval, exp, export, figure, list, pretrain, render, reproduce, scene,
-    sweep, sweep_item, tensorboard, view, weights,
+    bench, capture, demo, documentation, eval, exp, export, list, pretrain, render, reproduce, results, scene, sweep,
+    sweep_item, view, weights,
 };
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
@@ -28,19 +28,19 @@ enum Command {
     #[command(hide = true)]
     SweepItem(sweep_item::SweepItemArgs),
     Reproduce(reproduce::ReproduceArgs),
-    Tensorboard(tensorboard::TensorboardArgs),
+    Tensorboard(results::TensorboardArgs),
     Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
     Weights(weights::WeightsArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
-    Figure(figure::FigureArgs),
+    Figure(results::FigureArgs),
     View(view::ViewArgs),
     #[command(subcommand)]
     Scene(scene::SceneCommand),
     List(list::ListArgs),
     Config(list::ConfigArgs),
-    Collect(collect::CollectArgs),
+    Collect(results::CollectArgs),
     Completions(documentation::CompletionsArgs),
     Man(documentation::ManArgs),
 }
@@ -56,18 +56,18 @@ impl Args {
             Command::Sweep(args) => sweep::run(args),
             Command::SweepItem(args) => sweep_item::run(args),
             Command::Reproduce(args) => reproduce::run(args),
-            Command::Tensorboard(args) => tensorboard::run(args),
+            Command::Tensorboard(args) => results::tensorboard(args),
             Command::Bench(args) => bench::run(args),
             Command::Eval(args) => eval::run(args),
             Command::Weights(args) => weights::run(args),
             Command::Render(args) => render::run(args),
             Command::Export(args) => export::run(args),
-            Command::Figure(args) => figure::run(args),
+            Command::Figure(args) => results::figure(args),
             Command::View(args) => view::run(args),
             Command::Scene(command) => scene::run(command),
             Command::List(args) => list::run(args),
             Command::Config(args) => list::config(args),
-            Command::Collect(args) => collect::run(args),
+            Command::Collect(args) => results::collect(args),
             Command::Completions(args) => documentation::completions(args, &mut Self::command()),
             Command::Man(args) => documentation::man(args, Self::command()),
         }

@@ -11,11 +11,9 @@ use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runne
 use infonerf_experiment::sweep::{Sweep, SweepFiles};
 use infonerf_experiment::{DeviceName, OpenDevice};
 
-use crate::existing::ExistingArgs;
-use crate::exit::{FAILED, INTERRUPTED};
 use crate::print::outln;
 use crate::reporter::Reporter;
-use crate::selection::{NetworkArgs, SelectionArgs};
+use crate::selection::{ExistingArgs, NetworkArgs, SelectionArgs};
 use crate::terminal::open_device;
 use crate::units::{parse_mebibytes, parse_time};
 use crate::{command_line, interrupt};
@@ -144,16 +142,16 @@ impl LaunchArgs {
             }
             if !watch_jobs(jobs)? {
                 outln!("the jobs continue without this; `{}` ends them", jobs.cancel());
-                return Ok(ExitCode::from(INTERRUPTED));
+                return Ok(interrupt::exit_code());
             }
             executed = execute(&sweeps, out, &Executor::Merge(device), &mut |event| reporter.watch(event))?;
         }
         let Executed::Ended { unfinished, outcomes } = executed else {
             outln!("stopped and saved; {} continues", self.existing.same_command());
-            return Ok(ExitCode::from(INTERRUPTED));
+            return Ok(interrupt::exit_code());
         };
         finish(outcomes)?;
-        Ok(if unfinished > 0 { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+        Ok(if unfinished > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
 
     fn runner(&self, device: DeviceName, networks: &NetworkArgs) -> Result<Runner> {

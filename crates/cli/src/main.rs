@@ -5,8 +5,6 @@
 mod args;
 mod command;
 mod command_line;
-mod existing;
-mod exit;
 mod interrupt;
 mod json;
 mod launch;
@@ -27,8 +25,10 @@ use clap::Parser;
 use clap::error::ErrorKind;
 
 use args::Args;
-use exit::USER_ERROR;
 use print::errln;
+
+/// Exit code of anything that the user can put right.
+const USER_ERROR: u8 = 2;
 
 fn main() -> ExitCode {
     let args = match parse() {

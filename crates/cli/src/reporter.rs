@@ -10,9 +10,9 @@ use infonerf_experiment::sweep::{Prepared, Sweep, SweepFiles};
 use infonerf_experiment::{Control, DeviceName};
 use infonerf_report::{Quantity, Record, ReportInput};
 
-use crate::existing::ExistingArgs;
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
+use crate::selection::ExistingArgs;
 use crate::terminal::fitted;
 use crate::{command_line, interrupt};
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use infonerf_experiment::{DeviceName, OpenDevice, Selection, parse_seeds};
+use infonerf_experiment::{DeviceName, Existing, OpenDevice, Selection, parse_seeds};
 use infonerf_metrics::Networks;
 use infonerf_train::Preset;
 
@@ -55,6 +55,25 @@ impl SelectionArgs {
             set: self.set.clone(),
             budget: budget.map(|budget| budget.as_secs_f64()),
         }
+    }
+}
+
+/// What happens to runs that exist already.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ExistingArgs {
+    /// Start existing runs anew instead of continuing them
+    #[arg(long)]
+    overwrite: bool,
+}
+
+impl ExistingArgs {
+    pub(crate) fn existing(&self) -> Existing {
+        if self.overwrite { Existing::Overwrite } else { Existing::Continue }
+    }
+
+    /// Names the command that continues a run: without `--overwrite`, which would start it anew.
+    pub(crate) fn same_command(&self) -> &'static str {
+        if self.overwrite { "the same command without --overwrite" } else { "the same command" }
     }
 }
 

@@ -13,13 +13,11 @@ use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE};
 
-use crate::existing::ExistingArgs;
-use crate::exit::INTERRUPTED;
 use crate::names::{self, KnownNames};
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
-use crate::selection::{DeviceArgs, NetworkArgs};
+use crate::selection::{DeviceArgs, ExistingArgs, NetworkArgs};
 use crate::terminal::open_device;
 use crate::units::parse_time;
 use crate::{command_line, interrupt};
@@ -92,12 +90,12 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let Some((trained, report)) = train(experiment, &session)? else {
         outln!("stopped and saved; {} continues", args.existing.same_command());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     };
     let fields = || trained.map_or_else(|| Trained::read(plan, &folder, &session.device), Ok);
     let Some(orbit) = write_pictures(fields, &folder, args.budget)? else {
         outln!("stopped; the scene is learned, and {} renders its orbit", args.existing.same_command());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     };
     let page = folder.join(VIEWER_PAGE);
     outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());

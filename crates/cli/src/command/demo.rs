@@ -14,7 +14,6 @@ use infonerf_render::render_tested;
 use infonerf_scene::View;
 use infonerf_train::Trainer;
 
-use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
@@ -91,7 +90,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         Executed::Ended { .. } => Ok(ExitCode::SUCCESS),
         _ => {
             outln!("stopped");
-            Ok(ExitCode::from(INTERRUPTED))
+            Ok(interrupt::exit_code())
         }
     }
 }

@@ -13,7 +13,6 @@ use infonerf_report::{VIEWER_PAGE, write_atomically};
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
 
-use crate::exit::INTERRUPTED;
 use crate::json::JsonEvents;
 use crate::launch::LaunchArgs;
 use crate::live::Live;
@@ -135,7 +134,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         live.as_ref().map_or_else(interrupt::control, Live::control)
     };
     let executed = execute(std::slice::from_ref(sweep), &args.out, &Executor::InProcess(&session), &mut watch)?;
-    let Executed::Ended { .. } = executed else { return Ok(ExitCode::from(INTERRUPTED)) };
+    let Executed::Ended { .. } = executed else { return Ok(interrupt::exit_code()) };
     if let Some(live) = &live {
         live.keep(&folder, as_text);
     }

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use indexmap::IndexSet;
 use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
 use infonerf_train::Preset;
 
@@ -51,13 +52,8 @@ pub(crate) fn run(args: &ListArgs) -> Result<ExitCode> {
 fn print_description(name: &str, described: &Description) {
     let Description { title, bases, data, runs, text } = described;
     let distinct = |key: fn(&RunPlan) -> String| {
-        let mut values: Vec<String> = Vec::new();
-        for value in runs.iter().map(key).filter(|value| !value.is_empty()) {
-            if !values.contains(&value) {
-                values.push(value);
-            }
-        }
-        values.join(", ")
+        let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
+        Vec::from_iter(values).join(", ")
     };
     let data = data.as_ref().map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
     outln!("{name}: {title}");

@@ -2,20 +2,18 @@
 
 pub(crate) mod bench;
 pub(crate) mod capture;
-pub(crate) mod collect;
 pub(crate) mod demo;
 pub(crate) mod documentation;
 pub(crate) mod eval;
 pub(crate) mod exp;
 pub(crate) mod export;
-pub(crate) mod figure;
 pub(crate) mod list;
 pub(crate) mod pretrain;
 pub(crate) mod render;
 pub(crate) mod reproduce;
+pub(crate) mod results;
 pub(crate) mod scene;
 pub(crate) mod sweep;
 pub(crate) mod sweep_item;
-pub(crate) mod tensorboard;
 pub(crate) mod view;
 pub(crate) mod weights;

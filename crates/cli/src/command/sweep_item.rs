@@ -11,7 +11,6 @@ use infonerf_experiment::execute::STOPPED;
 use infonerf_experiment::sweep::run_item;
 use infonerf_experiment::{Finished, RunEvent};
 
-use crate::exit::FAILED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
@@ -55,7 +54,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     match finished {
         Finished::Record(record, _) => outln!("{}", summary(&record)),
         Finished::Kept(_) => outln!("finished before and kept"),
-        Finished::Stopped => return Ok(ExitCode::from(STOPPED as u8)),
+        Finished::Stopped => return Ok(interrupt::exit_code()),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -64,7 +63,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
     errln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
-    std::process::exit(i32::from(FAILED));
+    std::process::exit(1);
 }
 
 /// Ends the process once its parent has closed the pipe to it: what is on disk is complete at any time.

@@ -58,45 +58,42 @@ impl Animation {
     }
 }
 
-/// A film of one kind, for the installed `ffmpeg` to write.
-pub(super) struct Film {
-    extension: &'static str,
-    codec: &'static [&'static str],
-}
+impl VideoName {
+    /// Returns the extension, and the options of the codec.
+    fn encoding(self) -> (&'static str, &'static [&'static str]) {
+        match self {
+            Self::Mp4 => ("mp4", &["-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"]),
+            Self::Webm => ("webm", &["-c:v", "libvpx-vp9", "-crf", "24", "-b:v", "0"]),
+        }
+    }
 
-impl Film {
     /// Checks that there is an `ffmpeg`.
-    pub(super) fn new(kind: VideoName) -> Result<Self> {
-        let (extension, codec): (_, &[&str]) = match kind {
-            VideoName::Mp4 => ("mp4", &["-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"]),
-            VideoName::Webm => ("webm", &["-c:v", "libvpx-vp9", "-crf", "24", "-b:v", "0"]),
-        };
-        let found = Command::new(PROGRAM).arg("-version").stdin(Stdio::null()).output();
-        match found {
-            Ok(_) => Ok(Self { extension, codec }),
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                bail!(
-                    "--video {extension}: expected `{PROGRAM}` in a folder of PATH; without --video there is an animated GIF"
-                )
-            }
+    pub(super) fn check(self) -> Result<()> {
+        let (extension, _) = self.encoding();
+        match Command::new(PROGRAM).arg("-version").stdin(Stdio::null()).output() {
+            Ok(_) => Ok(()),
+            Err(error) if error.kind() == ErrorKind::NotFound => bail!(
+                "--video {extension}: expected `{PROGRAM}` in a folder of PATH; without --video there is an animated GIF"
+            ),
             Err(error) => bail!("--video {extension}: {PROGRAM}: {error}"),
         }
     }
 
     /// Makes a film of the frames in `folder`, and returns its path.
-    pub(super) fn write(&self, folder: &Path, name: &str, fps: f64) -> Result<PathBuf> {
-        let part = format!("{name}.part.{}", self.extension);
+    pub(super) fn write(self, folder: &Path, name: &str, fps: f64) -> Result<PathBuf> {
+        let (extension, codec) = self.encoding();
+        let part = format!("{name}.part.{extension}");
         let output = Command::new(PROGRAM)
             .current_dir(folder)
             .args(["-y", "-loglevel", "error", "-framerate", &fps.to_string(), "-i", "%04d.png", "-vf", EVEN])
-            .args(self.codec)
+            .args(codec)
             .args(["-pix_fmt", "yuv420p"])
             // Not an option or a protocol, whatever the path's file is called.
             .arg(format!("./{part}"))
             .stdin(Stdio::null())
             .output()
             .with_context(|| PROGRAM.to_owned())?;
-        let path = folder.join(format!("{name}.{}", self.extension));
+        let path = folder.join(format!("{name}.{extension}"));
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);
             let last = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing");

@@ -16,14 +16,13 @@ use infonerf_render::{render_image, render_normals};
 use infonerf_report::{depth_image, normal_image};
 use infonerf_scene::{Camera, resized_dimensions};
 
-use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
-use animation::{Animation, Film, VideoName};
-use path::{FRAMES, PathName, Route};
+use animation::{Animation, VideoName};
+use path::{FRAMES, Route};
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
@@ -45,7 +44,7 @@ pub(crate) struct RenderArgs {
     run: PathBuf,
     /// Camera path: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file
     #[arg(long, value_name = "PATH", default_value = "orbit")]
-    path: PathName,
+    path: String,
     /// Number of frames [default: 60, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
@@ -72,7 +71,7 @@ const EXTENSIONS: [&str; 4] = ["gif", "mp4", "webm", "part"];
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     // Faults of the arguments are reported before anything is loaded.
-    let film = args.video.map(Film::new).transpose()?;
+    args.video.map_or(Ok(()), VideoName::check)?;
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
     if args.normals && !plan.config.field.traits().tracks_positions {
@@ -91,10 +90,10 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
     let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
     if animation.is_none() {
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     }
-    if let Some(film) = film {
-        outln!("{}", film.write(&out, route.name(), route.fps())?.display());
+    if let Some(video) = args.video {
+        outln!("{}", video.write(&out, route.name(), route.fps())?.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -153,7 +152,7 @@ const RENDER_SHARE: f64 = 0.8;
 /// Renders the orbit into the folder `out`, at a size for which rendering takes about `budget`, and returns the path of
 /// its animation; `None` if the user stops it.
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
-    let route = Route::read(&PathName::Orbit)?;
+    let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
     let (full, models) = (first(None), trained.models_with_residuals());
     let small = first(Some(SMALL_SIZE.min(full.width.max(full.height))));
