@@ -3,11 +3,11 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
 use crate::command::{
-    bench, capture, demo, documentation, eval, exp, export, list, pretrain, render, reproduce, results, scene, sweep,
-    sweep_item, view, weights,
+    bench, capture, demo, eval, exp, export, list, pretrain, render, reproduce, results, scene, sweep, sweep_item,
+    view, weights,
 };
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
@@ -41,8 +41,6 @@ enum Command {
     List(list::ListArgs),
     Config(list::ConfigArgs),
     Collect(results::CollectArgs),
-    Completions(documentation::CompletionsArgs),
-    Man(documentation::ManArgs),
 }
 
 impl Args {
@@ -68,14 +66,14 @@ impl Args {
             Command::List(args) => list::run(args),
             Command::Config(args) => list::config(args),
             Command::Collect(args) => results::collect(args),
-            Command::Completions(args) => documentation::completions(args, &mut Self::command()),
-            Command::Man(args) => documentation::man(args, Self::command()),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory;
+
     use super::*;
 
     #[test]

@@ -9,7 +9,6 @@ mod interrupt;
 mod json;
 mod launch;
 mod live;
-mod names;
 mod print;
 mod progress;
 mod reporter;

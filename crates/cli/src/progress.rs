@@ -104,11 +104,6 @@ impl ProgressDisplay {
         if parts.is_empty() { String::new() } else { format!(" (and {})", parts.join(", ")) }
     }
 
-    /// Does something that prints, with the bar out of the way.
-    pub(crate) fn suspend<R>(&self, print: impl FnOnce() -> R) -> R {
-        self.bar.suspend(print)
-    }
-
     fn next_stage(&mut self) -> Duration {
         let now = Instant::now();
         now.duration_since(std::mem::replace(&mut self.stage, now))

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use infonerf_train::Preset;
 use toml::{Table, Value};
 
 use crate::file::{Layers, Start};
@@ -95,25 +94,6 @@ fn sets(table: &Table, key: &str) -> bool {
     }
 }
 
-/// Returns the names of the variants of all built-in experiments, each once.
-///
-/// # Errors
-/// If one of them cannot be read, which a test excludes.
-pub fn variant_names() -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    for (name, _) in crate::list()? {
-        names.extend(Layers::read(name)?.variants()?.into_iter().map(|variant| variant.name));
-    }
-    names.sort();
-    names.dedup();
-    Ok(names)
-}
-
-/// Returns the dotted names of the keys that every config of `preset` has.
-pub fn config_keys(preset: Preset) -> Vec<String> {
-    leaves(&preset.table()).into_iter().map(|(key, _)| key).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,7 +107,6 @@ mod tests {
         assert_eq!(of("scene.background").origin, "preset fast");
         assert!(keys.iter().any(|key| key.origin == "variant infonerf"), "{keys:?}");
         assert!(keys.iter().filter(|key| key.origin.is_empty()).count() < keys.len() / 10, "{keys:?}");
-        assert!(config_keys(Preset::Fast).contains(&"train.rays".to_owned()));
     }
 
     #[test]
@@ -137,6 +116,5 @@ mod tests {
             assert_eq!(described.title, title, "{name}");
             assert!(!described.runs.is_empty() && !described.text.is_empty(), "{name}");
         }
-        assert!(variant_names().unwrap().contains(&"infonerf+".to_owned()));
     }
 }

@@ -43,7 +43,7 @@ pub mod sweep;
 #[cfg(test)]
 mod testing;
 
-pub use described::{ConfigKey, Description, config_keys, config_origins, describe, variant_names};
+pub use described::{ConfigKey, Description, config_origins, describe};
 pub use device::{DeviceName, OpenDevice, networks, open};
 pub use export::SplatFidelity;
 pub use file::list;

@@ -13,7 +13,6 @@ use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE};
 
-use crate::names::{self, KnownNames};
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
@@ -53,7 +52,7 @@ pub(crate) struct CaptureArgs {
     #[command(flatten)]
     networks: NetworkArgs,
     /// Set a key of the config, such as scene.size=400; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 

@@ -8,14 +8,12 @@ use indexmap::IndexSet;
 use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
 use infonerf_train::Preset;
 
-use crate::names::{self, KnownNames};
 use crate::print::outln;
 
 /// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
     /// Experiment to describe
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     name: Option<String>,
 }
 
@@ -23,16 +21,15 @@ pub(crate) struct ListArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ConfigArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     /// Variant [default: the experiment's first]
-    #[arg(long, value_name = "V", value_parser = KnownNames(names::variants), hide_possible_values = true)]
+    #[arg(long, value_name = "V")]
     variant: Option<String>,
     /// Preset that the config starts from
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 

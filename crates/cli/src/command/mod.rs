@@ -3,7 +3,6 @@
 pub(crate) mod bench;
 pub(crate) mod capture;
 pub(crate) mod demo;
-pub(crate) mod documentation;
 pub(crate) mod eval;
 pub(crate) mod exp;
 pub(crate) mod export;

@@ -10,7 +10,6 @@ use infonerf_experiment::{Experiment, RunEvent, Session, pretrain};
 use infonerf_train::Event;
 
 use crate::interrupt;
-use crate::names::{self, KnownNames};
 use crate::print::outln;
 use crate::progress::ProgressDisplay;
 use crate::selection::{ExistingArgs, SelectionArgs};
@@ -30,7 +29,6 @@ Examples:
 #[command(after_help = PRETRAIN_EXAMPLES)]
 pub(crate) struct PretrainArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file with one variant, one seed and the scenes to learn from
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,

@@ -9,7 +9,6 @@ use clap::{Args, ValueEnum};
 use infonerf_experiment::sweep::{PAPER_SPACE, Sweep};
 
 use crate::launch::LaunchArgs;
-use crate::names::{self, KnownNames};
 use crate::selection::SelectionArgs;
 use crate::units::parse_time;
 
@@ -30,7 +29,6 @@ The same command continues where it was interrupted.";
 #[command(after_help = SWEEP_EXAMPLES)]
 pub(crate) struct SweepArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     /// Key of the config and its values; may be repeated, for every combination
     #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present = "space")]

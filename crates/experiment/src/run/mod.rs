@@ -43,8 +43,6 @@ pub struct Session {
     pub out: PathBuf,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronize_phases`].
-    pub profiled: bool,
     /// Networks of learned metrics: those without one have no value.
     pub networks: Networks,
     /// The scene of the last run, and what it depends on: the next run often has the same.
@@ -142,13 +140,7 @@ impl Session {
     /// Runs on `device`, below `out`.
     pub fn new(device: OpenDevice, out: impl Into<PathBuf>, existing: Existing) -> Self {
         let (out, networks) = (out.into(), Networks::none());
-        Self { device, out, existing, profiled: false, networks, last_scene: Mutex::default() }
-    }
-
-    /// The session, `profiled` or not.
-    #[must_use]
-    pub fn profiled(self, profiled: bool) -> Self {
-        Self { profiled, ..self }
+        Self { device, out, existing, networks, last_scene: Mutex::default() }
     }
 
     /// The session with networks for learned metrics: see [`crate::networks`].
@@ -248,9 +240,6 @@ impl Session {
                 };
                 if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
                     trainer.resume(&checkpoint)?;
-                }
-                if self.profiled {
-                    trainer.synchronize_phases();
                 }
                 training.push(Training::new(trainer, folder)?);
             }
