@@ -108,13 +108,4 @@ mod tests {
         assert!(keys.iter().any(|key| key.origin == "variant infonerf"), "{keys:?}");
         assert!(keys.iter().filter(|key| key.origin.is_empty()).count() < keys.len() / 10, "{keys:?}");
     }
-
-    #[test]
-    fn every_built_in_experiment_is_described() {
-        for (name, title) in crate::list().unwrap() {
-            let described = describe(name).unwrap();
-            assert_eq!(described.title, title, "{name}");
-            assert!(!described.runs.is_empty() && !described.text.is_empty(), "{name}");
-        }
-    }
 }

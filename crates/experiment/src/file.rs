@@ -9,9 +9,23 @@ use infonerf_train::{Preset, config};
 use serde::Deserialize;
 use toml::{Spanned, Table, Value};
 
-use crate::built_in::BUILT_IN;
-use crate::plot::Plot;
 use crate::published::Paper;
+use crate::sweep::figures::Plot;
+
+/// Makes the list of names with the text of each file.
+macro_rules! built_in {
+    ($($name:literal,)*) => {
+        /// Names and texts of the built-in experiments: a file in `experiments/`, and its name here.
+        const BUILT_IN: &[(&str, &str)] = &[$(($name, include_str!(concat!("../experiments/", $name, ".toml"))),)*];
+    };
+}
+
+built_in! {
+    "synthetic-4view", "paper-regime", "fast-losses", "recipe", "time-against-error", "llff-2view", "llff-3view",
+    "dtu-3view", "zju-4view", "capture", "cameras", "loss-ablation", "unseen-rays", "baseline", "views",
+    "information", "integration", "integration-pixelnerf", "pixelnerf-pretrain", "baselines", "baselines-paper",
+    "released-small",
+}
 
 /// Experiments in a row of which each changes the next, at most.
 const MAX_CHAIN: usize = 8;

@@ -23,7 +23,6 @@
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 
-mod built_in;
 mod described;
 mod device;
 pub mod execute;
@@ -31,7 +30,6 @@ mod export;
 mod file;
 mod identity;
 mod plan;
-mod plot;
 mod pretrain;
 mod published;
 mod records;

@@ -164,7 +164,8 @@ pub(crate) fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Experiment, Selection};
+    use crate::Experiment;
+    use crate::testing::selected;
 
     #[test]
     fn figures_and_differences() {
@@ -184,9 +185,7 @@ mod tests {
     #[test]
     fn other_training_views_than_the_papers_are_noted() {
         let noted = |set: &[&str]| {
-            let selection =
-                Selection { set: set.iter().map(|&text| text.to_owned()).collect(), ..Selection::default() };
-            let plan = Experiment::plan("synthetic-4view", &selection).unwrap();
+            let plan = Experiment::plan("synthetic-4view", &selected(&[], &[], set)).unwrap();
             let published = plan.about.paper.unwrap().beside(&plan.runs.iter().collect::<Vec<_>>());
             published.footnotes.into_iter().find(|note| note.starts_with("Training views"))
         };
@@ -196,12 +195,8 @@ mod tests {
 
     #[test]
     fn every_active_term_is_listed() {
-        let selection = Selection {
-            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
-            variants: vec!["factored".into()],
-            ..Selection::default()
-        };
-        let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;
+        let set = ["loss.semantic.weight=0.1", "loss.tv.weight=1", "loss.silhouette.weight=0"];
+        let runs = Experiment::plan("fast-losses", &selected(&[], &["factored"], &set)).unwrap().runs;
         assert_eq!(priors(&runs.iter().collect::<Vec<_>>()), "semantic, tv");
     }
 }

@@ -141,23 +141,7 @@ pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RunPlan;
-
-    fn labels(names: &[&str], selection: &Selection) -> Vec<String> {
-        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
-        let sweeps = sweeps(&names, ReproductionPlan::Small, selection).unwrap();
-        sweeps.iter().flat_map(|sweep| sweep.runs().map(RunPlan::label)).collect()
-    }
-
-    #[test]
-    fn what_is_selected_goes_before_a_chapters_scale() {
-        assert_eq!(labels(&["fast-losses"], &Selection::default()).len(), 16);
-        let one = Selection { scenes: vec!["orrery".into()], seeds: vec![3], ..Selection::default() };
-        let found = labels(&["synthetic-4view", "zju-4view"], &one);
-        assert_eq!(found.iter().filter(|label| label.contains("orrery")).count(), 3, "{found:?}");
-        // The figure, not the orrery, which is no capture.
-        assert!(found.iter().any(|label| label.contains("figure")), "{found:?}");
-    }
+    use crate::testing::selected;
 
     #[test]
     fn every_experiment_takes_part() {
@@ -168,9 +152,14 @@ mod tests {
         let full: usize =
             sweeps(&[], ReproductionPlan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
         assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
+        let selection = selected(&["orrery"], &[], &[]);
+        let mixed =
+            sweeps(&["synthetic-4view".into(), "zju-4view".into()], ReproductionPlan::Small, &selection).unwrap();
+        assert!(mixed[0].runs().all(|plan| plan.scene == "orrery"));
+        assert!(mixed[1].runs().all(|plan| plan.scene == "figure"), "the figure, not the orrery, which is no capture");
         // Of a small capture every run is small.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));
-        assert_eq!(capture.len(), 5);
+        assert_eq!((capture.len(), all[1].len()), (5, 16));
     }
 }

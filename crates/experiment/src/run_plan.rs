@@ -277,19 +277,14 @@ fn absolute(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::first_run;
+    use crate::testing::{first_run, selected};
     use crate::{Experiment, Selection};
 
     /// As in `parity.rs`: there is no half in the pixel positions of the released code.
     #[test]
     fn released_rays_pass_through_corners() {
         let [centre, corner] = [Preset::Paper, Preset::Released].map(|preset| {
-            let selection = Selection {
-                preset: Some(preset),
-                set: vec!["scene.size=8".into()],
-                scenes: vec!["knot".into()],
-                ..Selection::default()
-            };
+            let selection = Selection { preset: Some(preset), ..selected(&["knot"], &[], &["scene.size=8"]) };
             Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0).load().unwrap()
         });
         for (centre, corner) in [(&centre.train, &corner.train), (&centre.test, &corner.test)] {

@@ -4,7 +4,6 @@ mod evaluate;
 mod folder;
 mod log;
 mod memory;
-mod pictures;
 #[cfg(test)]
 mod tests;
 mod train;
@@ -22,11 +21,10 @@ use infonerf_report::{Record, write_atomically};
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer, without_collapsed};
 
-pub use evaluate::picture_notes;
+pub use evaluate::{picture_notes, save_png};
 pub use folder::is_finished;
 pub(crate) use folder::{clear, lock};
 use memory::PeakMemory;
-pub use pictures::save_png;
 pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;

@@ -1,14 +1,15 @@
-//! Quality over the values of a sweep: a line for one grid, a heat map for two, and whether the best setting leads.
+//! Quality over the values of a sweep: a line for one grid, a heat map for two; and over the variants of an experiment.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use anyhow::Result;
 use indexmap::IndexSet;
 use infonerf_report::chart::{Axis, Bar, ChartFrame, Series, bar_chart, heat_map, line_chart};
-use infonerf_report::{Claim, Comparison, Figure, Quantity, Record, Relation, Side, overview_table};
+use infonerf_report::{Figure, Quantity, Record, ReportError, overview_table};
+use serde::Deserialize;
 
+use super::Sweep;
 use super::grid::Grid;
-use super::{Sweep, assignments};
 
 /// Values that span more than this are shown on a logarithmic axis.
 const WIDE: f64 = 30.0;
@@ -89,87 +90,52 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
 }
 
-/// Returns a claim for each variant: the setting with the highest mean PSNR is better than each of its neighbours,
-/// whose value of one key is the next lower or higher one. Like every [`Claim`] it is tested on differences within a
-/// scene and seed. The setting was chosen on the very runs that test it, so its lead is overestimated, and the
-/// statement says so.
-///
-/// Nothing if values have no order: grids of other things than numbers.
-pub(super) fn claims(sweep: &Sweep, records: &[Record]) -> Vec<Claim> {
-    let ranks = sweep.grids.iter().map(ranks).collect::<Option<Vec<_>>>().filter(|ranks| !ranks.is_empty());
-    let Some(ranks) = ranks else { return Vec::new() };
-    let means = means(records);
-    variants(sweep)
-        .iter()
-        .filter_map(|variant| claim(sweep, variant, &ranks, &by_choice(sweep, &means, variant)))
-        .collect()
+/// The `[plot]` of an experiment file: lines through the mean PSNR of variants, each of which stands for a number.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Plot {
+    /// Name of the number.
+    x: String,
+    /// Whether its axis is logarithmic.
+    #[serde(default)]
+    log: bool,
+    /// Lines by name: its variants, each with its number.
+    series: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
-/// Returns the rank of each value, which is how many are smaller; `None` unless all are numbers.
-fn ranks(grid: &Grid) -> Option<Vec<usize>> {
-    let numbers = (0..grid.values.len()).map(|index| grid.number(index)).collect::<Option<Vec<f64>>>()?;
-    Some(numbers.iter().map(|number| numbers.iter().filter(|other| *other < number).count()).collect())
-}
-
-/// Compares the setting with the highest of `means` with its neighbours.
-fn claim(sweep: &Sweep, variant: &str, ranks: &[Vec<usize>], means: &HashMap<&[usize], f64>) -> Option<Claim> {
-    let (best, _) = means.iter().max_by(|a, b| a.1.total_cmp(b.1).then_with(|| b.0.cmp(a.0)))?;
-    let steps = |choice: &[usize]| -> usize {
-        ranks.iter().zip(best.iter().zip(choice)).map(|(ranks, (&a, &b))| ranks[a].abs_diff(ranks[b])).sum()
-    };
-    let mut neighbours: Vec<&[usize]> = means.keys().copied().filter(|choice| steps(choice) == 1).collect();
-    neighbours.sort_unstable();
-    let side = |choice: &[usize]| {
-        let item = sweep.items.iter().find(|item| item.variant == variant && item.choice == choice)?;
-        Some(Side::Variant(item.plan.variant.clone()))
-    };
-    let comparison =
-        |other: &&[usize]| Some(Comparison { left: side(best)?, is: Relation::Better, right: side(other)? });
-    let comparisons: Vec<Comparison> = neighbours.iter().filter_map(comparison).collect();
-    let statement = format!(
-        "{variant}: the best setting, {}, is better than its neighbours (chosen on these very runs, which flatters it)",
-        assignments(&sweep.grids, best).join(" ")
-    );
-    let claim = Claim { statement, metric: Quantity::PSNR, margin: 0.0, comparisons };
-    (!claim.comparisons.is_empty()).then_some(claim)
+impl Plot {
+    /// Returns the chart of `records`: means over scenes and seeds, as in the tables.
+    pub(crate) fn figure(&self, records: &[Record]) -> Result<Figure, ReportError> {
+        let means = means(records);
+        let series = self.series.iter().map(|(name, variants)| {
+            let point = |(variant, x): (&String, &f64)| Some((*x, *means.get(variant)?));
+            let mut points: Vec<(f64, f64)> = variants.iter().filter_map(point).collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series { name: name.clone(), points }
+        });
+        let x = if self.log { Axis::log(&self.x) } else { Axis::linear(&self.x) };
+        let title = format!("{} by {}", Quantity::PSNR.heading(), self.x);
+        let frame = ChartFrame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
+        let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
+        Ok(Figure { name: "psnr-by".into(), title, svg, caption: "Means over scenes and seeds.".into() })
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use infonerf_report::Verdict;
-
-    use super::super::Item;
     use super::*;
-    use crate::Selection;
 
     #[test]
-    fn the_best_is_compared_with_its_neighbours() {
-        let selection = Selection {
-            scenes: vec!["knot".into(), "crane".into(), "castle".into()],
-            variants: vec!["infonerf".into()],
-            ..Selection::default()
-        };
-        let grids = ["loss.entropy.weight=1e-3,0,1e-2,1e-4", "loss.kl.weight=0,1e-5"].map(str::to_owned).to_vec();
-        let sweep = Sweep::plan("fast-losses", &grids, &selection).unwrap();
-        let psnr = |scene: &str, choice: &[usize]| {
-            // The second best is better than the best on one scene.
-            let noise = if choice[0] == 2 && scene == "knot" { 0.2 } else { 0.0 };
-            [20.0, 14.0, 19.9, 16.0][choice[0]] - 0.5 * choice[1] as f64 + noise
-        };
-        let record = |item: &Item| Record {
-            scene: item.plan.scene.clone(),
-            variant: item.plan.variant.clone(),
-            metrics: [("psnr".to_owned(), Some(psnr(&item.plan.scene, &item.choice)))].into_iter().collect(),
+    fn variants_become_points() {
+        let text = "x = 'views'\nlog = true\n[series]\nNeRF = { nerf-2 = 2, nerf-4 = 4, nerf-100 = 100 }";
+        let plot: Plot = toml::from_str(text).unwrap();
+        let record = |variant: &str, psnr| Record {
+            variant: variant.into(),
+            metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
             ..Record::default()
         };
-        let records: Vec<Record> = sweep.items.iter().map(record).collect();
-        let claims = claims(&sweep, &records);
-        assert_eq!(claims.len(), 1);
-        assert!(claims[0].statement.contains("loss.entropy.weight=1e-3 loss.kl.weight=0,"), "{}", claims[0].statement);
-        // λ₁ one lower and one higher, in whatever order they were written, and λ₂ one higher.
-        assert_eq!(claims[0].comparisons.len(), 3);
-        let tested = claims[0].test(&records, None);
-        let count = |verdict| tested.findings.iter().filter(|finding| finding.verdict == verdict).count();
-        assert_eq!((count(Verdict::Holds), count(Verdict::Undecided)), (2, 1), "{tested:?}");
+        let figure = plot.figure(&[record("nerf-4", 15.0), record("nerf-2", 12.0)]).unwrap();
+        assert_eq!(figure.svg.matches("<circle").count(), 2);
+        assert!(toml::from_str::<Plot>("x = 'views'").is_err());
     }
 }

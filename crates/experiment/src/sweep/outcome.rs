@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use infonerf_report::{Quantity, ReportInput, Setting, Table, overview_table, run_directory, write_report};
 
-use super::figures::{claims, figures};
+use super::figures::figures;
 use super::{Item, Sweep, assignments};
 use crate::records::{LIST, list_records, read_records};
 use crate::{About, RunPlan};
@@ -59,7 +59,7 @@ impl Sweep {
         if records.is_empty() {
             return Ok(None);
         }
-        let (figures, claims) = (figures(self, &records)?, claims(self, &records));
+        let figures = figures(self, &records)?;
         records.iter_mut().zip(items).for_each(|(record, item)| record.setting = self.setting_of(item));
         list_records(folder, &records)?;
         let table = overview_table(&records, &Quantity::all());
@@ -72,7 +72,6 @@ impl Sweep {
         let runs: Vec<&RunPlan> = self.runs().collect();
         let mut input = self.about.report_input(records, &runs)?;
         input.figures.extend(figures);
-        input.claims.extend(claims);
         let files = write_report(&input, folder)?;
         let table = overview_table(&input.shown_runs(), &Quantity::all());
         Ok(Some(SweepFiles { table, input, report: files.html, results: folder.join(LIST) }))
