@@ -16,7 +16,6 @@ mod selection;
 mod terminal;
 mod units;
 
-use std::env;
 use std::process::ExitCode;
 
 use anyhow::bail;
@@ -30,7 +29,7 @@ use print::errln;
 const USER_ERROR: u8 = 2;
 
 fn main() -> ExitCode {
-    let args = match parse() {
+    let args = match Args::try_parse() {
         Ok(args) => args,
         Err(error) => return refused(&error),
     };
@@ -41,16 +40,6 @@ fn main() -> ExitCode {
     result.unwrap_or_else(|error| {
         errln!("error: {}", one_line(&format!("{error:#}")));
         ExitCode::from(USER_ERROR)
-    })
-}
-
-/// Returns the arguments. `help --help`, which clap takes for help on a subcommand called `--help`, is `help`.
-fn parse() -> Result<Args, clap::Error> {
-    Args::try_parse().or_else(|error| match error.kind() {
-        ErrorKind::InvalidSubcommand if env::args_os().any(|word| word == "help") => {
-            Args::try_parse_from(env::args_os().filter(|word| word != "--help" && word != "-h"))
-        }
-        _ => Err(error),
     })
 }
 

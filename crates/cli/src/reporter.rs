@@ -55,9 +55,8 @@ impl Reporter {
             }
             PlanEvent::RunEnded(index, plan, ended) => {
                 let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
-                let stages = self.progress.as_ref().map_or_else(String::new, |(_, progress)| progress.stages());
                 self.bar.suspend(|| match ended {
-                    RunEnd::Trained(record, _) => outln!("{label}: {}{stages}", summary(&record)),
+                    RunEnd::Trained(record, _) => outln!("{label}: {}", summary(&record)),
                     RunEnd::Kept(record) => outln!("{label}: {} (finished before)", summary(&record)),
                     RunEnd::Finished(line) => outln!("{label}: {line}"),
                     RunEnd::Stopped => outln!("{label}: saved; {} continues it", self.same_command),
@@ -119,7 +118,6 @@ impl Reporter {
         if let Some(warning) = &prepared.warning {
             errln!("warning: {warning}");
         }
-        sweep.notices.iter().for_each(|notice| outln!("{notice}"));
         self.bar = ProgressBar::hidden();
         if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} runs {elapsed}{msg}")
             && !self.in_process

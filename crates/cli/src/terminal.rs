@@ -6,9 +6,9 @@ use infonerf_experiment::{DeviceName, OpenDevice, open};
 use infonerf_report::{Emphasis, Table};
 use terminal_size::{Width, terminal_size_of};
 
-use crate::print::{errln, outln};
+use crate::print::errln;
 
-/// Assumed columns of a terminal of unknown size.
+/// Columns of a terminal of unknown size.
 const COLUMNS: u16 = 80;
 /// Columns of a table that goes into a file or a pipe.
 const FILE_COLUMNS: usize = 100;
@@ -29,11 +29,6 @@ pub(crate) fn fitted(table: &Table) -> String {
         (asked.filter(|columns| *columns > 0).unwrap_or(FILE_COLUMNS), Emphasis::Star)
     };
     table.narrowed(columns).to_text(emphasis)
-}
-
-/// Columns of the terminal on standard error.
-pub(crate) fn columns_of_stderr() -> usize {
-    terminal_size_of(std::io::stderr()).map_or(COLUMNS, |(Width(columns), _)| columns).into()
 }
 
 /// Opens a device, and prints which GPU it is.

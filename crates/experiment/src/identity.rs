@@ -238,8 +238,9 @@ mod tests {
         assert_ne!(same, scene_with(&|scene| write(scene, "train/r_0.png", "two")));
         assert_ne!(same, scene_with(&|scene| write(scene, "train/r_1.png", "one")));
         let with_results = scene_with(&|scene| {
-            ["lock", "metrics.jsonl"].map(|file| write(scene, &format!("runs/exp/scene/nerf/seed0/{file}"), ""));
-            ["results.json", "report.html"].map(|file| write(scene, &format!("runs/other/{file}"), ""));
+            for file in ["exp/scene/nerf/seed0/lock", "exp/scene/nerf/seed0/metrics.jsonl", "other/results.json"] {
+                write(scene, &format!("runs/{file}"), "");
+            }
         });
         assert_eq!(same, with_results);
         #[cfg(unix)]

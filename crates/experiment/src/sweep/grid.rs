@@ -8,8 +8,8 @@ use toml::{Spanned, Value};
 /// The grids of the paper's two weights: λ₁ about its 1e-3, λ₂ about the released code's 2e-5, and each without.
 pub const PAPER_SPACE: [&str; 2] = ["loss.entropy.weight=0,1e-4,1e-3,1e-2", "loss.kl.weight=0,2e-6,2e-5,2e-4"];
 
-/// A sweep of more runs is taken for a mistake.
-pub(super) const MAX_RUNS: usize = 100_000;
+/// A sweep of more settings is taken for a mistake.
+const MAX_SETTINGS: usize = 100_000;
 
 /// A key of the config and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,8 +80,8 @@ fn overlap(a: &[String], b: &[String]) -> bool {
 /// Returns every combination of values, as an index for each grid; the last grid's values change fastest.
 pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
     let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
-    if count.is_none_or(|count| count > MAX_RUNS) {
-        bail!("--grid: expected at most {MAX_RUNS} settings");
+    if count.is_none_or(|count| count > MAX_SETTINGS) {
+        bail!("--grid: expected at most {MAX_SETTINGS} settings");
     }
     let longer = |choices: Vec<Vec<usize>>, grid: &Grid| {
         let with = |choice: Vec<usize>| (0..grid.values.len()).map(move |value| [&choice[..], &[value]].concat());

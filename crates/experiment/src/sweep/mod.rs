@@ -12,14 +12,13 @@ mod prepare;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use indexmap::IndexMap;
+use anyhow::{Context, Result};
 use rayon::prelude::*;
 
 use crate::plan::Outline;
 use crate::{About, Existing, Experiment, RunPlan, Selection};
 pub use grid::PAPER_SPACE;
-use grid::{Grid, MAX_RUNS, assignments, choices};
+use grid::{Grid, assignments, choices};
 pub use manifest::run_item;
 pub use outcome::{SweepFiles, collect};
 pub use prepare::Prepared;
@@ -31,8 +30,6 @@ pub struct Sweep {
     pub about: About,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Remarks for the user before it runs.
-    pub notices: Vec<String>,
     grids: Vec<Grid>,
     /// Runs in the order of the tables: by scene, variant, values, seed.
     items: Vec<Item>,
@@ -56,7 +53,7 @@ impl From<Experiment> for Sweep {
     fn from(experiment: Experiment) -> Self {
         let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, choice: Vec::new() };
         let items = experiment.runs.into_iter().map(item).collect();
-        Self { about: experiment.about, existing: Existing::Continue, notices: Vec::new(), grids: Vec::new(), items }
+        Self { about: experiment.about, existing: Existing::Continue, grids: Vec::new(), items }
     }
 }
 
@@ -81,18 +78,11 @@ impl Sweep {
             };
             Ok(runs.into_iter().enumerate().map(item).collect())
         };
-        // The first setting shows how many runs there are, and most faults, before all are made.
-        let choices = choices(&grids)?;
-        let of_one = runs_of((0, choices[0].clone()))?.len();
-        if of_one.saturating_mul(choices.len()) > MAX_RUNS {
-            bail!("--grid: expected at most {MAX_RUNS} runs");
-        }
-        let items: Vec<Result<Vec<_>>> = choices.into_par_iter().enumerate().map(runs_of).collect();
+        let items: Vec<Result<Vec<_>>> = choices(&grids)?.into_par_iter().enumerate().map(runs_of).collect();
         let mut items: Vec<_> = items.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
         items.sort_by_key(|(place, _)| *place);
-        let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
-        let notices = leave_out_repetitions(&grids, &mut items)?;
-        Ok(Self { about, existing: Existing::Continue, notices, grids, items })
+        let items = items.into_iter().map(|(_, item)| item).collect();
+        Ok(Self { about, existing: Existing::Continue, grids, items })
     }
 
     /// Returns the sweep, with what happens to its runs that exist already.
@@ -139,32 +129,6 @@ fn safe_name(variant: &str, assignments: &[String]) -> String {
         name.push_str(&format!("-{}", &blake3::hash(exact.as_bytes()).to_hex()[..8]));
     }
     format!("{variant}{name}")
-}
-
-/// Refuses values that mean the same, and leaves out a variant that the values make into another.
-fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
-    let Some((scene, seed)) = items.first().map(|item| (item.plan.scene.clone(), item.plan.seed)) else {
-        return Ok(Vec::new());
-    };
-    let first: Vec<&Item> = items.iter().filter(|item| item.plan.scene == scene && item.plan.seed == seed).collect();
-    let configs =
-        first.par_iter().map(|item| serde_json::to_string(&item.plan.config)).collect::<Result<Vec<_>, _>>()?;
-    let mut variants: IndexMap<String, IndexMap<String, &[usize]>> = IndexMap::new();
-    for (item, config) in first.into_iter().zip(configs) {
-        if let Some(other) = variants.entry(item.variant.clone()).or_default().insert(config, &item.choice) {
-            let [a, b] = [other, &item.choice].map(|choice| assignments(grids, choice).join(" "));
-            bail!("--grid: {a} and {b} give the same run of variant {}", item.variant);
-        }
-    }
-    let twin = |(index, (variant, configs)): (usize, (&String, &IndexMap<String, &[usize]>))| {
-        let (other, _) = variants.iter().take(index).find(|(_, others)| others.keys().eq(configs.keys()))?;
-        Some((variant.clone(), other.clone()))
-    };
-    let twins: IndexMap<String, String> = variants.iter().enumerate().filter_map(twin).collect();
-    items.retain(|item| !twins.contains_key(&item.variant));
-    let notice =
-        |(variant, other)| format!("variant {variant} is left out: with these values it is the same as {other}");
-    Ok(twins.iter().map(notice).collect())
 }
 
 #[cfg(test)]
