@@ -22,16 +22,12 @@ const ANAPHORA: [&str; 18] = [
     "These", "And", "Or", "As above",
 ];
 
-/// Words and their replacements.
-const WORDS: [(&str, &str); 4] = [
+/// Words, and beginnings of constants, with their replacements.
+const WORDS: [(&str, &str); 10] = [
     ("slope", "gradient or derivative"),
     ("slopes", "gradients or derivatives"),
     ("so many", "the number"),
     ("learnt", "learned"),
-];
-
-/// Prefixes of constants and their replacements.
-const PREFIXES: [(&str, &str); 6] = [
     ("MOST_", "MAX_"),
     ("LARGEST_", "MAX_"),
     ("LONGEST_", "MAX_"),
@@ -301,18 +297,19 @@ fn begins_with(text: &str, words: &str) -> bool {
 /// Returns a fault if a line has a word that another one replaces. Lines and leaky rectifiers do have slopes.
 fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
     let lower = line.to_lowercase();
-    let boundary = |c: Option<char>| !c.is_some_and(|c| c.is_alphanumeric());
-    let is_whole = |at: usize, word: &str| {
-        boundary(lower[..at].chars().next_back()) && boundary(lower[at + word.len()..].chars().next())
-    };
-    let has = |word: &str| lower.match_indices(word).any(|(at, _)| is_whole(at, word));
-    let of_a_line = ["line", "lines", "aspect", "leaky"].into_iter().any(has);
-    let word = WORDS.iter().find(|(word, _)| has(word) && !(word.starts_with("slope") && of_a_line));
-    let prefix = || {
-        PREFIXES.iter().find(|(prefix, _)| {
-            line.match_indices(prefix).any(|(at, _)| !line[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+    let part_of_word = |c: char| c.is_alphanumeric() || c == '_';
+    let has = |word: &str| {
+        let is_constant = word.ends_with('_');
+        let line = if is_constant { line } else { &lower };
+        line.match_indices(word).any(|(at, _)| {
+            let (before, after) = (&line[..at], &line[at + word.len()..]);
+            match is_constant {
+                true => !before.ends_with(part_of_word),
+                false => !before.ends_with(char::is_alphanumeric) && !after.starts_with(char::is_alphanumeric),
+            }
         })
     };
-    let (wrong, right) = word.or_else(prefix)?;
+    let of_a_line = ["line", "lines", "aspect", "leaky"].into_iter().any(has);
+    let (wrong, right) = WORDS.iter().find(|(word, _)| has(word) && !(word.starts_with("slope") && of_a_line))?;
     Some(format!("{}:{number}: {wrong}: expected {right}: {}", name_of(path), line.trim()))
 }

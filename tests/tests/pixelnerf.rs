@@ -106,16 +106,20 @@ fn setup(device: &Device) -> FieldSetup<'_> {
     FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
 }
 
-fn field(weights: &Path, device: &Device) -> RadianceField {
-    let config = PixelNerfConfig {
-        encoder: EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() },
+fn config(encoder: EncoderConfig) -> PixelNerfConfig {
+    PixelNerfConfig {
+        encoder,
         blocks: BLOCKS,
         pool_after: POOL_AFTER,
         width: WIDTH,
         frequencies: 6,
         lowest_frequency: 1.5,
         density: DensityActivation::Relu,
-    };
+    }
+}
+
+fn field(weights: &Path, device: &Device) -> RadianceField {
+    let config = config(EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() });
     let tensors = tensors().len();
     // Five tensors of the file are a weight and a bias here.
     let encoder = tensors / 5 * 2;
@@ -187,17 +191,7 @@ fn a_file_without_the_weights_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let fault = |name: &str, width: usize| {
         let encoder = EncoderConfig { width, blocks: vec![1], weights: folder.path().join(name) };
-        let density = DensityActivation::Relu;
-        let config = PixelNerfConfig {
-            encoder,
-            blocks: 1,
-            pool_after: 1,
-            width: 4,
-            frequencies: 1,
-            lowest_frequency: 1.0,
-            density,
-        };
-        FieldConfig::PixelNerf(config).build(&setup(&Device::flex())).unwrap_err().to_string()
+        FieldConfig::PixelNerf(config(encoder)).build(&setup(&Device::flex())).unwrap_err().to_string()
     };
     std::fs::write(folder.path().join("text"), "no weights").unwrap();
     write_weights(&folder.path().join("other"), &[("bias".to_owned(), vec![1])], |_, _, u| u);

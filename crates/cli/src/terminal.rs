@@ -1,8 +1,9 @@
 //! Output that fits the terminal: widths and colours.
 
 use std::io::IsTerminal;
+use std::path::Path;
 
-use infonerf_experiment::{DeviceName, OpenDevice, open};
+use infonerf_experiment::{DeviceName, OpenDevice, RunPlan, Trained, open};
 use infonerf_report::{Emphasis, Table};
 use terminal_size::{Width, terminal_size_of};
 
@@ -38,4 +39,11 @@ pub(crate) fn open_device(name: DeviceName) -> anyhow::Result<OpenDevice> {
         errln!("{}: {adapter}", device.name);
     }
     Ok(device)
+}
+
+/// Reads the fields of the run in `folder`, and prints what there is to warn of.
+pub(crate) fn read_run(plan: RunPlan, folder: &Path, device: &OpenDevice) -> anyhow::Result<Trained> {
+    let trained = Trained::read(plan, folder, device)?;
+    trained.warnings.iter().for_each(|warning| errln!("warning: {warning}"));
+    Ok(trained)
 }

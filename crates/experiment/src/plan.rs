@@ -78,12 +78,14 @@ pub(crate) struct Outline {
     pub(crate) about: About,
     /// Name or path that it was read by.
     experiment: String,
+    layers: Layers,
     budget: Option<f64>,
     scenes: Vec<ChosenScene>,
     seeds: Vec<u64>,
-    variants: Vec<ChosenVariant>,
-    /// Tables of configs, by preset and variant: preset, files, variant and what the selection sets.
-    tables: BTreeMap<(&'static str, String), Table>,
+    variants: Vec<Variant>,
+    /// Preset that was asked for, which holds for any number of views, and settings.
+    preset: Option<Preset>,
+    set: Vec<String>,
 }
 
 impl Outline {
@@ -108,22 +110,8 @@ impl Outline {
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
         let about = About::of(&layers, data);
         let variants = chosen_variants(&layers, selection)?;
-        let mut tables = BTreeMap::new();
-        let starts = scenes.iter().flat_map(|scene| variants.iter().map(|chosen| (scene.preset(chosen), chosen)));
-        let starts = starts
-            .flat_map(|(few, chosen)| [few, few.for_views(usize::MAX, Layout::Object)].map(|preset| (preset, chosen)));
-        for (preset, ChosenVariant { variant, .. }) in starts {
-            if let Entry::Vacant(new) = tables.entry((preset.name(), variant.name.clone())) {
-                let mut table = match variant.start {
-                    Start::Experiment => layers.config(preset),
-                    Start::Preset(_) => preset.table(),
-                };
-                config::merge(&mut table, variant.changes.clone());
-                assign(&mut table, &selection.set).with_context(|| experiment.to_owned())?;
-                new.insert(table);
-            }
-        }
-        Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants, tables })
+        let (preset, set) = (selection.preset, selection.set.clone());
+        Ok(Self { about, experiment: experiment.to_owned(), layers, budget, scenes, seeds, variants, preset, set })
     }
 
     /// Returns how many runs in a row differ in their seed only.
@@ -137,14 +125,17 @@ impl Outline {
         let mut runs = Vec::new();
         for scene in &self.scenes {
             let ChosenScene { name, source, .. } = scene;
-            for chosen in &self.variants {
-                let variant = &chosen.variant;
+            for variant in &self.variants {
                 let mut config = |preset: Preset| match configs.entry((preset.name(), &variant.name)) {
                     Entry::Occupied(known) => Ok::<Config, anyhow::Error>(known.get().clone()),
-                    Entry::Vacant(new) => Ok(new.insert(self.config(preset, &variant.name, set)?).clone()),
+                    Entry::Vacant(new) => Ok(new.insert(self.config(preset, variant, set)?).clone()),
                 };
+                let own = match variant.start {
+                    Start::Experiment => self.layers.last(|file| file.preset),
+                    Start::Preset(preset) => preset,
+                };
+                let preset = self.preset.or(own).unwrap_or(scene.suitable);
                 for &seed in &self.seeds {
-                    let preset = scene.preset(chosen);
                     let mut plan = RunPlan {
                         experiment: self.about.name.clone(),
                         scene: name.clone(),
@@ -156,7 +147,7 @@ impl Outline {
                         budget: self.budget,
                         config: config(preset)?,
                     };
-                    if preset == Preset::Capture && !chosen.is_asked_for {
+                    if preset == Preset::Capture && self.preset.is_none() {
                         // A scene that cannot be read is loading's to refuse.
                         let views = plan.pixels().map_or(0, |pixels| pixels.views);
                         plan.preset = preset.for_views(views, scene.layout);
@@ -171,11 +162,15 @@ impl Outline {
         Ok(runs)
     }
 
-    fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
-        let table = self.tables.get(&(preset.name(), variant.to_owned()));
-        let mut table = table.expect("there is a table for each preset and variant").clone();
-        assign(&mut table, set)
-            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {variant}")))
+    fn config(&self, preset: Preset, variant: &Variant, set: &[String]) -> Result<Config> {
+        let mut table = match variant.start {
+            Start::Experiment => self.layers.config(preset),
+            Start::Preset(_) => preset.table(),
+        };
+        config::merge(&mut table, variant.changes.clone());
+        assign(&mut table, &self.set)
+            .and_then(|()| assign(&mut table, set))
+            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {}", variant.name)))
             .with_context(|| self.experiment.clone())
     }
 }
@@ -203,22 +198,10 @@ impl ChosenScene {
         let suitable = if backdrop == Some(Backdrop::Unknown) { Preset::Capture } else { Preset::Fast };
         Self { name, source, suitable, layout }
     }
-
-    fn preset(&self, variant: &ChosenVariant) -> Preset {
-        variant.preset.unwrap_or(self.suitable)
-    }
-}
-
-/// A variant, and the preset of its configs; none for the one that suits each scene.
-struct ChosenVariant {
-    variant: Variant,
-    preset: Option<Preset>,
-    /// Whether the preset was asked for on the command line, and holds for any number of views.
-    is_asked_for: bool,
 }
 
 /// Returns the selected variants, by default all.
-fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenVariant>> {
+fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<Variant>> {
     let mut variants = layers.variants().with_context(|| layers.name.clone())?;
     if variants.is_empty() {
         bail!("{}: variants: expected at least one table", layers.name);
@@ -234,15 +217,8 @@ fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenV
         variants = selection.variants.iter().map(named).collect::<Result<_>>()?;
     }
     check_distinct("--variant", variants.iter().map(|variant| variant.name.clone()))?;
-    let chosen = |variant: Variant| {
-        check_name("variant", &variant.name)?;
-        let own = match variant.start {
-            Start::Experiment => layers.last(|file| file.preset),
-            Start::Preset(preset) => preset,
-        };
-        Ok(ChosenVariant { variant, preset: selection.preset.or(own), is_asked_for: selection.preset.is_some() })
-    };
-    variants.into_iter().map(chosen).collect()
+    variants.iter().try_for_each(|variant| check_name("variant", &variant.name))?;
+    Ok(variants)
 }
 
 fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {

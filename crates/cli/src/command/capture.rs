@@ -124,20 +124,20 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let (budget, around) = (args.budget.as_secs().max(1), SECONDS_PER_PHOTOGRAPH * count as u64);
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
+    let poses = match pairs {
+        0 => "none to find".to_owned(),
+        _ => format!("{} to {}, if COLMAP is not installed", time(quick), time(slow)),
+    };
     outln!(
-        "{}: {count} photographs, about {} to {} in all:",
+        "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \
+         training         {}, and about {} before and afterwards\n  orbit and page   up to {}",
         args.path.display(),
         time(quick + budget + around),
-        time(slow + 2 * budget + around)
+        time(slow + 2 * budget + around),
+        time(budget),
+        time(around),
+        time(budget)
     );
-    if pairs == 0 {
-        outln!("  poses            none to find");
-    } else {
-        outln!("  poses            {} to {}, if COLMAP is not installed", time(quick), time(slow));
-    }
-    outln!("  check            seconds");
-    outln!("  training         {}, and about {} before and afterwards", time(budget), time(around));
-    outln!("  orbit and page   up to {}", time(budget));
 }
 
 /// Plans what `exp capture --variant infonerf+` runs on the scene in `dir`, of `count` photographs: with few, none is held

@@ -17,10 +17,10 @@ use infonerf_report::{depth_image, normal_image};
 use infonerf_scene::{Camera, resized_dimensions};
 
 use crate::interrupt;
-use crate::print::{errln, outln};
+use crate::print::outln;
 use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
-use crate::terminal::open_device;
+use crate::terminal::{open_device, read_run};
 use animation::{Animation, VideoName};
 use path::{FRAMES, Route};
 
@@ -80,10 +80,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
             plan.config.field
         );
     }
-    let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
-    for warning in &trained.warnings {
-        errln!("warning: {warning}");
-    }
+    let trained = read_run(plan, &args.run, &open_device(args.device.device)?)?;
     let cameras = route.cameras(trained.scene(), args.frames, args.size);
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
