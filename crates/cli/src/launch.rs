@@ -133,7 +133,7 @@ impl LaunchArgs {
         let mut reporter = Reporter::new(&self.existing, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;
         if let Executed::Submitted(jobs) = &executed {
-            let (runs, ids) = (jobs.runs(), jobs.ids.join(", "));
+            let (runs, ids) = (jobs.records.len(), jobs.ids.join(", "));
             outln!(
                 "{runs} runs submitted as slurm {ids}; the last of them merges, as the same command with --merge does"
             );
@@ -169,12 +169,12 @@ impl LaunchArgs {
 fn watch_jobs(jobs: &Jobs) -> Result<bool> {
     interrupt::install()?;
     let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {msg} {elapsed}")?;
-    let bar = ProgressBar::new(jobs.runs() as u64).with_style(style);
+    let bar = ProgressBar::new(jobs.records.len() as u64).with_style(style);
     loop {
-        let progress = jobs.progress()?;
-        bar.set_position(progress.finished as u64);
-        bar.set_message(format!("{} tasks wait, {} run", progress.waiting, progress.running));
-        if progress.waiting + progress.running == 0 {
+        let [finished, waiting, running] = jobs.progress()?;
+        bar.set_position(finished as u64);
+        bar.set_message(format!("{waiting} tasks wait, {running} run"));
+        if waiting + running == 0 {
             bar.finish_and_clear();
             return Ok(true);
         }

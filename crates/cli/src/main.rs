@@ -2,7 +2,6 @@
 
 #![warn(clippy::print_stderr)]
 
-mod args;
 mod command;
 mod command_line;
 mod interrupt;
@@ -22,7 +21,7 @@ use anyhow::bail;
 use clap::Parser;
 use clap::error::ErrorKind;
 
-use args::Args;
+use command::Args;
 use print::errln;
 
 /// Exit code of anything that the user can put right.

@@ -75,16 +75,8 @@ pub fn experiments() -> [&'static str; CHAPTERS.len()] {
     CHAPTERS.map(|chapter| chapter.experiment)
 }
 
-/// Extent of a reproduction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ReproductionPlan {
-    /// An hour on two cores.
-    Small,
-    /// Four scenes and five view sets for every claim of the paper's regime: a night on two cores.
-    Full,
-}
-
-/// Returns the sweeps of the experiments called `names`, or of all where that is empty.
+/// Returns the sweeps of the experiments called `names`, or of all where that is empty: an hour on two cores, or, with `full`,
+/// four scenes and five view sets for every claim of the paper's regime, which is a night.
 ///
 /// Settings in `selection` take precedence over an experiment's own extent. Its data and scenes are those of the
 /// synthetic experiments: captures take part in them only where `names` has captures alone, and are the built-in ones
@@ -92,7 +84,7 @@ pub enum ReproductionPlan {
 ///
 /// # Errors
 /// If a name is not one of [`experiments`], and as [`Experiment::plan`].
-pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -> Result<Vec<Sweep>> {
+pub fn sweeps(names: &[String], full: bool, selection: &Selection) -> Result<Vec<Sweep>> {
     if let Some(unknown) = names.iter().find(|name| !experiments().contains(&name.as_str())) {
         bail!("{unknown}: expected one of {}", experiments().join(", "));
     }
@@ -103,17 +95,14 @@ pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -
         if chapter.captures && !captures_alone {
             (selection.data, selection.scenes) = (None, Vec::new());
         }
-        Ok(Sweep::from(Experiment::plan(chapter.experiment, &extended(chapter, plan, selection))?))
+        Ok(Sweep::from(Experiment::plan(chapter.experiment, &extended(chapter, full, selection))?))
     };
     CHAPTERS.iter().filter(|chapter| names.is_empty() || named(chapter)).map(sweep).collect()
 }
 
 /// Returns `selection`, with whatever it leaves open taken from `chapter`.
-fn extended(chapter: &Chapter, plan: ReproductionPlan, selection: Selection) -> Selection {
-    let extent = match plan {
-        ReproductionPlan::Small => chapter.small,
-        ReproductionPlan::Full => chapter.full,
-    };
+fn extended(chapter: &Chapter, full: bool, selection: Selection) -> Selection {
+    let extent = if full { chapter.full } else { chapter.small };
     let owned = |list: &[&str]| list.iter().map(|&text| text.to_owned()).collect::<Vec<String>>();
     let or = |given: Vec<String>, own: &[&str]| if given.is_empty() { owned(own) } else { given };
     Selection {
@@ -145,16 +134,14 @@ mod tests {
 
     #[test]
     fn every_experiment_takes_part() {
-        let all = sweeps(&[], ReproductionPlan::Small, &Selection::default()).unwrap();
+        let all = sweeps(&[], false, &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
         assert_eq!(names, experiments());
-        assert!(sweeps(&["nothing".into()], ReproductionPlan::Small, &Selection::default()).is_err());
-        let full: usize =
-            sweeps(&[], ReproductionPlan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
+        assert!(sweeps(&["nothing".into()], false, &Selection::default()).is_err());
+        let full: usize = sweeps(&[], true, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
         assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
         let selection = selected(&["orrery"], &[], &[]);
-        let mixed =
-            sweeps(&["synthetic-4view".into(), "zju-4view".into()], ReproductionPlan::Small, &selection).unwrap();
+        let mixed = sweeps(&["synthetic-4view".into(), "zju-4view".into()], false, &selection).unwrap();
         assert!(mixed[0].runs().all(|plan| plan.scene == "orrery"));
         assert!(mixed[1].runs().all(|plan| plan.scene == "figure"), "the figure, not the orrery, which is no capture");
         // Of a small capture every run is small.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use infonerf_experiment::reproduce::{ReproductionPlan, experiments, sweeps, write};
+use infonerf_experiment::reproduce::{experiments, sweeps, write};
 
 use crate::launch::LaunchArgs;
 use crate::print::outln;
@@ -46,10 +46,8 @@ pub(crate) struct ReproduceArgs {
 }
 
 pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
-    let (plan, folder) =
-        if args.full { (ReproductionPlan::Full, "reproduce-full") } else { (ReproductionPlan::Small, "reproduce") };
-    let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
-    let out = args.out.join(folder);
+    let sweeps = sweeps(&args.only, args.full, &args.selection.selection(None))?;
+    let out = args.out.join(if args.full { "reproduce-full" } else { "reproduce" });
     args.launch.run(sweeps, &args.selection, &out, |outcomes| {
         let inputs: Vec<_> = outcomes.into_iter().map(|outcome| outcome.input).collect();
         outln!("\nreport: {}", write(&inputs, &out)?.display());

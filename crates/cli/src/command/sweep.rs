@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use infonerf_experiment::sweep::{PAPER_SPACE, Sweep};
 
 use crate::launch::LaunchArgs;
@@ -34,8 +34,8 @@ pub(crate) struct SweepArgs {
     #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present = "space")]
     grids: Vec<String>,
     /// Predefined grids; `paper`: four values of λ1 times four of λ2
-    #[arg(long, value_name = "NAME", hide_possible_values = true)]
-    space: Option<ReadySpace>,
+    #[arg(long, value_name = "NAME", value_parser = ["paper"], hide_possible_values = true)]
+    space: Option<String>,
     #[command(flatten)]
     selection: SelectionArgs,
     /// Training time per run, such as 60s or 5m; schedules follow the clock
@@ -48,23 +48,9 @@ pub(crate) struct SweepArgs {
     out: PathBuf,
 }
 
-/// Grids under a name.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ReadySpace {
-    /// The paper's two weights.
-    Paper,
-}
-
-impl ReadySpace {
-    fn grids(self) -> Vec<String> {
-        match self {
-            Self::Paper => PAPER_SPACE.map(str::to_owned).to_vec(),
-        }
-    }
-}
-
 pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
-    let grids = [args.space.map(ReadySpace::grids).unwrap_or_default(), args.grids.clone()].concat();
+    let grids =
+        [args.space.iter().flat_map(|_paper| PAPER_SPACE.map(str::to_owned)).collect(), args.grids.clone()].concat();
     let sweep = Sweep::plan(&args.experiment, &grids, &args.selection.selection(args.budget))?;
     args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()))
 }

@@ -12,7 +12,7 @@ use infonerf_train::Trainer;
 
 pub use processes::{Runner, STOPPED, Workers};
 pub(crate) use slurm::refuse_under_way;
-pub use slurm::{JobProgress, JobResources, Jobs, Slurm};
+pub use slurm::{JobResources, Jobs, Slurm};
 
 use crate::records::save_record;
 use crate::sweep::{Prepared, Sweep, SweepFiles};

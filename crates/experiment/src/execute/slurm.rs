@@ -56,18 +56,7 @@ pub struct Jobs {
     /// Ids, that of the job that merges last.
     pub ids: Vec<String>,
     /// The file that each run leaves when it is finished.
-    records: Vec<PathBuf>,
-}
-
-/// Progress of jobs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct JobProgress {
-    /// Runs that are finished.
-    pub finished: usize,
-    /// Tasks that wait.
-    pub waiting: usize,
-    /// Tasks that run.
-    pub running: usize,
+    pub records: Vec<PathBuf>,
 }
 
 impl Slurm {
@@ -198,20 +187,14 @@ fn quoted(command: &[OsString]) -> Result<String> {
 }
 
 impl Jobs {
-    /// Returns the number of runs.
-    pub fn runs(&self) -> usize {
-        self.records.len()
-    }
-
-    /// Returns how many of the runs are finished, run and wait.
+    /// Returns how many of the runs are finished, and how many tasks wait and run.
     ///
     /// # Errors
     /// If Slurm does not answer.
-    pub fn progress(&self) -> Result<JobProgress> {
+    pub fn progress(&self) -> Result<[usize; 3]> {
         // Asked first: what has ended by then has left its record.
         let (waiting, running) = live(&self.ids)?;
-        let finished = self.records.iter().filter(|record| record.exists()).count();
-        Ok(JobProgress { finished, waiting, running })
+        Ok([self.records.iter().filter(|record| record.exists()).count(), waiting, running])
     }
 
     /// Returns the command that cancels the jobs.
