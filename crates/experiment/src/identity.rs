@@ -17,21 +17,18 @@ use crate::run_plan::file_paths;
 /// File name in a run's folder.
 const NAME: &str = "identity.json";
 
-/// Checksums of all that a run's numbers depend on.
+/// Keys of an identity, and what each is a checksum of.
+const PARTS: [(&str, &str); 5] = [
+    ("config", "the config"),
+    ("data", "the scene's files"),
+    ("program", "the program"),
+    ("device", "the device"),
+    ("first_files", "the files that the field is initialised from"),
+];
+
+/// Checksums of all that a run's numbers depend on, by key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Identity {
-    /// The run's `config.toml`.
-    config: String,
-    /// The contents of the scene's files, or the name of a built-in scene.
-    data: String,
-    /// The program.
-    program: String,
-    /// The device that computes.
-    device: String,
-    /// Files that the field is initialised from, of weights and others; empty without any.
-    first_files: String,
-}
+pub struct Identity(BTreeMap<String, String>);
 
 impl Identity {
     /// Returns the identity of `plan` on the device called `device`, with this program.
@@ -52,13 +49,14 @@ impl Identity {
             SceneSource::Procedural(name) => Ok(name.clone()),
             SceneSource::Folder { path } => folder_checksum(path),
         });
-        Ok(Self {
-            config: checksum(plan.to_toml()?.as_bytes()),
-            data: data.collect::<Result<Vec<_>>>()?.join(" "),
-            program: program_checksum()?,
-            device: device.to_owned(),
-            first_files: files_checksum(plan)?,
-        })
+        let values = [
+            short(blake3::hash(plan.to_toml()?.as_bytes())),
+            data.collect::<Result<Vec<_>>>()?.join(" "),
+            program_checksum()?,
+            device.to_owned(),
+            files_checksum(plan)?,
+        ];
+        Ok(Self(PARTS.iter().map(|(key, _)| (*key).to_owned()).zip(values).collect()))
     }
 
     /// Reads the identity of the run in `folder`; `None` if it has none, or one of an earlier version.
@@ -73,7 +71,7 @@ impl Identity {
 
     /// Names the contents of the scene's files.
     pub(crate) fn data(&self) -> &str {
-        &self.data
+        self.0.get("data").map_or("", String::as_str)
     }
 
     /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
@@ -104,14 +102,8 @@ impl Identity {
 
     /// Names the parts that differ from the run that was begun as `then`.
     fn changes(&self, then: &Self) -> Vec<&'static str> {
-        let parts = [
-            ("the config", &self.config, &then.config),
-            ("the scene's files", &self.data, &then.data),
-            ("the program", &self.program, &then.program),
-            ("the device", &self.device, &then.device),
-            ("the files that the field is initialised from", &self.first_files, &then.first_files),
-        ];
-        parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
+        let is_changed = |(key, _): &(&str, &str)| self.0.get(*key) != then.0.get(*key);
+        PARTS.into_iter().filter(is_changed).map(|(_, what)| what).collect()
     }
 }
 
@@ -121,10 +113,6 @@ fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String
     let key = then.keys().chain(now.keys()).filter(|key| then.get(*key) != now.get(*key)).min()?;
     let shown = |table: &BTreeMap<String, String>| table.get(key).cloned().unwrap_or_else(|| "absent".to_owned());
     Some((key.clone(), shown(&then), shown(&now)))
-}
-
-fn checksum(bytes: &[u8]) -> String {
-    short(blake3::hash(bytes))
 }
 
 fn short(hash: blake3::Hash) -> String {
