@@ -56,7 +56,7 @@ impl SelectionArgs {
     }
 }
 
-/// What happens to runs that exist already.
+/// Policy for runs that exist already.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ExistingArgs {
     /// Start existing runs anew instead of continuing them

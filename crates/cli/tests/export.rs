@@ -153,7 +153,6 @@ fn impossible_exports_and_paths_are_refused() {
         fs::write(place.path("path.json"), text).unwrap();
         render("path.json").fails_with(&["path.json", part]);
     }
-    place.run(&["render", RUN, "--video", "avi"]).fails_with(&["--video"]);
 }
 
 fn entry(index: usize) -> Value {
@@ -198,45 +197,4 @@ fn cameras_follow_every_path() {
     let first = |folder: &str| image::open(place.path(folder).join("0000.png")).unwrap().to_rgb8();
     place.run(&["render", RUN, "--path", "camera_path.json", "--size", "12", "--out", "c"]).succeeds();
     assert_eq!((first("b").dimensions(), first("c").dimensions()), ((12, 12), (12, 8)));
-}
-
-#[cfg(unix)]
-#[test]
-fn films_are_made_by_an_installed_ffmpeg() {
-    use std::os::unix::fs::PermissionsExt;
-
-    let place = with_run();
-    let render = |args: &str| {
-        let mut command =
-            place.run(&["render", RUN, "--frames", "2", "--size", "9", "--out", "film"]).args(args).into_command();
-        command.env("PATH", place.path("programs"));
-        command.output().unwrap()
-    };
-    fs::create_dir_all(place.path("programs")).unwrap();
-    let output = render("--video mp4");
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.starts_with("error: --video mp4: expected `ffmpeg`") && said.lines().count() == 1, "{said}");
-    assert!(!place.path("film").exists(), "nothing is rendered in vain");
-
-    // Stands in for ffmpeg: notes its arguments and writes the file that is named last.
-    let program = place.path("programs/ffmpeg");
-    let script = |body: &str| {
-        fs::write(&program, format!("#!/bin/sh\n[ \"$1\" = -version ] && exit 0\n{body}\n")).unwrap();
-        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    };
-    script("for last; do :; done; echo \"$@\" > \"$last\"");
-    for (kind, codec) in [("mp4", "libx264"), ("webm", "libvpx-vp9")] {
-        let output = render(&format!("--video {kind}"));
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let file = format!("film/orbit.{kind}");
-        assert!(text(&output.stdout).contains(&file));
-        let arguments = fs::read_to_string(place.path(&file)).unwrap();
-        assert!(arguments.contains("-framerate 20 -i %04d.png") && arguments.contains(codec), "{arguments}");
-    }
-    script("echo first >&2; echo 'no such codec' >&2; exit 1");
-    let output = render("--video webm");
-    let said = text(&output.stderr);
-    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
-    assert!(said.contains("orbit.webm: ffmpeg: no such codec"), "{said}");
 }

@@ -169,6 +169,9 @@ fn bad_grids() {
         ("loss.entropy.weight", &["loss.entropy.weight", "="]),
         ("loss.entropy.weight=", &["loss.entropy.weight", "empty"]),
         ("loss.entropy.weight=0,,1", &["empty"]),
+        ("field.resolutions=[4],", &["empty"]),
+        ("field.resolutions=[4", &["--grid field.resolutions=[4"]),
+        ("train.unseen=sphere,\"dataset\"", &["--grid train.unseen"]),
         ("loss.entropy.weight=0,1,0", &["0 is given twice"]),
         ("loss.entropy.weight=0,high", &["loss.entropy.weight", "high"]),
         ("loss.entropy.weight=-1", &["loss.entropy.weight"]),
@@ -178,6 +181,7 @@ fn bad_grids() {
         grid(&format!("--grid {values}")).fails_with(parts);
     }
     grid("--grid train.lr=1e-3,1e-2 --grid train.lr=0.1").fails_with(&["--grid train.lr", "twice"]);
+    grid("--grid loss={} --grid loss.kl.weight=1").fails_with(&["--grid loss.kl.weight: contradicts --grid loss"]);
     grid("--grid train.lr=1e-3 --set train.lr=1e-2").fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
     grid("--grid train.lr=1e-3 --scene lego").fails_with(&["lego"]);
     grid("--grid train.lr=1e-3 --seed 1 --seed 0..2").fails_with(&["--seed 1", "twice"]);

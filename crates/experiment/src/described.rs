@@ -93,19 +93,3 @@ fn sets(table: &Table, key: &str) -> bool {
         value => value.is_some(),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_key_has_an_origin() {
-        let selection = Selection { set: vec!["train.rays=77".into()], ..Selection::default() };
-        let keys = config_origins("fast-losses", "infonerf", &selection).unwrap();
-        let of = |name: &str| keys.iter().find(|key| key.key == name).unwrap();
-        assert_eq!((of("train.rays").value.as_str(), of("train.rays").origin.as_str()), ("77", "--set"));
-        assert_eq!(of("scene.background").origin, "preset fast");
-        assert!(keys.iter().any(|key| key.origin == "variant infonerf"), "{keys:?}");
-        assert!(keys.iter().filter(|key| key.origin.is_empty()).count() < keys.len() / 10, "{keys:?}");
-    }
-}

@@ -31,15 +31,8 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
 /// ([`Record::representable`]).
 ///
 /// # Errors
-/// If the file cannot be written, or a duration is not finite.
+/// If the file cannot be written.
 pub(crate) fn write_records(path: &Path, records: &[Record]) -> Result<()> {
-    for record in records {
-        let durations =
-            [("train_seconds", record.train_seconds), ("render_seconds_per_image", record.render_seconds_per_image)];
-        if let Some((field, value)) = durations.into_iter().find(|(_, value)| !value.is_finite()) {
-            bail!("{}: field `{field}`: expected a finite number, found {value}", path.display());
-        }
-    }
     let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
     let mut bytes = serde_json::to_vec_pretty(&records)?;
     bytes.push(b'\n');
@@ -230,9 +223,6 @@ mod tests {
         save_record(folder.path(), &with_psnr(f64::INFINITY, record("lego", "nerf", 0))).unwrap();
         let saved = read_records(&folder.path().join(LIST)).unwrap().remove(0);
         assert_eq!((saved.metrics["psnr"], saved.notes.len()), (None, 1));
-        let timeless = Record { train_seconds: f64::NAN, ..record("lego", "nerf", 0) };
-        let error = save_record(folder.path(), &timeless).unwrap_err().to_string();
-        assert!(error.contains("field `train_seconds`: expected a finite number"), "{error}");
     }
 
     #[test]

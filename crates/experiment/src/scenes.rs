@@ -99,15 +99,6 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn seeds() {
-        assert_eq!(parse_seeds("3").unwrap(), 3..=3);
-        assert_eq!(parse_seeds("0..4").unwrap(), 0..=4);
-        for text in ["", "..", "4..0", "-1", "0..", "1.5", "0..1000000000"] {
-            assert!(parse_seeds(text).is_err(), "{text}");
-        }
-    }
-
     /// Photographs, or the files of a scene, where a folder of scenes is expected.
     #[test]
     fn a_scene_itself_is_refused_with_what_to_type() {

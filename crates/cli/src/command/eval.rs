@@ -254,16 +254,3 @@ fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
         outln!("{label:wide$}  {full:6.2}{cells}");
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scales_are_from_a_half_to_a_64th() {
-        assert_eq!(parse_scale("1/8"), Ok(8));
-        for text in ["", "8", "1/1", "1/0", "1/65", "2/4", "1/-2", "1/1.5"] {
-            assert!(parse_scale(text).is_err(), "{text}");
-        }
-    }
-}

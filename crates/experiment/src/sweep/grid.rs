@@ -138,21 +138,6 @@ mod tests {
     }
 
     #[test]
-    fn bad_grids_are_refused_with_the_reason() {
-        for (grids, set, part) in [
-            (&["a.b=1,"][..], &[][..], "an empty one"),
-            (&["a.b=[1],"], &[], "an empty one"),
-            (&["a.b=[1"], &[], "--grid a.b=[1"),
-            (&["train.unseen=sphere,\"dataset\""], &[], "--grid train.unseen"),
-            (&["a={b=1}", "a.b=1"], &[], "--grid a.b: contradicts --grid a"),
-        ] {
-            let fault = format!("{:#}", parsed(grids, set).unwrap_err());
-            assert!(fault.contains(part) && fault.lines().count() == 1, "{grids:?}: {fault}");
-        }
-        assert!(parsed(&["a.b=1", "a.c=1"], &["a.d=1"]).is_ok());
-    }
-
-    #[test]
     fn the_last_grid_changes_fastest() {
         let grids = parsed(&["a=1,2", "b=3,4,5"], &[]).unwrap();
         let all = choices(&grids).unwrap();
