@@ -90,7 +90,7 @@ impl Workers {
         let first = prepared.missing.first().map(|&item| sweep.run(item));
         // A scene that cannot be read is the run's to report.
         let needed = first.and_then(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
-        let needed = needed.map(|needed| needed.total() + PROGRAM_BYTES);
+        let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES));
         let jobs = fitting(self.jobs.min(prepared.missing.len()), cores(), available_memory(), needed);
         let items = prepared.missing.iter().copied();
         let queue = Mutex::new(items);
