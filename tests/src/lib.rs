@@ -1,12 +1,16 @@
 //! Helpers of the tests across crates: parameters that follow from a rule, so that fixtures need no weights.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use glam::Vec3;
+use infonerf_scene::{Aabb, Range, Space};
 use safetensors::{Dtype, tensor::TensorView};
 use serde_json::Value;
+
+/// Tolerance of the values of fixtures.
+pub const TOLERANCE: f64 = 1e-4;
 
 /// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or a software device.
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
@@ -105,13 +109,44 @@ pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, 
     visitor.found
 }
 
-/// Returns the elements of a fixture's list of numbers.
+/// Returns the elements of a fixture's list of numbers, or its one number.
 ///
 /// # Panics
-/// If the value is not a list of numbers.
+/// If the value is neither.
+pub fn floats(value: &Value) -> Vec<f64> {
+    let number = |x: &Value| x.as_f64().expect("a number");
+    value.as_array().map_or_else(|| vec![number(value)], |items| items.iter().map(number).collect())
+}
+
+/// Returns [`floats`] in single precision.
 pub fn numbers(value: &Value) -> Vec<f32> {
-    let number = |x: &Value| x.as_f64().expect("a number") as f32;
-    value.as_array().expect("a list").iter().map(number).collect()
+    floats(value).into_iter().map(|x| x as f32).collect()
+}
+
+/// Returns a whole number of a fixture.
+///
+/// # Panics
+/// If the value is none.
+pub fn whole(value: &Value) -> usize {
+    value.as_u64().expect("a whole number") as usize
+}
+
+/// Returns the three elements of a fixture's vector.
+///
+/// # Panics
+/// If there are not three numbers.
+pub fn triple(value: &Value) -> [f32; 3] {
+    numbers(value).try_into().expect("three numbers")
+}
+
+/// Returns the space of a scene within a cube of `half_edge` about the origin, between the fixture's near and far.
+///
+/// # Panics
+/// If the fixture lacks them.
+pub fn space(fixture: &Value, half_edge: f32) -> Space {
+    let [near, far] = ["near", "far"].map(|key| floats(&fixture[key])[0] as f32);
+    let bounds = Aabb::cube(Vec3::ZERO, half_edge);
+    Space { near, far, range: Range::Distance { near, far }, bounds, ..Space::default() }
 }
 
 /// Returns the largest magnitude.
@@ -119,16 +154,30 @@ pub fn largest(values: &[f32]) -> f64 {
     values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
 }
 
-/// Checks that no element is further than `tolerance` from the expected one.
+/// Checks that each element is within `tolerance`, which is given the expected one, from that.
 ///
 /// # Panics
-/// If an element is, or the lengths differ.
-pub fn compare(got: &[f32], want: &[f32], tolerance: f64, what: &str) {
+/// If one is not, or the lengths differ.
+pub fn compare_within<A, B>(got: &[A], want: &[B], tolerance: impl Fn(f64) -> f64, what: &str)
+where
+    A: Copy + Into<f64>,
+    B: Copy + Into<f64>,
+{
     assert_eq!(got.len(), want.len(), "{what}");
     for (index, (got, want)) in got.iter().zip(want).enumerate() {
-        let error = (f64::from(*got) - f64::from(*want)).abs();
-        assert!(error <= tolerance, "{what}, {index}: {got} against {want}");
+        let (got, want) = ((*got).into(), (*want).into());
+        assert!((got - want).abs() <= tolerance(want), "{what}, {index}: {got} against {want}");
     }
+}
+
+/// Checks that no element is further than [`TOLERANCE`] times the largest expected element, or `floor` if that is larger, from
+/// the expected one.
+///
+/// # Panics
+/// As [`compare_within`].
+pub fn close(got: &[f32], want: &[f32], floor: f64, what: &str) {
+    let tolerance = TOLERANCE * largest(want).max(floor);
+    compare_within(got, want, |_| tolerance, what);
 }
 
 /// Returns the colours in [0, 1] of test image `k`, row-major.
@@ -136,16 +185,18 @@ pub fn picture(k: usize, pixels: usize) -> Vec<[f32; 3]> {
     (0..pixels).map(|p| [0, 1, 2].map(|c| (0.5 + 0.5 * hashed(1000 + k, 3 * p + c)) as f32)).collect()
 }
 
-/// Writes `(name, shape, elements)` as a safetensors file.
+/// Writes tensors of these names and shapes as a safetensors file: element `n` of tensor `l` is `rule(name, shape, hashed(l, n))`.
 ///
 /// # Panics
-/// If a shape does not fit its elements, or the file cannot be written.
-pub fn write_weights(path: &Path, tensors: impl Iterator<Item = (String, Vec<usize>, Vec<f32>)>) {
-    let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
-        .map(|(name, shape, values)| (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect()))
-        .collect();
-    let view = |shape: &[usize], bytes| TensorView::new(Dtype::F32, shape.to_vec(), bytes).expect("shapes fit");
-    let views: BTreeMap<&str, TensorView<'_>> =
-        bytes.iter().map(|(name, shape, bytes)| (name.as_str(), view(shape, bytes))).collect();
+/// If the file cannot be written.
+pub fn write_weights(path: &Path, tensors: &[(String, Vec<usize>)], rule: impl Fn(&str, &[usize], f64) -> f64) {
+    let bytes = |(l, (name, shape)): (usize, &(String, Vec<usize>))| -> Vec<u8> {
+        let values = (0..shape.iter().product()).map(|n| rule(name, shape, hashed(l, n)) as f32);
+        values.flat_map(f32::to_le_bytes).collect()
+    };
+    let bytes: Vec<Vec<u8>> = tensors.iter().enumerate().map(bytes).collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, shape), bytes)| {
+        (name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes).expect("shapes fit"))
+    });
     safetensors::serialize_to_file(views, &None, path).expect("a file to write to");
 }

@@ -10,15 +10,12 @@ use infonerf_ops::to_host;
 use infonerf_pretrained::{ClipConfig, ClipVision};
 use infonerf_procedural::load;
 use infonerf_scene::{SceneRequest, TestProtocol};
-use infonerf_tests::{fixture, hashed, picture, write_weights};
+use infonerf_tests::{TOLERANCE, compare_within, fixture, floats, picture, whole, write_weights};
 use infonerf_train::{Config, Event, Preset, Trainer};
 use serde_json::Value;
 
-/// Tolerance: embeddings have unit length, gradients reach 0.1.
-const TOLERANCE: f32 = 1e-4;
-
 fn small(fixture: &Value) -> ClipConfig {
-    let number = |key: &str| fixture["small"][key].as_u64().unwrap() as usize;
+    let number = |key: &str| whole(&fixture["small"][key]);
     ClipConfig {
         image: number("image_size"),
         patch: number("patch_size"),
@@ -58,41 +55,31 @@ fn tensors(config: ClipConfig) -> Vec<(String, Vec<usize>)> {
     all
 }
 
-fn rule(l: usize, name: &str, shape: &[usize]) -> Vec<f32> {
-    let fan_in: usize = shape[1..].iter().product();
-    let value = |u: f64| match shape {
+fn rule(name: &str, shape: &[usize], u: f64) -> f64 {
+    match shape {
         _ if name.ends_with("class_embedding") || name.contains("position_embedding") => 0.5 * u,
         _ if name.ends_with("bias") => 0.1 * u,
         [_] => 1.0 + 0.2 * u,
-        _ => (3.0 / fan_in as f64).sqrt() * u,
-    };
-    (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect()
+        _ => (3.0 / shape[1..].iter().product::<usize>() as f64).sqrt() * u,
+    }
 }
 
 fn encoder(path: &Path, config: ClipConfig, device: &Device) -> ClipVision {
-    let filled = tensors(config).into_iter().enumerate().map(|(l, (name, shape))| {
-        let values = rule(l, &name, &shape);
-        (name, shape, values)
-    });
-    write_weights(path, filled);
+    write_weights(path, &tensors(config), rule);
     ClipVision::read(path, config, device).unwrap()
 }
 
 /// Image `k` of the fixture with its height and width.
 fn pictured(fixture: &Value, k: usize, device: &Device) -> (Tensor<2>, (usize, usize)) {
-    let side = |i: usize| fixture["pictures"][k][i].as_u64().unwrap() as usize;
+    let side = |i: usize| whole(&fixture["pictures"][k][i]);
     let (height, width) = (side(0), side(1));
     let pixels = picture(k, height * width).into_flattened();
     (Tensor::from_data(TensorData::new(pixels, [height * width, 3]), device), (height, width))
 }
 
+/// Compares embeddings, of unit length, or gradients, which reach 0.1.
 fn compare<const D: usize>(got: Tensor<D>, want: &Value, what: &str) {
-    let (got, want) = (to_host(got), want.as_array().unwrap());
-    assert_eq!(got.len(), want.len(), "{what}");
-    for (got, want) in got.iter().zip(want) {
-        let want = want.as_f64().unwrap() as f32;
-        assert!((got - want).abs() <= TOLERANCE, "{what}: {got} against {want}");
-    }
+    compare_within(&to_host(got), &floats(want), |_| TOLERANCE, what);
 }
 
 fn check(device: &Device) {
@@ -113,9 +100,7 @@ fn check(device: &Device) {
 
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    for device in infonerf_tests::devices() {
-        check(&device);
-    }
+    infonerf_tests::devices().iter().for_each(check);
 }
 
 #[test]
@@ -169,7 +154,7 @@ fn a_file_without_the_encoder_is_refused_by_name() {
         Err(cause) => cause,
     };
     assert!(fault(&path).contains("No such file"));
-    write_weights(&path, [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
+    write_weights(&path, &[("bias".to_owned(), vec![1])], |_, _, u| u);
     assert!(fault(&path).starts_with("no tensor `visual_projection.weight`, expected F32 ["));
     encoder(&path, small(&fixture("clip")), &Device::flex());
     assert!(fault(&path).contains("`visual_projection.weight` is F32 [10, 24], not F32 [512, 768]"));

@@ -3,9 +3,8 @@
 mod clip;
 mod density_gradient;
 mod documents;
+mod forward;
 mod gpu_check;
-mod mip_forward;
-mod nerf_forward;
 mod neural_body;
 mod neural_volumes;
 mod parity;

@@ -11,19 +11,18 @@ use infonerf_field::{
 };
 use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{compare, fixture, gradients_of, hashed, largest, numbers, overwritten};
+use infonerf_tests::{close, fixture, gradients_of, hashed, numbers, overwritten, triple, whole};
 use serde_json::Value;
 
-const TOLERANCE: f64 = 1e-4;
 /// Scale below which gradients are compared with it, as their terms cancel; the largest is 0.15.
 const MIN_SCALE: f64 = 1e-3;
 
 fn triples(value: &Value) -> Vec<[f32; 3]> {
-    value.as_array().unwrap().iter().map(|row| numbers(row).try_into().unwrap()).collect()
+    value.as_array().unwrap().iter().map(triple).collect()
 }
 
 fn config(fixture: &Value) -> NeuralBodyConfig {
-    let number = |key: &str| fixture[key].as_u64().unwrap() as usize;
+    let number = |key: &str| whole(&fixture[key]);
     NeuralBodyConfig {
         vertices: PathBuf::new(),
         voxel: fixture["voxel"].as_f64().unwrap() as f32,
@@ -54,16 +53,11 @@ fn summed(l: usize, (rank, gradient): (usize, Vec<f32>)) -> Vec<f32> {
     vec![terms.sum::<f64>() as f32]
 }
 
-/// Compares with errors relative to the largest expected element.
-fn close(got: &[f32], want: &[f32], what: &str) {
-    compare(got, want, TOLERANCE * largest(want), what);
-}
-
 fn check(device: &Device) {
     let fixture = &fixture("neural_body");
     let device = &device.clone().autodiff();
     let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
-    let origin = numbers(&fixture["origin"]).try_into().unwrap();
+    let origin = triple(&fixture["origin"]);
     let body = Some(BodyVertices { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
@@ -75,11 +69,11 @@ fn check(device: &Device) {
     let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
     let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
     let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
-    close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, "density alone");
+    close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, 0.0, "density alone");
     let sampled = field.evaluate(&points, true, Moment::END);
     let color = sampled.color.unwrap();
-    close(&to_host(sampled.sigma.clone()), &sigma, "density");
-    close(&to_host(color.clone()), &rgb, "colour");
+    close(&to_host(sampled.sigma.clone()), &sigma, 0.0, "density");
+    close(&to_host(color.clone()), &rgb, 0.0, "colour");
 
     let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
     let gradients = loss.backward();
@@ -87,16 +81,13 @@ fn check(device: &Device) {
     let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
     assert_eq!(found.len(), expected.len());
     for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
-        let got = &summed(index, got);
-        compare(got, want, TOLERANCE * largest(want).max(MIN_SCALE), &format!("gradient of parameter {index}"));
+        close(&summed(index, got), want, MIN_SCALE, &format!("gradient of parameter {index}"));
     }
 }
 
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    for device in infonerf_tests::devices() {
-        check(&device);
-    }
+    infonerf_tests::devices().iter().for_each(check);
 }
 
 #[test]

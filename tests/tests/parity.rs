@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, f16};
-use glam::{DMat3, DMat4, DVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
 use infonerf_render::RandomStream;
-use infonerf_scene::{Aabb, Camera, Image, PixelAt, Range, Scene, Space, View};
-use infonerf_tests::{fixture, hashed, with_parameters};
+use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
+use infonerf_tests::{fixture, floats, hashed, space, whole, with_parameters};
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Trainer};
 use safetensors::SafeTensors;
 use serde_json::Value;
@@ -23,14 +23,6 @@ const WEIGHT_TOLERANCE: f64 = 1e-2;
 /// Number of tensors: weight and bias of four layers of the trunk, then of density, feature, view and colour.
 const TENSORS: usize = 16;
 const SIGMA: usize = 4;
-
-fn floats(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
-}
-
-fn number(value: &Value) -> usize {
-    value.as_u64().unwrap() as usize
-}
 
 /// Transposes a layer's weight from PyTorch's `[outputs, inputs]` to Burn's `[inputs, outputs]`; a bias stays as it is.
 fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
@@ -119,7 +111,7 @@ fn configured(fixture: &Value, run: &Value) -> Config {
 
 /// Builds the fixture's data set: four images, their cameras and those of others.
 fn scene(fixture: &Value) -> Scene {
-    let size = number(&fixture["size"]) as u32;
+    let size = whole(&fixture["size"]) as u32;
     let cameras: Vec<Camera> = fixture["poses"]
         .as_array()
         .unwrap()
@@ -137,17 +129,10 @@ fn scene(fixture: &Value) -> Scene {
         let image = Image { width: size, height: size, rgb, alpha: None };
         View::new(id, format!("train/{id}"), camera.clone(), image)
     };
-    let [near, far] = ["near", "far"].map(|key| fixture[key].as_f64().unwrap() as f32);
     Scene {
         name: "fixture".into(),
         train: fixture["images"].as_array().unwrap().iter().zip(&cameras).enumerate().map(view).collect(),
-        space: Space {
-            near,
-            far,
-            range: Range::Distance { near, far },
-            bounds: Aabb::cube(Vec3::ZERO, 1.0),
-            ..Default::default()
-        },
+        space: space(fixture, 1.0),
         all_train_cameras: cameras,
         ..Scene::default()
     }
@@ -157,11 +142,11 @@ fn scene(fixture: &Value) -> Scene {
 fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     let size = scene.train[0].image.width as usize;
     let pixels = |view: usize, numbers: &Value| {
-        let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(number).collect();
+        let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(whole).collect();
         let at = numbers.iter().map(|&n| PixelAt { view, x: (n % size) as f32, y: (n / size) as f32 }).collect();
         (Pixels { cameras: scene.all_train_cameras.as_slice().into(), at, width: 1.0 }, numbers)
     };
-    let view = number(&step["view"]);
+    let view = whole(&step["view"]);
     let (seen, numbers) = pixels(view, &step["seen"]);
     let [x, y, z] = floats(&step["turn"])[..] else { panic!("three angles") };
     let turn = [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)]
@@ -169,7 +154,7 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     StepBatch {
         scene: 0,
         seen: SeenPixels { pixels: seen, rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect() },
-        unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),
+        unseen: Some(pixels(whole(&step["pose"]), &step["unseen"]).0),
         rotation: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
     }
 }
@@ -233,7 +218,5 @@ fn check(device: &Device) {
 
 #[test]
 fn trains_as_pytorch_does_on_every_device() {
-    for device in infonerf_tests::devices() {
-        check(&device);
-    }
+    infonerf_tests::devices().iter().for_each(check);
 }

@@ -12,19 +12,16 @@ use infonerf_field::{
 };
 use infonerf_ops::{Segments, from_host, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{fixture, gradients_of, hashed, picture, with_parameters, write_weights};
+use infonerf_tests::{
+    TOLERANCE, compare_within, fixture, gradients_of, hashed, numbers, picture, triple, whole, with_parameters,
+    write_weights,
+};
 use serde_json::Value;
 
-/// Error relative to the larger of 1 and the value; features reach 19, density 6, gradients 0.4.
-const TOLERANCE: f64 = 1e-4;
 const STAGES: [usize; 3] = [3, 4, 6];
 const BLOCKS: usize = 5;
 const POOL_AFTER: usize = 3;
 const WIDTH: usize = 512;
-
-fn floats(fixture: &Value, key: &str) -> Vec<f32> {
-    fixture[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
-}
 
 /// Names and shapes that torchvision gives the tensors up to layer3, in order.
 fn tensors() -> Vec<(String, Vec<usize>)> {
@@ -52,23 +49,14 @@ fn tensors() -> Vec<(String, Vec<usize>)> {
     all
 }
 
-fn rule(l: usize, name: &str, shape: &[usize]) -> Vec<f32> {
-    let value = |u: f64| match shape {
+/// Writes the encoder's weights under torchvision's names.
+fn write_resnet34(path: &Path) {
+    write_weights(path, &tensors(), |name, shape, u| match shape {
         [_, inputs, height, width] => (6.0 / (inputs * height * width) as f64).sqrt() * u,
         _ if name.ends_with("running_mean") || name.ends_with("bias") => 0.1 * u,
         _ if name.ends_with("running_var") => 1.0 + 0.5 * u,
         _ => (if name.contains(".bn2.") { 0.5 } else { 1.0 }) * (1.0 + 0.2 * u),
-    };
-    (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect()
-}
-
-/// Writes the encoder's weights under torchvision's names.
-fn write_resnet34(path: &Path) {
-    let filled = tensors().into_iter().enumerate().map(|(l, (name, shape))| {
-        let values = rule(l, &name, &shape);
-        (name, shape, values)
     });
-    write_weights(path, filled);
 }
 
 /// Returns a parameter of the MLP, which come after the encoder's, by the fixture's rule.
@@ -118,16 +106,20 @@ fn setup(device: &Device) -> FieldSetup<'_> {
     FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
 }
 
-fn field(weights: &Path, device: &Device) -> RadianceField {
-    let config = PixelNerfConfig {
-        encoder: EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() },
+fn config(encoder: EncoderConfig) -> PixelNerfConfig {
+    PixelNerfConfig {
+        encoder,
         blocks: BLOCKS,
         pool_after: POOL_AFTER,
         width: WIDTH,
         frequencies: 6,
         lowest_frequency: 1.5,
         density: DensityActivation::Relu,
-    };
+    }
+}
+
+fn field(weights: &Path, device: &Device) -> RadianceField {
+    let config = config(EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() });
     let tensors = tensors().len();
     // Five tensors of the file are a weight and a bias here.
     let encoder = tensors / 5 * 2;
@@ -139,7 +131,7 @@ fn field(weights: &Path, device: &Device) -> RadianceField {
 }
 
 fn sources(fixture: &Value) -> Sources {
-    let (height, width) = (fixture["height"].as_u64().unwrap() as usize, fixture["width"].as_u64().unwrap() as usize);
+    let [height, width] = ["height", "width"].map(|key| whole(&fixture[key]));
     let focal = fixture["focal"].as_f64().unwrap() as f32;
     let view = |(index, matrix): (usize, &[f32])| SourceView {
         width,
@@ -149,17 +141,13 @@ fn sources(fixture: &Value) -> Sources {
         centre: [width as f32 / 2.0, height as f32 / 2.0],
         to_camera: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[4 * row + column])),
     };
-    let middle = floats(fixture, "middle");
-    let views = floats(fixture, "to_camera").chunks(12).enumerate().map(view).collect();
-    Sources { views, middle: [middle[0], middle[1], middle[2]] }
+    let views = numbers(&fixture["to_camera"]).chunks(12).enumerate().map(view).collect();
+    Sources { views, middle: triple(&fixture["middle"]) }
 }
 
-fn compare(got: Vec<f32>, want: &[f32], what: &str) {
-    assert_eq!(got.len(), want.len(), "{what}");
-    for (index, (got, want)) in got.iter().zip(want).enumerate() {
-        let (got, want) = (f64::from(*got), f64::from(*want));
-        assert!((got - want).abs() <= TOLERANCE * want.abs().max(1.0), "{what}, {index}: {got} against {want}");
-    }
+/// Compares relative to the larger of 1 and the value; features reach 19, density 6, gradients 0.4.
+fn compare(got: &[f32], want: &Value, what: &str) {
+    compare_within(got, &numbers(want), |want| TOLERANCE * want.abs().max(1.0), what);
 }
 
 fn check(device: &Device) {
@@ -169,13 +157,12 @@ fn check(device: &Device) {
     write_resnet34(&path);
     let field = field(&path, &device.clone().autodiff());
     let sources = sources(fixture);
-    let (positions, directions) = (floats(fixture, "points"), floats(fixture, "directions"));
+    let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
     let RadianceField::PixelNerf(pixel) = &field else { panic!("a PixelNeRF") };
     let features = to_host(pixel.pixel_aligned(&sources.views, &positions));
-    compare(features, &floats(fixture, "features"), "features");
+    compare(&features, &fixture["features"], "features");
 
-    let counts: Vec<usize> =
-        fixture["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap() as usize).collect();
+    let counts: Vec<usize> = fixture["counts"].as_array().unwrap().iter().map(whole).collect();
     let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
     let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
     let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
@@ -184,21 +171,19 @@ fn check(device: &Device) {
     let sampled = field.conditioned(&sources, None).evaluate(&points, true, Moment::END);
     let color = sampled.color.unwrap();
     let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
-    compare(to_host(color), &floats(fixture, "rgb"), "colour");
-    compare(to_host(sampled.sigma), &floats(fixture, "sigma"), "density");
+    compare(&to_host(color), &fixture["rgb"], "colour");
+    compare(&to_host(sampled.sigma), &fixture["sigma"], "density");
 
     let biases = gradients_of(&field, &gradients).into_iter().filter(|(rank, _)| *rank == 1).map(|(_, bias)| bias);
     let biases: Vec<Vec<f32>> = biases.collect();
-    compare(biases[0].clone(), &floats(fixture, "grad_stem_bias"), "gradient of the stem's bias");
-    let last = biases[tensors().len() / 5 - 1].clone();
-    compare(last, &floats(fixture, "grad_last_bias"), "gradient of the last convolution's bias");
+    compare(&biases[0], &fixture["grad_stem_bias"], "gradient of the stem's bias");
+    let last = &biases[tensors().len() / 5 - 1];
+    compare(last, &fixture["grad_last_bias"], "gradient of the last convolution's bias");
 }
 
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    for device in infonerf_tests::devices() {
-        check(&device);
-    }
+    infonerf_tests::devices().iter().for_each(check);
 }
 
 #[test]
@@ -206,20 +191,10 @@ fn a_file_without_the_weights_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let fault = |name: &str, width: usize| {
         let encoder = EncoderConfig { width, blocks: vec![1], weights: folder.path().join(name) };
-        let density = DensityActivation::Relu;
-        let config = PixelNerfConfig {
-            encoder,
-            blocks: 1,
-            pool_after: 1,
-            width: 4,
-            frequencies: 1,
-            lowest_frequency: 1.0,
-            density,
-        };
-        FieldConfig::PixelNerf(config).build(&setup(&Device::flex())).unwrap_err().to_string()
+        FieldConfig::PixelNerf(config(encoder)).build(&setup(&Device::flex())).unwrap_err().to_string()
     };
     std::fs::write(folder.path().join("text"), "no weights").unwrap();
-    write_weights(&folder.path().join("other"), [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
+    write_weights(&folder.path().join("other"), &[("bias".to_owned(), vec![1])], |_, _, u| u);
     write_resnet34(&folder.path().join("good"));
     for (name, width, part) in [
         ("absent", 64, "No such file"),

@@ -1,9 +1,11 @@
 //! Ctrl-C: finish the step or picture at hand, save, stop.
 
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use infonerf_experiment::Control;
+use infonerf_experiment::execute::STOPPED;
 
 use crate::print::errln;
 
@@ -15,7 +17,7 @@ static IDLE: AtomicBool = AtomicBool::new(false);
 pub(crate) fn install() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
         if ASKED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
+            std::process::exit(STOPPED);
         }
         if !IDLE.load(Ordering::SeqCst) {
             errln!("\nstopping after this step; press Ctrl-C again to stop at once");
@@ -32,6 +34,11 @@ pub(crate) fn asked() -> bool {
 /// Returns the user's command to a run: to stop after Ctrl-C, else to continue.
 pub(crate) fn control() -> Control {
     if asked() { Control::Stop } else { Control::Continue }
+}
+
+/// Returns the exit code after Ctrl-C.
+pub(crate) fn exit_code() -> ExitCode {
+    ExitCode::from(STOPPED as u8)
 }
 
 /// Waits for Ctrl-C, with nothing running.

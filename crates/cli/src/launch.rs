@@ -11,11 +11,9 @@ use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runne
 use infonerf_experiment::sweep::{Sweep, SweepFiles};
 use infonerf_experiment::{DeviceName, OpenDevice};
 
-use crate::existing::ExistingArgs;
-use crate::exit::{FAILED, INTERRUPTED};
 use crate::print::outln;
 use crate::reporter::Reporter;
-use crate::selection::{NetworkArgs, SelectionArgs};
+use crate::selection::{ExistingArgs, NetworkArgs, SelectionArgs};
 use crate::terminal::open_device;
 use crate::units::{parse_mebibytes, parse_time};
 use crate::{command_line, interrupt};
@@ -135,7 +133,7 @@ impl LaunchArgs {
         let mut reporter = Reporter::new(&self.existing, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;
         if let Executed::Submitted(jobs) = &executed {
-            let (runs, ids) = (jobs.runs(), jobs.ids.join(", "));
+            let (runs, ids) = (jobs.records.len(), jobs.ids.join(", "));
             outln!(
                 "{runs} runs submitted as slurm {ids}; the last of them merges, as the same command with --merge does"
             );
@@ -144,16 +142,16 @@ impl LaunchArgs {
             }
             if !watch_jobs(jobs)? {
                 outln!("the jobs continue without this; `{}` ends them", jobs.cancel());
-                return Ok(ExitCode::from(INTERRUPTED));
+                return Ok(interrupt::exit_code());
             }
             executed = execute(&sweeps, out, &Executor::Merge(device), &mut |event| reporter.watch(event))?;
         }
         let Executed::Ended { unfinished, outcomes } = executed else {
             outln!("stopped and saved; {} continues", self.existing.same_command());
-            return Ok(ExitCode::from(INTERRUPTED));
+            return Ok(interrupt::exit_code());
         };
         finish(outcomes)?;
-        Ok(if unfinished > 0 { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+        Ok(if unfinished > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
 
     fn runner(&self, device: DeviceName, networks: &NetworkArgs) -> Result<Runner> {
@@ -171,12 +169,12 @@ impl LaunchArgs {
 fn watch_jobs(jobs: &Jobs) -> Result<bool> {
     interrupt::install()?;
     let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {msg} {elapsed}")?;
-    let bar = ProgressBar::new(jobs.runs() as u64).with_style(style);
+    let bar = ProgressBar::new(jobs.records.len() as u64).with_style(style);
     loop {
-        let progress = jobs.progress()?;
-        bar.set_position(progress.finished as u64);
-        bar.set_message(format!("{} tasks wait, {} run", progress.waiting, progress.running));
-        if progress.waiting + progress.running == 0 {
+        let [finished, waiting, running] = jobs.progress()?;
+        bar.set_position(finished as u64);
+        bar.set_message(format!("{waiting} tasks wait, {running} run"));
+        if waiting + running == 0 {
             bar.finish_and_clear();
             return Ok(true);
         }

@@ -2,16 +2,12 @@
 
 #![warn(clippy::print_stderr)]
 
-mod args;
 mod command;
 mod command_line;
-mod existing;
-mod exit;
 mod interrupt;
 mod json;
 mod launch;
 mod live;
-mod names;
 mod print;
 mod progress;
 mod reporter;
@@ -19,19 +15,20 @@ mod selection;
 mod terminal;
 mod units;
 
-use std::env;
 use std::process::ExitCode;
 
 use anyhow::bail;
 use clap::Parser;
 use clap::error::ErrorKind;
 
-use args::Args;
-use exit::USER_ERROR;
+use command::Args;
 use print::errln;
 
+/// Exit code of anything that the user can put right.
+const USER_ERROR: u8 = 2;
+
 fn main() -> ExitCode {
-    let args = match parse() {
+    let args = match Args::try_parse() {
         Ok(args) => args,
         Err(error) => return refused(&error),
     };
@@ -42,16 +39,6 @@ fn main() -> ExitCode {
     result.unwrap_or_else(|error| {
         errln!("error: {}", one_line(&format!("{error:#}")));
         ExitCode::from(USER_ERROR)
-    })
-}
-
-/// Returns the arguments. `help --help`, which clap takes for help on a subcommand called `--help`, is `help`.
-fn parse() -> Result<Args, clap::Error> {
-    Args::try_parse().or_else(|error| match error.kind() {
-        ErrorKind::InvalidSubcommand if env::args_os().any(|word| word == "help") => {
-            Args::try_parse_from(env::args_os().filter(|word| word != "--help" && word != "-h"))
-        }
-        _ => Err(error),
     })
 }
 

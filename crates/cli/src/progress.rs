@@ -8,16 +8,9 @@ use infonerf_train::{Event, Trainer};
 
 use crate::interrupt;
 use crate::print::errln;
-use crate::terminal::columns_of_stderr;
 
 /// Time between two updates of the bar.
 const REFRESH: Duration = Duration::from_millis(100);
-
-/// Columns of the shortest bar, with the spaces next to it.
-const BAR: usize = 10;
-
-/// Stages that are shorter than this are not reported.
-const BRIEF: Duration = Duration::from_secs(2);
 
 /// Returns a bar of `count` items called `label`, with the time left once it can be estimated.
 pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
@@ -35,18 +28,12 @@ pub(crate) struct ProgressDisplay {
     /// Fields that are trained at a time.
     at_once: usize,
     shown: Option<Instant>,
-    /// When the stage at hand began, and how long reading and training took.
-    stage: Instant,
-    reading: Duration,
-    training: Duration,
 }
 
 impl ProgressDisplay {
     /// Returns a bar for a run called `label`.
     pub(crate) fn new(label: &str) -> Self {
-        let (stage, none) = (Instant::now(), Duration::ZERO);
-        let (bar, label) = (ProgressBar::hidden(), label.to_owned());
-        Self { bar, label, at_once: 1, shown: None, stage, reading: none, training: none }
+        Self { bar: ProgressBar::hidden(), label: label.to_owned(), at_once: 1, shown: None }
     }
 
     /// Shows `event`, and returns the user's command: continue, save or stop.
@@ -64,8 +51,6 @@ impl ProgressDisplay {
             }
             RunEvent::Started { fields, of } => {
                 self.bar.finish_and_clear();
-                let reading = self.next_stage();
-                self.reading += reading;
                 let which = match fields.len() {
                     _ if of == 1 => String::new(),
                     1 => format!(" field {} of {of}", fields.end),
@@ -73,16 +58,12 @@ impl ProgressDisplay {
                 };
                 self.at_once = fields.len();
                 self.bar = ProgressBar::new(1000).with_prefix(format!("{}{which}", self.label));
-                if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {msg}") {
+                if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:24} {wide_msg}") {
                     self.bar.set_style(style);
                 }
             }
             RunEvent::Training { event, trainer } => self.training(event, trainer),
-            RunEvent::Ended => {
-                self.bar.finish_and_clear();
-                let training = self.next_stage();
-                self.training += training;
-            }
+            RunEvent::Ended => self.bar.finish_and_clear(),
             RunEvent::Evaluating { view, views } => {
                 if view == 0 {
                     self.bar = counting_bar(&format!("{} test views", self.label), views);
@@ -96,24 +77,6 @@ impl ProgressDisplay {
         }
     }
 
-    /// Returns how long the stages of the run took next to training, in brackets; empty if they were brief.
-    pub(crate) fn stages(&self) -> String {
-        let stages = [("reading the scene", self.reading), ("testing", self.stage.elapsed())];
-        let long = stages.iter().filter(|(_, time)| *time >= BRIEF);
-        let parts: Vec<String> = long.map(|(stage, time)| format!("{stage} {:.0} s", time.as_secs_f64())).collect();
-        if parts.is_empty() { String::new() } else { format!(" (and {})", parts.join(", ")) }
-    }
-
-    /// Does something that prints, with the bar out of the way.
-    pub(crate) fn suspend<R>(&self, print: impl FnOnce() -> R) -> R {
-        self.bar.suspend(print)
-    }
-
-    fn next_stage(&mut self) -> Duration {
-        let now = Instant::now();
-        now.duration_since(std::mem::replace(&mut self.stage, now))
-    }
-
     fn training(&mut self, event: &Event, trainer: &Trainer) {
         match event {
             Event::Step { step, seconds, loss, psnr, rays_per_second, .. } => {
@@ -123,15 +86,9 @@ impl ProgressDisplay {
                     let done = trainer.done();
                     let left = if done > 0.0 { self.at_once as f64 * seconds * (1.0 - done) / done } else { f64::NAN };
                     self.bar.set_position((done * 1000.0) as u64);
-                    self.bar.set_message(fitting(
-                        columns_of_stderr().saturating_sub(self.bar.prefix().chars().count() + BAR),
-                        [
-                            format!("{left:.0} s left"),
-                            format!("training PSNR {psnr:.1}"),
-                            format!("step {step}"),
-                            format!("loss {loss:.4}"),
-                            format!("{:.0}k rays/s", rays_per_second / 1e3),
-                        ],
+                    self.bar.set_message(format!(
+                        "{left:.0} s left  training PSNR {psnr:.1}  step {step}  loss {loss:.4}  {:.0}k rays/s",
+                        rays_per_second / 1e3
                     ));
                 }
             }
@@ -140,31 +97,5 @@ impl ProgressDisplay {
                 self.bar.println(format!("step {step}: the field went empty; {next}"));
             }
         }
-    }
-}
-
-/// Returns the first of `parts`, the most important first, that fit into `columns` with two spaces between them.
-fn fitting<const N: usize>(columns: usize, parts: [String; N]) -> String {
-    let mut line = String::new();
-    for part in parts {
-        let longer = if line.is_empty() { part } else { format!("{line}  {part}") };
-        if longer.chars().count() > columns {
-            break;
-        }
-        line = longer;
-    }
-    line
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_fits_the_terminal() {
-        let line = |columns| fitting(columns, ["PSNR 20.1", "3 s left", "step 7"].map(str::to_owned));
-        assert_eq!(line(80), "PSNR 20.1  3 s left  step 7");
-        assert_eq!((line(26), line(18)), ("PSNR 20.1  3 s left".to_owned(), "PSNR 20.1".to_owned()));
-        assert_eq!(line(3), "");
     }
 }

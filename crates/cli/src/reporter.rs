@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indexmap::IndexSet;
+use indicatif::ProgressBar;
 use infonerf_experiment::execute::{PlanEvent, RunEnd};
 use infonerf_experiment::sweep::{Prepared, Sweep, SweepFiles};
 use infonerf_experiment::{Control, DeviceName};
 use infonerf_report::{Quantity, Record, ReportInput};
 
-use crate::existing::ExistingArgs;
 use crate::print::{errln, outln};
-use crate::progress::ProgressDisplay;
+use crate::progress::{ProgressDisplay, counting_bar};
+use crate::selection::ExistingArgs;
 use crate::terminal::fitted;
 use crate::{command_line, interrupt};
 
@@ -55,30 +56,19 @@ impl Reporter {
             }
             PlanEvent::RunEnded(index, plan, ended) => {
                 let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
-                let stages = self.progress.as_ref().map_or_else(String::new, |(_, progress)| progress.stages());
                 self.bar.suspend(|| match ended {
-                    RunEnd::Trained(record, _) => outln!("{label}: {}{stages}", summary(&record)),
+                    RunEnd::Trained(record, _) => outln!("{label}: {}", summary(&record)),
                     RunEnd::Kept(record) => outln!("{label}: {} (finished before)", summary(&record)),
                     RunEnd::Finished(line) => outln!("{label}: {line}"),
                     RunEnd::Stopped => outln!("{label}: saved; {} continues it", self.same_command),
                     RunEnd::Failed(reason) => errln!("{label}: failed: {reason}"),
                 });
-                self.count_run();
+                self.bar.inc(1);
             }
             PlanEvent::Over => self.bar.finish_and_clear(),
             PlanEvent::Written(sweep, outcome, missing) => self.written(sweep, outcome, &missing),
         }
         interrupt::control()
-    }
-
-    /// Moves the bar on, with the time left as it is after the runs that have ended.
-    fn count_run(&self) {
-        self.bar.inc(1);
-        let (done, all) = (self.bar.position() as f64, self.bar.length().unwrap_or(0) as f64);
-        if done < all {
-            let left = self.bar.elapsed().mul_f64((all - done) / done);
-            self.bar.set_message(format!(", about {} left", HumanDuration(left)));
-        }
     }
 
     /// Prints what there is to do.
@@ -94,15 +84,12 @@ impl Reporter {
             Some(data) => outln!("scenes from {}", data.display()),
             None => outln!("no --data given: using the built-in procedural scenes"),
         }
-        let mut presets: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        let mut presets: BTreeMap<&str, IndexSet<&str>> = BTreeMap::new();
         for plan in sweep.runs() {
-            let listed = presets.entry(plan.preset.name()).or_default();
-            if !listed.contains(&plan.scene.as_str()) {
-                listed.push(&plan.scene);
-            }
+            presets.entry(plan.preset.name()).or_default().insert(&plan.scene);
         }
         for (preset, scenes) in presets {
-            outln!("preset {preset}: {}", scenes.join(", "));
+            outln!("preset {preset}: {}", Vec::from_iter(scenes).join(", "));
         }
         if let Some((plan, budget)) = sweep.runs().find_map(|plan| Some((plan, plan.budget?))) {
             let fields = match plan.members() {
@@ -119,12 +106,9 @@ impl Reporter {
         if let Some(warning) = &prepared.warning {
             errln!("warning: {warning}");
         }
-        sweep.notices.iter().for_each(|notice| outln!("{notice}"));
         self.bar = ProgressBar::hidden();
-        if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} runs {elapsed}{msg}")
-            && !self.in_process
-        {
-            self.bar = ProgressBar::new(todo as u64).with_style(style).with_prefix(about.name.clone());
+        if !self.in_process {
+            self.bar = counting_bar(&about.name, todo);
             self.bar.enable_steady_tick(Duration::from_millis(500));
         }
     }

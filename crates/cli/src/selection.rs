@@ -5,11 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use infonerf_experiment::{DeviceName, OpenDevice, Selection, parse_seeds};
+use infonerf_experiment::{DeviceName, Existing, OpenDevice, Selection, parse_seeds};
 use infonerf_metrics::Networks;
 use infonerf_train::Preset;
-
-use crate::names::{self, KnownNames};
 
 /// Runs of an experiment, and what they change.
 #[derive(Clone, Debug, Args)]
@@ -18,10 +16,10 @@ pub(crate) struct SelectionArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// Scene to run on; may be repeated [default: the experiment's, or all of --data]
-    #[arg(long = "scene", value_name = "S", value_parser = KnownNames(names::scenes), hide_possible_values = true)]
+    #[arg(long = "scene", value_name = "S")]
     pub(crate) scenes: Vec<String>,
     /// Variant to run; may be repeated [default: all of the experiment]
-    #[arg(long = "variant", value_name = "V", value_parser = KnownNames(names::variants), hide_possible_values = true)]
+    #[arg(long = "variant", value_name = "V")]
     pub(crate) variants: Vec<String>,
     /// Seed of the training views and of all random numbers, or a range such as 0..4 (0 to 4); may be repeated
     #[arg(long = "seed", value_name = "N", value_parser = parse_seeds)]
@@ -34,7 +32,7 @@ pub(crate) struct SelectionArgs {
     #[arg(long, value_enum)]
     pub(crate) preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
 }
 
@@ -55,6 +53,25 @@ impl SelectionArgs {
             set: self.set.clone(),
             budget: budget.map(|budget| budget.as_secs_f64()),
         }
+    }
+}
+
+/// Policy for runs that exist already.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ExistingArgs {
+    /// Start existing runs anew instead of continuing them
+    #[arg(long)]
+    overwrite: bool,
+}
+
+impl ExistingArgs {
+    pub(crate) fn existing(&self) -> Existing {
+        if self.overwrite { Existing::Overwrite } else { Existing::Continue }
+    }
+
+    /// Names the command that continues a run: without `--overwrite`, which would start it anew.
+    pub(crate) fn same_command(&self) -> &'static str {
+        if self.overwrite { "the same command without --overwrite" } else { "the same command" }
     }
 }
 

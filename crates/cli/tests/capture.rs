@@ -4,7 +4,7 @@ use std::fs;
 
 use infonerf_scene::Image;
 
-use crate::common::{Workplace, records, text};
+use crate::common::{Workplace, records};
 use crate::photographs::room;
 
 /// Returns the paths that `said` ends with, which have to exist.
@@ -25,7 +25,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     place.run("scene export room photos --format llff --size 24").succeeds();
     let capture = || {
         let run = place.tiny_without("eval.test", "capture photos --budget 1s --out results");
-        text(&run.succeeds().stdout)
+        run.said()
     };
     let said = capture();
     for part in ["40 photographs, about ", "none to find", "measured on 5 photographs", " frames of 24x24"] {
@@ -50,7 +50,7 @@ fn few_photographs_without_poses_are_learned_from() {
     room(&place.path("photos"), &[0, 1, 3, 9]);
     let capture = || {
         let run = place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path(""));
-        text(&run.succeeds().stdout)
+        run.said()
     };
     let said = capture();
     for part in ["4 photographs, about ", "09.png: placed", "no photograph is held out, so that no figure is measured"]

@@ -4,36 +4,19 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::Path;
-use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Stdio;
 
-use crate::common::{Invocation, Workplace, events, records, text, without_times};
+use crate::common::{Invocation, Workplace, events, records, text, wait_for, without_times};
 use infonerf_metrics::METRICS;
 use serde_json::Value;
 
-/// The keys of a record, in order, with those of metrics between [`BEFORE_METRICS`] and these.
-const AFTER_METRICS: [&str; 5] = ["ray_entropy_bits", "information_gain", "peak_rss_bytes", "collapsed", "notes"];
-const BEFORE_METRICS: [&str; 15] = [
-    "experiment",
-    "scene",
-    "variant",
-    "seed",
-    "preset",
-    "device",
-    "train_views",
-    "test_views",
-    "evaluation",
-    "image_size",
-    "iterations",
-    "train_seconds",
-    "render_seconds_per_image",
-    "samples_total",
-    "samples_evaluated",
-];
-
+/// The keys of a record, in order.
 fn keys() -> Vec<&'static str> {
+    let before = "experiment scene variant seed preset device train_views test_views evaluation image_size iterations \
+                  train_seconds render_seconds_per_image samples_total samples_evaluated";
+    let after = "ray_entropy_bits information_gain peak_rss_bytes collapsed notes";
     let metrics = METRICS.iter().map(|metric| metric.key());
-    BEFORE_METRICS.into_iter().chain(metrics).chain(AFTER_METRICS).collect()
+    before.split(' ').chain(metrics).chain(after.split(' ')).collect()
 }
 
 fn files(folder: &Path) -> BTreeSet<String> {
@@ -51,17 +34,9 @@ fn rule(said: &str) -> usize {
 #[test]
 fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
-    let output = place.tiny("exp fast-losses --scene knot --profile").succeeds();
+    let output = place.tiny("exp fast-losses --scene knot").succeeds();
     let said = text(&output.stdout);
-    for part in [
-        "no --data given",
-        "knot/factored/seed0",
-        "knot/infonerf/seed0",
-        "knot/infonerf+/seed0",
-        "PSNR",
-        "report.html",
-        "evaluated",
-    ] {
+    for part in ["no --data given", "knot/factored/seed0", "knot/infonerf+/seed0", "PSNR", "report.html"] {
         assert!(said.contains(part), "{part}: {said}");
     }
     assert!(rule(&said) <= 100 && said.contains("more columns are in report.html"), "{said}");
@@ -146,66 +121,51 @@ const LONG: &str = "exp fast-losses --scene knot --variant infonerf --set train.
                     --set render.occupancy.every=5";
 const LONG_RUN: &str = "fast-losses/knot/infonerf/seed0";
 
-/// Starts a run in the folder `out`, and waits until there is a checkpoint in `field` of it.
-fn start(place: &Workplace, args: &str, out: &str, field: &str) -> Child {
+/// Starts a run in the folder `out`, waits until there are two checkpoints in `field` of it, and interrupts it.
+#[cfg(unix)]
+fn interrupted(place: &Workplace, args: &str, out: &str, field: &str) -> std::process::Output {
     let mut command = place.tiny(args).args(&["--out", out]).into_command();
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let sign = place.path(out).join(LONG_RUN).join(field).join("checkpoint/manifest.json");
-    let patience = Instant::now();
-    while !sign.exists() {
-        assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
-        std::thread::sleep(Duration::from_millis(3));
-    }
-    child
-}
-
-fn interrupt(child: &Child) {
+    wait_for(&place.path(out).join(LONG_RUN).join(field).join("checkpoint.previous/manifest.json"));
     let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(status.success());
-}
-
-#[cfg(unix)]
-#[test]
-fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
-    let place = Workplace::new();
-    place.tiny(LONG).args("--out unbroken").succeeds();
-    let unbroken = records(&place.path("unbroken/fast-losses"));
-
-    // Ctrl-C, twice in the life of a run.
-    let child = start(&place, LONG, "stopped", "");
-    interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    assert!(!place.path(out).join("fast-losses/results.json").exists(), "the run had ended before it was stopped");
+    output
+}
+
+/// The checkpoint before the newest one serves where the newest one is damaged.
+#[cfg(unix)]
+#[test]
+fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
+    let place = Workplace::new();
+    place.tiny(LONG).args("--out unbroken").succeeds();
+    let output = interrupted(&place, LONG, "stopped", "");
     assert!(text(&output.stdout).contains("the same command continues it"), "{}", text(&output.stdout));
-    assert!(!place.path("stopped/fast-losses/results.json").exists(), "the run had ended before it was stopped");
-
-    // No time to say goodbye: the last checkpoint counts.
-    let mut child = start(&place, LONG, "killed", "");
-    child.kill().unwrap();
-    child.wait().unwrap();
-    assert!(!place.path("killed/fast-losses/results.json").exists(), "the run had ended before it was killed");
-
-    for out in ["stopped", "killed"] {
-        place.tiny(LONG).args(&["--out", out]).succeeds();
-        assert_eq!(without_times(&unbroken), without_times(&records(&place.path(out).join("fast-losses"))), "{out}");
-        let run = |out: &str| place.path(out).join(LONG_RUN);
-        assert_eq!(events(&run("unbroken")), events(&run(out)), "{out}");
-    }
+    let run = |out: &str| place.path(out).join(LONG_RUN);
+    let model = run("stopped").join("checkpoint/model.bpk");
+    let bytes = fs::read(&model).unwrap();
+    fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
+    let warning = text(&place.tiny(LONG).args("--out stopped").succeeds().stderr);
+    assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
+    let numbers = |out: &str| (without_times(&records(&place.path(out).join("fast-losses"))), events(&run(out)));
+    assert_eq!(numbers("unbroken"), numbers("stopped"));
 
     // A finished run is kept as it is, and its results are printed.
-    let results = place.path("killed/fast-losses/results.json");
-    let before = fs::read_to_string(&results).unwrap();
-    let again = place.tiny(LONG).args("--out killed").env("COLUMNS", "40");
-    let said = text(&again.succeeds().stdout);
+    let again = || place.tiny(LONG).args("--out stopped");
+    let left = || (fs::read(place.path("stopped/fast-losses/results.json")).unwrap(), files(&run("stopped")));
+    let before = left();
+    let said = again().env("COLUMNS", "40").said();
     assert!(said.contains(" dB") && said.contains("finished before") && rule(&said) <= 40, "{said}");
-    assert_eq!(before, fs::read_to_string(&results).unwrap());
-
-    // Another config is not the same run.
-    let other = || place.tiny(LONG).args("--out killed --set train.lr=1e-3");
+    // Another config is not the same run, and a run is not removed for one that cannot be.
+    let other = || again().args("--set train.lr=1e-3");
     other().fails_with(&["config.toml", "train.lr was ", "and is 0.001", "--overwrite", "--out"]);
-    assert_eq!(before, fs::read_to_string(&results).unwrap());
+    other().args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
+    assert_eq!(before, left());
     other().args("--overwrite").succeeds();
-    assert_ne!(before, fs::read_to_string(&results).unwrap());
+    assert_ne!(before.0, left().0);
+    assert_eq!(before.1, left().1);
 }
 
 /// Three fields, more than some machines train side by side; stopped in the middle.
@@ -217,9 +177,7 @@ fn an_ensemble_goes_on_to_the_same_numbers() {
     place.tiny(ensemble).args("--out unbroken").succeeds();
     let unbroken = without_times(&records(&place.path("unbroken/fast-losses")));
     assert_eq!(unbroken[0]["iterations"], 900);
-    let child = start(&place, ensemble, "stopped", "member0");
-    interrupt(&child);
-    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
+    interrupted(&place, ensemble, "stopped", "member0");
     place.tiny(ensemble).args("--out stopped").succeeds();
     assert_eq!(without_times(&records(&place.path("stopped/fast-losses"))), unbroken);
     for field in ["member0", "member1", "member2"] {
@@ -228,45 +186,22 @@ fn an_ensemble_goes_on_to_the_same_numbers() {
     }
 }
 
-/// The checkpoint before the newest one serves where the newest one is damaged.
-#[cfg(unix)]
 #[test]
-fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
-    let place = Workplace::new();
-    place.tiny(LONG).args("--out unbroken").succeeds();
-    let run = place.path("stopped").join(LONG_RUN);
-    let child = start(&place, LONG, "stopped", "");
-    while !run.join("checkpoint.previous/manifest.json").exists() {
-        std::thread::sleep(Duration::from_millis(3));
-    }
-    interrupt(&child);
-    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
-    let model = run.join("checkpoint/model.bpk");
-    let bytes = fs::read(&model).unwrap();
-    fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
-    let output = place.tiny(LONG).args("--out stopped").succeeds();
-    let warning = text(&output.stderr);
-    assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
-    let results = |out: &str| without_times(&records(&place.path(out).join("fast-losses")));
-    assert_eq!(results("unbroken"), results("stopped"));
-}
-
-#[test]
-fn evaluating_and_rendering_a_run() {
+fn a_run_is_evaluated_again() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene crane --variant infonerf").succeeds();
     let run = "runs/fast-losses/crane/infonerf/seed0";
     let record = &records(&place.path("runs/fast-losses"))[0];
 
-    let said = text(&place.run(&["eval", run]).succeeds().stdout);
+    let said = place.run(&["eval", run]).said();
     let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
     assert!(mean.contains(&format!("{:.2} dB", record["psnr"].as_f64().unwrap())), "{said}");
     assert!(mean.contains(&format!("SSIM {:.3}", record["ssim"].as_f64().unwrap())), "{said}");
     assert!(mean.contains(&format!("Silhouette IoU {:.3}", record["silhouette_iou"].as_f64().unwrap())), "{said}");
-    let said = text(&place.run(&["eval", run, "--test", "first-1"]).succeeds().stdout);
+    let said = place.run(&["eval", run, "--test", "first-1"]).said();
     assert!(said.contains("1 test views (first-1)"), "{said}");
     // One row a run: full size is the record's, and the difference is from there.
-    let said = text(&place.run(&["eval", run, run, "--scale", "1/2,1/4"]).succeeds().stdout);
+    let said = place.run(&["eval", run, run, "--scale", "1/2,1/4"]).said();
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
     assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
     let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
@@ -274,21 +209,6 @@ fn evaluating_and_rendering_a_run() {
     assert!((full - record["psnr"].as_f64().unwrap()).abs() < 0.006, "{said}");
     assert!((full + half_gain - half).abs() < 0.011 && (full + quarter_gain - quarter).abs() < 0.011, "{said}");
     assert!(half != full, "{said}");
-
-    place.run(&["render", run, "--frames", "3"]).succeeds();
-    let folder = place.path(run).join("render");
-    let expected = ["0000.png", "0001.png", "0002.png", "depth", "orbit.gif"].map(str::to_owned);
-    assert_eq!(files(&folder), BTreeSet::from(expected));
-    assert_eq!(files(&folder.join("depth")).len(), 3);
-    place.run(&["render", run, "--path", "orbit", "--frames", "2", "--size", "12", "--out", "orbit"]).succeeds();
-    let frame = image::open(place.path("orbit/0001.png")).unwrap();
-    assert_eq!((frame.width(), frame.height()), (12, 12));
-    let animation = fs::read(place.path("orbit/orbit.gif")).unwrap();
-    assert!(animation.starts_with(b"GIF89a"));
-
-    let said = text(&place.run(&["export", run, "--format", "html", "--out", "crane.html"]).succeeds().stdout);
-    assert!(said.contains("crane.html: a page that draws the scene"), "{said}");
-    assert!(fs::read_to_string(place.path("crane.html")).unwrap().contains("<title>crane/infonerf/seed0</title>"));
 }
 
 /// A capture that holds out views of one list is another one where training views are tested.
@@ -305,26 +225,12 @@ fn a_run_is_not_tested_by_views_that_it_learned_from() {
     place.run(&["eval", run, "--test", "first-1"]).succeeds();
 }
 
-/// An earlier run is not removed for one that cannot be.
-#[test]
-fn what_is_overwritten_is_there_until_the_new_run_is_possible() {
-    let place = Workplace::new();
-    let exp = "exp fast-losses --scene crane --variant factored";
-    place.tiny(exp).succeeds();
-    let run = place.path("runs/fast-losses/crane/factored/seed0");
-    let before = files(&run);
-    place.tiny(exp).args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
-    assert_eq!(files(&run), before);
-    place.tiny(exp).args("--overwrite").succeeds();
-    assert_eq!(files(&run), before);
-}
-
 #[test]
 fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let place = Workplace::new();
-    let listed = text(&place.run("scene list").succeeds().stdout);
+    let listed = place.run("scene list").said();
     assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
-    let experiments = text(&place.run("list").succeeds().stdout);
+    let experiments = place.run("list").said();
     assert!(experiments.contains("fast-losses"), "{experiments}");
 
     place.run("scene export orrery data/orrery --size 24").succeeds();
@@ -384,12 +290,12 @@ fn weights_learned_on_many_scenes_begin_another_run() {
         place.run(args).args(TINY_PIXELNERF).args(small).args("--set train.init=out/pixelnerf-pretrain")
     };
     exp().fails_with(&["train.init", "out/pixelnerf-pretrain", "infonerf pretrain"]);
-    let said = text(&pretrain().succeeds().stdout);
+    let said = pretrain().said();
     assert!(said.contains("3 scenes") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
     let config = fs::read_to_string(place.path("out/pixelnerf-pretrain/config.toml")).unwrap();
     assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
     // Again: nothing is left to do. With other steps: another run.
-    let said = text(&pretrain().succeeds().stdout);
+    let said = pretrain().said();
     assert!(said.contains("4 steps in ") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
     let other = || pretrain().args("--set train.lr=1e-3");
     other().fails_with(&["out/pixelnerf-pretrain/config.toml", "train.lr was ", "--overwrite"]);
@@ -409,61 +315,34 @@ fn weights_learned_on_many_scenes_begin_another_run() {
 }
 
 #[test]
-fn the_presets_of_the_paper_run() {
-    let place = Workplace::new();
-    let settings = "--set train.iterations=3 --set train.rays=32 --set train.unseen_rays=16 --set train.precrop_steps=2 \
-                    --set loss.kl.weight=1e-5 --set scene.size=24 --set eval.test=first-1 \
-                    --set eval.information_rays=32 --set field.layers=2 --set field.width=16 --set field.skip=1 \
-                    --set render.samples=12 --set render.fine_samples=8";
-    for preset in ["paper", "released"] {
-        for device in ["flex", "ndarray"] {
-            let exp = place.run("exp fast-losses --scene castle --variant infonerf").args(settings);
-            let out = format!("{preset}-{device}");
-            exp.args(&["--preset", preset, "--device", device, "--out", &out]).succeeds();
-        }
-        let [flex, ndarray] = ["flex", "ndarray"].map(|device| {
-            let record = records(&place.path(&format!("{preset}-{device}")).join("fast-losses")).remove(0);
-            assert_eq!(record["preset"], preset);
-            record
-        });
-        for key in ["psnr", "silhouette_iou", "ray_entropy_bits"] {
-            let [a, b] = [&flex, &ndarray].map(|record| record[key].as_f64().unwrap());
-            assert!((a - b).abs() < 1e-3 * (1.0 + a.abs()), "{preset}, {key}: {a} on flex, {b} on ndarray");
-        }
-    }
-}
-
-#[test]
 fn help_can_be_learned_from() {
     let place = Workplace::new();
-    let help = text(&place.run("--help").succeeds().stdout);
+    let help = place.run("--help").said();
     assert!(!help.contains("sweep-item"), "{help}");
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
-    let help = text(&place.run("exp --help").succeeds().stdout);
+    let help = place.run("exp --help").said();
     for part in ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:"] {
         assert!(help.contains(part), "{part}: {help}");
     }
     // Devices that are not built in are not offered, and internal commands are not listed.
     assert!(help.contains("flex") && !help.contains("cuda"), "{help}");
-    let help = text(&place.run("eval --help").succeeds().stdout);
+    let help = place.run("eval --help").said();
     let (own, pictures) = help.split_once("Pictures of other programs:").unwrap();
     assert!(own.contains("--device") && own.contains("--test") && pictures.contains("--renders"), "{help}");
-    let whole = place.run("help").succeeds().stdout;
-    assert_eq!(place.run("help --help").succeeds().stdout, whole);
 }
 
 #[test]
 fn experiments_and_their_settings_are_described() {
     let place = Workplace::new();
-    let described = text(&place.run("list fast-losses").succeeds().stdout);
+    let described = place.run("list fast-losses").said();
     for part in ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."] {
         assert!(described.contains(part), "{part}: {described}");
     }
     place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
     let config = "config fast-losses --variant infonerf --set train.rays=77";
-    let printed = text(&place.run(config).succeeds().stdout);
+    let printed = place.run(config).said();
     for (start, origin) in
         [("train.rays = 77 ", "# --set"), ("scene.background = ", "# preset fast"), ("loss.entropy.weight", "# ")]
     {
@@ -472,31 +351,9 @@ fn experiments_and_their_settings_are_described() {
     // It is a part of an experiment file.
     let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
     fs::write(place.path("mine.toml"), file).unwrap();
-    let again = text(&place.run("config mine.toml --variant infonerf").succeeds().stdout);
+    let again = place.run("config mine.toml --variant infonerf").said();
     assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
     place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
-}
-
-#[test]
-fn shells_and_man_have_every_command() {
-    let place = Workplace::new();
-    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
-        let script = text(&place.run(&["completions", shell]).succeeds().stdout);
-        // The other two are given no values.
-        let values: &[&str] = match shell {
-            "bash" | "zsh" | "fish" => &["fast-losses", "orrery", "train.iterations="],
-            _ => &[],
-        };
-        for part in ["infonerf", "exp", "sweep", "budget"].iter().chain(values) {
-            assert!(script.contains(part), "{shell}: {part}");
-        }
-    }
-    place.run("man --out pages").succeeds();
-    let page = fs::read_to_string(place.path("pages/infonerf-exp.1")).unwrap();
-    assert!(page.contains("budget") && place.path("pages/infonerf.1").is_file());
-    fs::write(place.path("file"), "").unwrap();
-    place.run("man --out file").fails_with(&["file"]);
-    place.run("completions tcsh").fails_with(&["tcsh"]);
 }
 
 #[test]
@@ -555,7 +412,7 @@ fn output_that_nobody_reads_loses_nothing() {
     }
     let run = "lines/fast-losses/knot/factored/seed0";
     for args in
-        [&["list"][..], &["--help"], &["completions", "zsh"], &["eval", run], &["export", run, "--format", "cameras"]]
+        [&["list"][..], &["--help"], &["list", "fast-losses"], &["eval", run], &["export", run, "--format", "cameras"]]
     {
         assert_eq!(unread(place.run(args)), Some(0), "{args:?}");
     }

@@ -9,7 +9,7 @@ use std::fs;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{Workplace, events, records, text, without_times};
+use crate::common::{Workplace, events, records, text, wait_for, without_times};
 use serde_json::Value;
 
 /// A checkpoint after every step: most of the run's life is spent writing.
@@ -102,25 +102,10 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
 }
 
 #[test]
-fn results_that_cannot_be_written_are_told_of() {
-    let place = Workplace::new();
-    fs::write(place.path("file"), "").unwrap();
-    place.tiny(RUN).args("--out file/runs").fails_with(&["file/runs"]);
-    if cfg!(target_os = "linux") {
-        place.tiny(RUN).args("--out /proc/runs").fails_with(&["/proc/runs"]);
-    }
-}
-
-#[test]
 fn two_runs_in_one_folder() {
     let place = Workplace::new();
     let mut first = command(&place, "--set train.iterations=100000").spawn().unwrap();
-    let sign = place.path("runs").join(FOLDER).join("checkpoint/manifest.json");
-    let patience = Instant::now();
-    while !sign.exists() {
-        assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
-        std::thread::sleep(Duration::from_millis(3));
-    }
+    wait_for(&place.path("runs").join(FOLDER).join("checkpoint/manifest.json"));
     let again = place.tiny(RUN).args("--set train.iterations=100000");
     again.fails_with(&["another process is at work on this run", FOLDER]);
     first.kill().unwrap();

@@ -69,7 +69,7 @@ fn array_jobs_give_the_local_table() {
     cluster.sweep("local").succeeds();
     let asked = ["--partition", "gpu", "--memory", "2G", "--cpus", "4", "--jobs", "3", "--timeout", "10m"];
     let asked = cluster.slurm().args(&asked).args("--submit-option=--account=vision").env("MAX_ARRAY_SIZE", "6");
-    let said = text(&asked.succeeds().stdout);
+    let said = asked.said();
     assert!(said.contains("8 runs submitted as slurm 100, 101, 102"), "{said}");
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
     let logs = cluster.folder("runs").join("launch");
@@ -106,7 +106,7 @@ fn array_jobs_give_the_local_table() {
     assert_eq!(cluster.numbers("runs").len(), 7);
 
     // The same command submits it alone.
-    let said = text(&cluster.slurm().succeeds().stdout);
+    let said = cluster.slurm().said();
     assert!(said.contains("8 runs, 7 of them finished before") && said.contains("1 runs submitted"), "{said}");
     assert!(cluster.script(103).contains("--array=\"3\"\n"), "{}", cluster.script(103));
     assert!(cluster.task(103, 3).status.success());
@@ -115,7 +115,7 @@ fn array_jobs_give_the_local_table() {
     let table = |out| fs::read_to_string(cluster.folder(out).join("plots/sweep-psnr-infonerf.svg")).unwrap();
     assert_eq!(table("local"), table("runs"));
     // There is nothing left to submit.
-    let said = text(&cluster.slurm().succeeds().stdout);
+    let said = cluster.slurm().said();
     assert!(said.contains("8 of them finished before") && !said.contains("submitted"), "{said}");
 }
 
@@ -138,7 +138,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     cluster.sweep("runs").env("PATH", cluster.0.path("jobs")).fails_with(&["jobs.json", "squeue: not found"]);
     // When they have ended, the rest is submitted.
     assert!(cluster.task(100, 0).status.success());
-    let said = text(&cluster.slurm().succeeds().stdout);
+    let said = cluster.slurm().said();
     assert!(said.contains("1 of them finished before") && said.contains("7 runs submitted"), "{said}");
     assert!(cluster.script(101).contains("--array=\"1-7\"\n"), "{}", cluster.script(101));
     // Merging is possible at any time.
@@ -147,7 +147,7 @@ fn a_launch_that_is_refused_loses_nothing() {
 
     let manifest = cluster.folder("runs").join("manifest.jsonl");
     let whole = fs::read_to_string(&manifest).unwrap();
-    fs::write(&manifest, whole.replace("\"version\":1", "\"version\":2")).unwrap();
+    fs::write(&manifest, whole.replace("\"program\":\"", "\"program\":\"0.0.")).unwrap();
     cluster.slurm().fails_with(&["manifest.jsonl", "version"]);
     fs::write(&manifest, whole).unwrap();
     fs::write(cluster.folder("runs").join("launch/jobs.json"), "{}").unwrap();
@@ -168,31 +168,13 @@ fn options_that_do_not_go_together() {
 }
 
 #[test]
-fn an_experiment_is_launched_and_gives_what_it_gives_here() {
-    let cluster = Cluster::new();
-    let args = "exp fast-losses --scene knot --variant factored --variant infonerf --seed 0";
-    let run = |out: &str, more: &str| text(&cluster.run(args, out).args(more).succeeds().stdout);
-    run("here", "");
-    let said = run("there", "--launch slurm");
-    assert!(said.contains("2 runs submitted as slurm 100, 101"), "{said}");
-    assert!(cluster.script(101).contains("#SBATCH --dependency=\"afterany:100\""), "{}", cluster.script(101));
-    for (job, task) in [(100, 1), (100, 0), (101, 0)] {
-        let output = cluster.task(job, task);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-    }
-    let numbers = |out| without_times(&records(&cluster.0.path(out).join("fast-losses")));
-    assert_eq!(numbers("here").len(), 2);
-    assert_eq!(numbers("here"), numbers("there"));
-}
-
-#[test]
 fn reproduce_is_launched_as_one() {
     let cluster = Cluster::new();
     let args = "reproduce --only information --only views --scene knot --seed 0";
     let tiny = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
                 --set render.samples=8 --set train.iterations=3 --set train.rays=16 --set eval.test=first-1";
     let run = |more: &str| cluster.scheduled(cluster.0.run(args).args(tiny).args(more));
-    let said = text(&run("--launch slurm").succeeds().stdout);
+    let said = run("--launch slurm").said();
     let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
     assert_eq!(jobs, 3, "two arrays and one job that merges: {said}");
     assert!(cluster.script(102).contains("afterany:100:101"), "{}", cluster.script(102));

@@ -29,7 +29,7 @@ fn poses_of_photographs_alone() {
     let views = room(&dir, &[0, 1, 3, 9]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
     let command = "scene from-images photos --without-colmap";
-    let said = text(&place.run(command).succeeds().stdout);
+    let said = place.run(command).said();
     for part in ["00.png: placed", "09.png: placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"]
     {
         assert!(said.contains(part), "expected `{part}` in: {said}");

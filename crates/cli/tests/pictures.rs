@@ -59,7 +59,7 @@ fn pictures_that_do_not_fit_are_one_line() {
 #[test]
 fn weights_are_listed_and_bad_files_refused() {
     let place = Workplace::new();
-    let listed = text(&place.run("weights").succeeds().stdout);
+    let listed = place.run("weights").said();
     for name in ["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"] {
         assert!(listed.contains(name), "{name}: {listed}");
     }
@@ -73,7 +73,7 @@ fn weights_are_listed_and_bad_files_refused() {
 fn a_scene_is_described_and_checked() {
     let place = Workplace::new();
     place.run("scene export castle castle --size 16").succeeds();
-    let described = text(&place.run("scene info castle --page castle.html").succeeds().stdout);
+    let described = place.run("scene info castle --page castle.html").said();
     assert!(described.contains("Blender") && described.contains("100 to train on"), "{described}");
     assert!(fs::read_to_string(place.path("castle.html")).unwrap().contains("<canvas"));
     let json = place.run("scene info castle --json").succeeds();

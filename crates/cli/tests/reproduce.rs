@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Invocation, Workplace, records, text};
+use crate::common::{Invocation, Workplace, records};
 
 /// A network of a few neurons and a few steps of a few rays.
 const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
@@ -17,7 +17,7 @@ fn tiny(place: &Workplace, args: &str) -> Invocation {
 fn statements_are_tested_beside_the_papers_figures() {
     let place = Workplace::new();
     let args = "--only baseline --only information --scene knot --seed 0";
-    let said = text(&tiny(&place, args).succeeds().stdout);
+    let said = tiny(&place, args).said();
     assert!(said.contains("On a narrow baseline: both losses ≥ entropy alone > none"), "{said}");
     assert!(said.contains("PSNR (dB): narrow-entropy > narrow-none") && said.contains("(paper +3.58)"), "{said}");
 
@@ -37,7 +37,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     assert_eq!(order, expected);
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);
 
-    let again = text(&tiny(&place, args).succeeds().stdout);
+    let again = tiny(&place, args).said();
     assert!(again.contains("(8 runs, 8 of them finished before)"), "{again}");
 }
 
@@ -46,7 +46,7 @@ fn statements_are_tested_beside_the_papers_figures() {
 fn a_run_is_done_once() {
     let place = Workplace::new();
     let args = "--only loss-ablation --only information --scene knot --seed 0";
-    let said = text(&tiny(&place, args).succeeds().stdout);
+    let said = tiny(&place, args).said();
     assert!(said.contains("2 of these runs are those of experiments above"), "{said}");
     let record = |experiment: &str, variant: &str| {
         let records = records(&place.path("runs/reproduce").join(experiment));
@@ -56,7 +56,7 @@ fn a_run_is_done_once() {
         let (ours, theirs) = (record("information", ours), record("loss-ablation", theirs));
         assert_eq!((&ours["experiment"], &ours["psnr"]), (&"information".into(), &theirs["psnr"]));
     }
-    let again = text(&tiny(&place, args).succeeds().stdout);
+    let again = tiny(&place, args).said();
     assert!(again.contains("(3 runs, 3 of them finished before)"), "{again}");
 }
 

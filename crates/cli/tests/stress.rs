@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Workplace, text};
+use crate::common::Workplace;
 use serde_json::Value;
 
 fn results(place: &Workplace, name: &str) -> Value {
@@ -13,7 +13,7 @@ fn results(place: &Workplace, name: &str) -> Value {
 #[test]
 fn every_operation_holds_its_bounds() {
     let place = Workplace::new();
-    let said = text(&place.run("bench stress --rays 400").succeeds().stdout);
+    let said = place.run("bench stress --rays 400").said();
     assert!(said.contains("flex:") && said.contains("ndarray:"), "{said}");
     let results = results(&place, "stress");
     assert_eq!(results["non_finite"], 0);
@@ -27,7 +27,7 @@ fn every_operation_holds_its_bounds() {
 #[test]
 fn the_older_backend_agrees_with_flex() {
     let place = Workplace::new();
-    let said = text(&place.run("bench agreement --device ndarray").succeeds().stdout);
+    let said = place.run("bench agreement --device ndarray").said();
     let rows = &results(&place, "agreement")["rows"];
     let rows = rows.as_array().unwrap();
     for what in ["compositing", "factored field", "NeRF, a step", "mip-NeRF, 20 steps", "PixelNeRF, 20 steps"] {

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use infonerf_train::Preset;
 use toml::{Table, Value};
 
 use crate::file::{Layers, Start};
@@ -68,80 +67,29 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
     origins.push(("--set".to_owned(), set));
     // By way of text, in which 0.001 in single precision is 0.001.
     let whole: Table = toml::to_string(&plan.config)?.parse()?;
-    let mut keys = Vec::new();
-    leaves(&whole, &mut Vec::new(), &mut |path, value| {
-        let origin = origins.iter().rev().find(|(_, table)| sets(table, path)).map_or("", |(origin, _)| origin);
-        keys.push(ConfigKey { key: path.join("."), value: value.to_string(), origin: origin.to_owned() });
-    });
-    Ok(keys)
+    let described = |(key, value): (String, String)| {
+        let origin = origins.iter().rev().find(|(_, table)| sets(table, &key)).map(|(origin, _)| origin.clone());
+        ConfigKey { key, value, origin: origin.unwrap_or_default() }
+    };
+    Ok(leaves(&whole).into_iter().map(described).collect())
 }
 
-/// Calls `found` for every value of `table` that is no table.
-fn leaves<'a>(table: &'a Table, path: &mut Vec<&'a str>, found: &mut impl FnMut(&[&str], &Value)) {
-    for (key, value) in table {
-        path.push(key);
-        match value {
-            Value::Table(table) => leaves(table, path, found),
-            value => found(path, value),
+/// Returns every value of `table` that is no table, as TOML, with its dotted key.
+pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
+    let leaf = |(key, value): (&String, &Value)| match value {
+        Value::Table(table) => {
+            leaves(table).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)).collect()
         }
-        path.pop();
-    }
+        value => vec![(key.clone(), value.to_string())],
+    };
+    table.iter().flat_map(leaf).collect()
 }
 
-/// Whether `table` sets the value at `path`, or something that it is a part of.
-fn sets(table: &Table, path: &[&str]) -> bool {
-    let Some((first, rest)) = path.split_first() else { return true };
-    match table.get(*first) {
-        Some(Value::Table(table)) => sets(table, rest),
-        Some(_) => true,
-        None => false,
-    }
-}
-
-/// Returns the names of the variants of all built-in experiments, each once.
-///
-/// # Errors
-/// If one of them cannot be read, which a test excludes.
-pub fn variant_names() -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    for (name, _) in crate::list()? {
-        names.extend(Layers::read(name)?.variants()?.into_iter().map(|variant| variant.name));
-    }
-    names.sort();
-    names.dedup();
-    Ok(names)
-}
-
-/// Returns the dotted names of the keys that every config of `preset` has.
-pub fn config_keys(preset: Preset) -> Vec<String> {
-    let mut keys = Vec::new();
-    leaves(&preset.table(), &mut Vec::new(), &mut |path, _| keys.push(path.join(".")));
-    keys
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_key_has_an_origin() {
-        let selection = Selection { set: vec!["train.rays=77".into()], ..Selection::default() };
-        let keys = config_origins("fast-losses", "infonerf", &selection).unwrap();
-        let of = |name: &str| keys.iter().find(|key| key.key == name).unwrap();
-        assert_eq!((of("train.rays").value.as_str(), of("train.rays").origin.as_str()), ("77", "--set"));
-        assert_eq!(of("scene.background").origin, "preset fast");
-        assert!(keys.iter().any(|key| key.origin == "variant infonerf"), "{keys:?}");
-        assert!(keys.iter().filter(|key| key.origin.is_empty()).count() < keys.len() / 10, "{keys:?}");
-        assert!(config_keys(Preset::Fast).contains(&"train.rays".to_owned()));
-    }
-
-    #[test]
-    fn every_built_in_experiment_is_described() {
-        for (name, title) in crate::list().unwrap() {
-            let described = describe(name).unwrap();
-            assert_eq!(described.title, title, "{name}");
-            assert!(!described.runs.is_empty() && !described.text.is_empty(), "{name}");
-        }
-        assert!(variant_names().unwrap().contains(&"infonerf+".to_owned()));
+/// Whether `table` sets the value of a dotted key, or something that it is a part of.
+fn sets(table: &Table, key: &str) -> bool {
+    let (first, rest) = key.split_once('.').unwrap_or((key, ""));
+    match table.get(first) {
+        Some(Value::Table(table)) => rest.is_empty() || sets(table, rest),
+        value => value.is_some(),
     }
 }

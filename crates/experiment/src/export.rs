@@ -174,16 +174,13 @@ mod tests {
 
     use infonerf_report::Record;
 
-    use crate::{Experiment, Selection};
+    use crate::testing::first_run;
 
     #[test]
     fn export_note_names_the_field_and_the_held_out_psnr() {
         let folder = tempfile::tempdir().unwrap();
         let note = |set: &[&str], first_field| {
-            let set = set.iter().map(|&setting| setting.to_owned()).collect();
-            let (scenes, variants) = (vec!["knot".into()], vec!["infonerf".into()]);
-            let selection = Selection { scenes, variants, set, ..Selection::default() };
-            let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
+            let plan = first_run("fast-losses", "knot", set);
             let metrics = [("psnr".to_owned(), Some(24.314))].into_iter().collect();
             let record = serde_json::to_vec(&[Record { metrics, ..Record::default() }]).unwrap();
             fs::write(plan.record_path(folder.path()), record).unwrap();

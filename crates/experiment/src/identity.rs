@@ -1,37 +1,34 @@
 //! Checksums of all that a run's figures depend on: a run is only continued if none of them has changed.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
-use toml::{Table, Value};
+use toml::Table;
 
 use crate::RunPlan;
+use crate::described::leaves;
 use crate::run_plan::file_paths;
 
 /// File name in a run's folder.
 const NAME: &str = "identity.json";
 
-/// Checksums of all that a run's numbers depend on.
+/// Keys of an identity, and what each is a checksum of.
+const PARTS: [(&str, &str); 5] = [
+    ("config", "the config"),
+    ("data", "the scene's files"),
+    ("program", "the program"),
+    ("device", "the device"),
+    ("first_files", "the files that the field is initialised from"),
+];
+
+/// Checksums of all that a run's numbers depend on, by key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Identity {
-    /// The run's `config.toml`.
-    config: String,
-    /// The contents of the scene's files, or the name of a built-in scene.
-    data: String,
-    /// The program.
-    program: String,
-    /// The device that computes.
-    device: String,
-    /// Files that the field is initialised from, of weights and others; empty without any.
-    first_files: String,
-}
+pub struct Identity(BTreeMap<String, String>);
 
 impl Identity {
     /// Returns the identity of `plan` on the device called `device`, with this program.
@@ -52,13 +49,14 @@ impl Identity {
             SceneSource::Procedural(name) => Ok(name.clone()),
             SceneSource::Folder { path } => folder_checksum(path),
         });
-        Ok(Self {
-            config: checksum(plan.to_toml()?.as_bytes()),
-            data: data.collect::<Result<Vec<_>>>()?.join(" "),
-            program: program_checksum()?,
-            device: device.to_owned(),
-            first_files: files_checksum(plan)?,
-        })
+        let values = [
+            short(blake3::hash(plan.to_toml()?.as_bytes())),
+            data.collect::<Result<Vec<_>>>()?.join(" "),
+            program_checksum()?,
+            device.to_owned(),
+            files_checksum(plan)?,
+        ];
+        Ok(Self(PARTS.iter().map(|(key, _)| (*key).to_owned()).zip(values).collect()))
     }
 
     /// Reads the identity of the run in `folder`; `None` if it has none, or one of an earlier version.
@@ -73,7 +71,7 @@ impl Identity {
 
     /// Names the contents of the scene's files.
     pub(crate) fn data(&self) -> &str {
-        &self.data
+        self.0.get("data").map_or("", String::as_str)
     }
 
     /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
@@ -104,35 +102,17 @@ impl Identity {
 
     /// Names the parts that differ from the run that was begun as `then`.
     fn changes(&self, then: &Self) -> Vec<&'static str> {
-        let parts = [
-            ("the config", &self.config, &then.config),
-            ("the scene's files", &self.data, &then.data),
-            ("the program", &self.program, &then.program),
-            ("the device", &self.device, &then.device),
-            ("the files that the field is initialised from", &self.first_files, &then.first_files),
-        ];
-        parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
+        let is_changed = |(key, _): &(&str, &str)| self.0.get(*key) != then.0.get(*key);
+        PARTS.into_iter().filter(is_changed).map(|(_, what)| what).collect()
     }
 }
 
 /// Returns the first key at which two configs differ, and its value in each.
 fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
-    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
-    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
-        (Some(Value::Table(then)), Some(Value::Table(now))) => {
-            let (rest, then, now) = first_difference(then, now)?;
-            Some((format!("{key}.{rest}"), then, now))
-        }
-        (then, now) if then == now => None,
-        (then, now) => {
-            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
-            Some((key.clone(), shown(then), shown(now)))
-        }
-    })
-}
-
-fn checksum(bytes: &[u8]) -> String {
-    short(blake3::hash(bytes))
+    let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
+    let key = then.keys().chain(now.keys()).filter(|key| then.get(*key) != now.get(*key)).min()?;
+    let shown = |table: &BTreeMap<String, String>| table.get(key).cloned().unwrap_or_else(|| "absent".to_owned());
+    Some((key.clone(), shown(&then), shown(&now)))
 }
 
 fn short(hash: blake3::Hash) -> String {
@@ -183,15 +163,9 @@ fn collect(folder: &Path, seen: &mut HashSet<PathBuf>, files: &mut Vec<PathBuf>)
 }
 
 fn hash_file(path: &Path, hasher: &mut blake3::Hasher) -> std::io::Result<()> {
-    let mut file = fs::File::open(path)?;
-    hasher.update(&file.metadata()?.len().to_le_bytes());
-    let mut buffer = vec![0; 1 << 20];
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(()),
-            count => hasher.update(&buffer[..count]),
-        };
-    }
+    let file = fs::File::open(path)?;
+    hasher.update(&file.metadata()?.len().to_le_bytes()).update_reader(file)?;
+    Ok(())
 }
 
 /// Returns the checksum of the executable: another build may give other numbers.
@@ -209,21 +183,16 @@ fn program_checksum() -> Result<String> {
 fn files_checksum(plan: &RunPlan) -> Result<String> {
     let mut config = plan.config.clone();
     for (_, unused) in config.loss.specs_mut().filter(|(_, spec)| spec.weight().is_zero()) {
-        if let Some((_, path)) = unused.weights_file() {
-            path.clear();
-        }
+        unused.weights_file().into_iter().for_each(|(_, path)| path.clear());
     }
+    // A run's folder stands for its weights. A missing file is an error once it is used.
+    let file = |path: &mut PathBuf| if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
+    let files: Vec<PathBuf> = file_paths(&mut config).into_iter().map(file).filter(|path| path.is_file()).collect();
     let mut hasher = blake3::Hasher::new();
-    let mut any = false;
-    for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
-        // A run's folder stands for its weights. A missing file is an error once it is used.
-        let file = if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
-        if file.is_file() {
-            hash_file(&file, &mut hasher).with_context(|| file.display().to_string())?;
-            any = true;
-        }
+    for file in &files {
+        hash_file(file, &mut hasher).with_context(|| file.display().to_string())?;
     }
-    Ok(if any { short(hasher.finalize()) } else { String::new() })
+    Ok(if files.is_empty() { String::new() } else { short(hasher.finalize()) })
 }
 
 #[cfg(test)]
@@ -244,38 +213,31 @@ mod tests {
         assert_eq!(Identity::read(folder.path()), Some(first));
     }
 
-    /// Another folder each time: a process reads each once.
-    fn scene_with(add: impl FnOnce(&Path)) -> String {
-        let folder = tempfile::tempdir().unwrap();
-        fs::create_dir(folder.path().join("train")).unwrap();
-        fs::write(folder.path().join("train/r_0.png"), "one").unwrap();
-        add(folder.path());
-        folder_checksum(folder.path()).unwrap()
-    }
-
     #[test]
-    fn a_changed_image_is_another_scene() {
-        let same = scene_with(|_| ());
-        assert_eq!(same, scene_with(|_| ()));
-        assert_ne!(same, scene_with(|scene| fs::write(scene.join("train/r_0.png"), "two").unwrap()));
-        assert_ne!(same, scene_with(|scene| fs::write(scene.join("train/r_1.png"), "one").unwrap()));
-    }
-
-    #[test]
-    fn results_in_the_folder_and_circles_of_links_are_not_the_scenes() {
-        let same = scene_with(|_| ());
-        let results = |scene: &Path| {
-            let run = scene.join("runs/exp/scene/nerf/seed0");
-            fs::create_dir_all(&run).unwrap();
-            fs::write(run.join("lock"), "").unwrap();
-            fs::write(run.join("metrics.jsonl"), "{}").unwrap();
-            let sweep = scene.join("runs/other");
-            fs::create_dir_all(&sweep).unwrap();
-            fs::write(sweep.join("results.json"), "[]").unwrap();
-            fs::write(sweep.join("report.html"), "").unwrap();
+    fn a_scene_is_its_images_without_results_and_circles_of_links() {
+        // Another folder each time: a process reads each once.
+        let scene_with = |add: &dyn Fn(&Path)| {
+            let folder = tempfile::tempdir().unwrap();
+            write(folder.path(), "train/r_0.png", "one");
+            add(folder.path());
+            folder_checksum(folder.path()).unwrap()
         };
-        assert_eq!(same, scene_with(results));
+        let same = scene_with(&|_| ());
+        assert_ne!(same, scene_with(&|scene| write(scene, "train/r_0.png", "two")));
+        assert_ne!(same, scene_with(&|scene| write(scene, "train/r_1.png", "one")));
+        let with_results = scene_with(&|scene| {
+            for file in ["exp/scene/nerf/seed0/lock", "exp/scene/nerf/seed0/metrics.jsonl", "other/results.json"] {
+                write(scene, &format!("runs/{file}"), "");
+            }
+        });
+        assert_eq!(same, with_results);
         #[cfg(unix)]
-        assert_eq!(same, scene_with(|scene| std::os::unix::fs::symlink(scene, scene.join("train/above")).unwrap()));
+        assert_eq!(same, scene_with(&|scene| std::os::unix::fs::symlink(scene, scene.join("train/above")).unwrap()));
+    }
+
+    fn write(scene: &Path, file: &str, text: &str) {
+        let path = scene.join(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
     }
 }

@@ -23,7 +23,6 @@
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 
-mod built_in;
 mod described;
 mod device;
 pub mod execute;
@@ -31,7 +30,6 @@ mod export;
 mod file;
 mod identity;
 mod plan;
-mod plot;
 mod pretrain;
 mod published;
 mod records;
@@ -39,12 +37,11 @@ pub mod reproduce;
 mod run;
 mod run_plan;
 mod scenes;
-mod seeds;
 pub mod sweep;
 #[cfg(test)]
 mod testing;
 
-pub use described::{ConfigKey, Description, config_keys, config_origins, describe, variant_names};
+pub use described::{ConfigKey, Description, config_origins, describe};
 pub use device::{DeviceName, OpenDevice, networks, open};
 pub use export::SplatFidelity;
 pub use file::list;
@@ -57,4 +54,4 @@ pub use run::{
     save_png, total_progress,
 };
 pub use run_plan::RunPlan;
-pub use seeds::parse_seeds;
+pub use scenes::parse_seeds;

@@ -13,11 +13,10 @@ use infonerf_train::{Config, Preset};
 use toml::Table;
 
 use crate::file::{Layers, Start, Variant};
-use crate::plot::Plot;
 use crate::published::Paper;
 use crate::run_plan::RunPlan;
-use crate::scenes::check_name;
-use crate::scenes::find_scenes;
+use crate::scenes::{check_name, find_scenes};
+use crate::sweep::figures::Plot;
 
 /// Runs of an experiment, and what they change. An empty part is as the experiment has it.
 #[derive(Clone, Debug, Default)]
@@ -79,12 +78,14 @@ pub(crate) struct Outline {
     pub(crate) about: About,
     /// Name or path that it was read by.
     experiment: String,
+    layers: Layers,
     budget: Option<f64>,
     scenes: Vec<ChosenScene>,
     seeds: Vec<u64>,
-    variants: Vec<ChosenVariant>,
-    /// Tables of configs, by preset and variant: preset, files, variant and what the selection sets.
-    tables: BTreeMap<(&'static str, String), Table>,
+    variants: Vec<Variant>,
+    /// Preset that was asked for, which holds for any number of views, and settings.
+    preset: Option<Preset>,
+    set: Vec<String>,
 }
 
 impl Outline {
@@ -94,29 +95,23 @@ impl Outline {
         check_name("experiment", &name)?;
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
         let budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
-        let found = find_scenes(data.as_deref(), chosen_scenes(&layers, selection))?;
-        let scenes: Vec<ChosenScene> = found.into_iter().map(ChosenScene::new).collect();
-        let seeds = chosen_seeds(&layers, selection);
+        // All scenes that there are in the user's own data.
+        let names = match &selection.scenes[..] {
+            [] if selection.data.is_some() => None,
+            [] => layers.last(|file| file.scenes.clone()),
+            chosen => Some(chosen.to_vec()),
+        };
+        let scenes: Vec<ChosenScene> = find_scenes(data.as_deref(), names)?.into_iter().map(ChosenScene::new).collect();
+        let seeds = match &selection.seeds[..] {
+            [] => layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0]),
+            chosen => chosen.to_vec(),
+        };
         check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
         let about = About::of(&layers, data);
         let variants = chosen_variants(&layers, selection)?;
-        let mut tables = BTreeMap::new();
-        let starts = scenes.iter().flat_map(|scene| variants.iter().map(|chosen| (scene.preset(chosen), chosen)));
-        let starts = starts
-            .flat_map(|(few, chosen)| [few, few.for_views(usize::MAX, Layout::Object)].map(|preset| (preset, chosen)));
-        for (preset, ChosenVariant { variant, .. }) in starts {
-            if let Entry::Vacant(new) = tables.entry((preset.name(), variant.name.clone())) {
-                let mut table = match variant.start {
-                    Start::Experiment => layers.config(preset),
-                    Start::Preset(_) => preset.table(),
-                };
-                config::merge(&mut table, variant.changes.clone());
-                assign(&mut table, &selection.set).with_context(|| experiment.to_owned())?;
-                new.insert(table);
-            }
-        }
-        Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants, tables })
+        let (preset, set) = (selection.preset, selection.set.clone());
+        Ok(Self { about, experiment: experiment.to_owned(), layers, budget, scenes, seeds, variants, preset, set })
     }
 
     /// Returns how many runs in a row differ in their seed only.
@@ -130,14 +125,17 @@ impl Outline {
         let mut runs = Vec::new();
         for scene in &self.scenes {
             let ChosenScene { name, source, .. } = scene;
-            for chosen in &self.variants {
-                let variant = &chosen.variant;
+            for variant in &self.variants {
                 let mut config = |preset: Preset| match configs.entry((preset.name(), &variant.name)) {
                     Entry::Occupied(known) => Ok::<Config, anyhow::Error>(known.get().clone()),
-                    Entry::Vacant(new) => Ok(new.insert(self.config(preset, &variant.name, set)?).clone()),
+                    Entry::Vacant(new) => Ok(new.insert(self.config(preset, variant, set)?).clone()),
                 };
+                let own = match variant.start {
+                    Start::Experiment => self.layers.last(|file| file.preset),
+                    Start::Preset(preset) => preset,
+                };
+                let preset = self.preset.or(own).unwrap_or(scene.suitable);
                 for &seed in &self.seeds {
-                    let preset = scene.preset(chosen);
                     let mut plan = RunPlan {
                         experiment: self.about.name.clone(),
                         scene: name.clone(),
@@ -149,7 +147,7 @@ impl Outline {
                         budget: self.budget,
                         config: config(preset)?,
                     };
-                    if preset == Preset::Capture && !chosen.is_asked_for {
+                    if preset == Preset::Capture && self.preset.is_none() {
                         // A scene that cannot be read is loading's to refuse.
                         let views = plan.pixels().map_or(0, |pixels| pixels.views);
                         plan.preset = preset.for_views(views, scene.layout);
@@ -164,11 +162,15 @@ impl Outline {
         Ok(runs)
     }
 
-    fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
-        let table = self.tables.get(&(preset.name(), variant.to_owned()));
-        let mut table = table.expect("there is a table for each preset and variant").clone();
-        assign(&mut table, set)
-            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {variant}")))
+    fn config(&self, preset: Preset, variant: &Variant, set: &[String]) -> Result<Config> {
+        let mut table = match variant.start {
+            Start::Experiment => self.layers.config(preset),
+            Start::Preset(_) => preset.table(),
+        };
+        config::merge(&mut table, variant.changes.clone());
+        assign(&mut table, &self.set)
+            .and_then(|()| assign(&mut table, set))
+            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {}", variant.name)))
             .with_context(|| self.experiment.clone())
     }
 }
@@ -196,41 +198,10 @@ impl ChosenScene {
         let suitable = if backdrop == Some(Backdrop::Unknown) { Preset::Capture } else { Preset::Fast };
         Self { name, source, suitable, layout }
     }
-
-    fn preset(&self, variant: &ChosenVariant) -> Preset {
-        variant.preset.unwrap_or(self.suitable)
-    }
-}
-
-/// Returns the names of the selected scenes; `None` for all that there are, as with the user's own `data`.
-fn chosen_scenes(layers: &Layers, selection: &Selection) -> Option<Vec<String>> {
-    if !selection.scenes.is_empty() {
-        Some(selection.scenes.clone())
-    } else if selection.data.is_some() {
-        None
-    } else {
-        layers.last(|file| file.scenes.clone())
-    }
-}
-
-fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
-    if selection.seeds.is_empty() {
-        layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0])
-    } else {
-        selection.seeds.clone()
-    }
-}
-
-/// A variant, and the preset of its configs; none for the one that suits each scene.
-struct ChosenVariant {
-    variant: Variant,
-    preset: Option<Preset>,
-    /// Whether the preset was asked for on the command line, and holds for any number of views.
-    is_asked_for: bool,
 }
 
 /// Returns the selected variants, by default all.
-fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenVariant>> {
+fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<Variant>> {
     let mut variants = layers.variants().with_context(|| layers.name.clone())?;
     if variants.is_empty() {
         bail!("{}: variants: expected at least one table", layers.name);
@@ -246,15 +217,8 @@ fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenV
         variants = selection.variants.iter().map(named).collect::<Result<_>>()?;
     }
     check_distinct("--variant", variants.iter().map(|variant| variant.name.clone()))?;
-    let chosen = |variant: Variant| {
-        check_name("variant", &variant.name)?;
-        let own = match variant.start {
-            Start::Experiment => layers.last(|file| file.preset),
-            Start::Preset(preset) => preset,
-        };
-        Ok(ChosenVariant { variant, preset: selection.preset.or(own), is_asked_for: selection.preset.is_some() })
-    };
-    variants.into_iter().map(chosen).collect()
+    variants.iter().try_for_each(|variant| check_name("variant", &variant.name))?;
+    Ok(variants)
 }
 
 fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
@@ -322,14 +286,17 @@ impl About {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use toml::Value;
-
+    use crate::describe;
+    use crate::described::leaves;
     use crate::file::list;
+    use crate::testing::selected;
 
     /// Over any preset, and as it comes back from a run's `config.toml`.
     #[test]
     fn every_built_in_experiment_is_valid() {
-        for (name, _) in list().unwrap() {
+        for (name, title) in list().unwrap() {
+            let described = describe(name).unwrap();
+            assert!(described.title == title && !described.runs.is_empty() && !described.text.is_empty(), "{name}");
             for preset in Preset::ALL {
                 let selection = Selection { preset: Some(preset), ..Selection::default() };
                 for plan in Experiment::plan(name, &selection).unwrap().runs {
@@ -340,23 +307,16 @@ mod tests {
         }
     }
 
-    /// Keys, with their tables, in which the configs of two variants of an experiment differ.
+    /// Keys in which the configs of two variants of an experiment differ.
     fn differences(experiment: &str, variants: [&str; 2]) -> Vec<String> {
-        let selection = Selection { variants: variants.map(str::to_owned).into(), ..Selection::default() };
-        let plan = Experiment::plan(experiment, &selection).unwrap();
+        let runs = Experiment::plan(experiment, &selected(&[], &variants, &[])).unwrap().runs;
         let [one, other] = variants.map(|variant| {
-            let run = plan.runs.iter().find(|run| run.variant == variant).unwrap();
-            let tables = Table::try_from(&run.config).unwrap();
-            let keys = |(name, table): (String, Value)| match table {
-                Value::Table(table) => {
-                    table.into_iter().map(|(key, value)| (format!("{name}.{key}"), value)).collect::<Vec<_>>()
-                }
-                other => panic!("{name}: {other}"),
-            };
-            tables.into_iter().flat_map(keys).collect::<BTreeMap<String, Value>>()
+            let run = runs.iter().find(|run| run.variant == variant).unwrap();
+            leaves(&Table::try_from(&run.config).unwrap()).into_iter().collect::<BTreeSet<_>>()
         });
-        let keys: BTreeSet<&String> = one.keys().chain(other.keys()).collect();
-        keys.into_iter().filter(|key| one.get(*key) != other.get(*key)).cloned().collect()
+        let keys =
+            one.symmetric_difference(&other).map(|(key, _)| key.split('.').take(2).collect::<Vec<_>>().join("."));
+        keys.collect::<BTreeSet<String>>().into_iter().collect()
     }
 
     /// Other methods differ from NeRF in what makes them, and in nothing else.
@@ -372,8 +332,8 @@ mod tests {
     #[test]
     fn photographs_have_a_preset_of_their_own() {
         let presets = |experiment: &str, preset: Option<Preset>| {
-            let scenes = vec!["castle".into(), "room".into()];
-            let plan = Experiment::plan(experiment, &Selection { scenes, preset, ..Selection::default() }).unwrap();
+            let selection = Selection { preset, ..selected(&["castle", "room"], &[], &[]) };
+            let plan = Experiment::plan(experiment, &selection).unwrap();
             let of = |scene: &str| plan.runs.iter().find(|run| run.scene == scene).unwrap();
             let stereo = |run: &RunPlan| run.scene == "room" && !run.config.loss.stereo.weight.is_zero();
             assert_eq!(plan.runs.iter().any(stereo), of("room").preset == Preset::Capture);
@@ -389,8 +349,7 @@ mod tests {
     #[test]
     fn many_photographs_have_a_larger_field() {
         let of = |scene: &str, experiment: &str, set: &[&str], preset: Option<Preset>| {
-            let set = set.iter().map(|&setting| setting.to_owned()).collect();
-            let selection = Selection { scenes: vec![scene.into()], set, preset, ..Selection::default() };
+            let selection = Selection { preset, ..selected(&[scene], &[], set) };
             let run = Experiment::plan(experiment, &selection).unwrap().runs.remove(0);
             let rebuilt = RunPlan::from_toml(&run.to_toml().unwrap()).unwrap();
             assert_eq!((rebuilt.preset, &rebuilt.config), (run.preset, &run.config));
@@ -413,8 +372,7 @@ mod tests {
     #[test]
     fn a_report_names_only_claims_that_its_runs_could_test() {
         let claims = |variants: &[&str]| {
-            let variants = variants.iter().map(|&name| name.to_owned()).collect();
-            let plan = Experiment::plan("synthetic-4view", &Selection { variants, ..Selection::default() }).unwrap();
+            let plan = Experiment::plan("synthetic-4view", &selected(&[], variants, &[])).unwrap();
             plan.about.report_input(Vec::new(), &plan.runs.iter().collect::<Vec<_>>()).unwrap().claims.len()
         };
         assert_eq!([claims(&["infonerf+"]), claims(&["nerf", "infonerf"]), claims(&[])], [0, 1, 2]);

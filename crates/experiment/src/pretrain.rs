@@ -1,6 +1,5 @@
 //! Training of one model on all scenes of an experiment, to initialise other runs.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,8 +7,8 @@ use anyhow::{Context, Result, bail};
 use infonerf_scene::PixelCount;
 use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 
-use crate::run::{Training, clear, load_checkpoint, lock, train};
-use crate::{Existing, Experiment, Identity, RunEvent, RunPlan, Session, Watch};
+use crate::run::{Training, load_checkpoint, train};
+use crate::{Experiment, Identity, RunEvent, RunPlan, Session, Watch};
 
 /// The result of pre-training.
 pub struct Pretrained {
@@ -30,30 +29,19 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     if experiment.runs.iter().any(|other| (&other.variant, other.seed) != (&plan.variant, plan.seed)) {
         bail!("{}: expected one variant and one seed: choose with --variant and --seed", experiment.about.name);
     }
-    let folder = session.experiment_folder(&experiment.about.name);
-    fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-    let (_lock, warning) = lock(&folder, "run")?;
-    if let Some(warning) = warning {
-        watch(RunEvent::Warning(warning));
-    }
     let config = plan.to_toml_with(experiment.runs.iter().map(|plan| plan.scene.clone()).collect())?;
-    let path = folder.join("config.toml");
     let identity =
         Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
-    let continues = session.existing == Existing::Continue && path.exists();
-    if continues {
-        identity.refuse_another(&folder, &config)?;
-        if let Some(progress) = finished_progress(&folder, plan)? {
-            return Ok(Pretrained { folder, progress, finished: true });
-        }
+    let folder = session.experiment_folder(&experiment.about.name);
+    let run = session.open_run(folder.clone(), identity, config, watch)?;
+    if run.continues
+        && let Some(progress) = finished_progress(&folder, plan)?
+    {
+        return Ok(Pretrained { folder, progress, finished: true });
     }
     let plans = experiment.runs.iter().map(with_one_test_view).collect::<Result<Vec<_>>>()?;
     check_memory(&plans)?;
-    if !continues {
-        clear(&folder)?;
-    }
-    identity.write(&folder)?;
-    infonerf_report::write_atomically(&path, config.as_bytes())?;
+    run.begin()?;
     watch(RunEvent::Loading);
     let scenes = plans.iter().map(|plan| plan.load().map(Arc::new)).collect::<Result<Vec<_>>>()?;
     let mut trainer = Trainer::on_scenes(&plan.config, scenes, plan.seed, &session.device.device)?;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use indexmap::IndexMap;
+use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 use infonerf_report::{Published, PublishedRow, Quantity};
 use infonerf_schedule::Moment;
@@ -22,9 +22,9 @@ pub(crate) struct Paper {
     /// Figures by scene and variant.
     #[serde(default)]
     scenes: BTreeMap<String, BTreeMap<String, Figures>>,
-    /// How the figures were obtained.
+    /// How the figures were obtained, in words. Aspects that are left out are not compared.
     #[serde(default)]
-    protocol: PublishedProtocol,
+    protocol: BTreeMap<Aspect, String>,
     /// Further remarks.
     #[serde(default)]
     notes: Vec<String>,
@@ -42,20 +42,20 @@ enum PublishedFigure {
     Spread([f64; 2]),
 }
 
-/// A protocol in words: all that figures depend on. Parts that a paper's protocol leaves out are not compared.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct PublishedProtocol {
-    scenes: Option<String>,
-    images: Option<String>,
-    train_views: Option<String>,
-    test_views: Option<String>,
-    view_sets: Option<String>,
-    field: Option<String>,
-    samples: Option<String>,
-    training: Option<String>,
-    weights: Option<String>,
-    priors: Option<String>,
+/// An aspect of a protocol: one of those that figures depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Aspect {
+    Scenes,
+    Images,
+    TrainViews,
+    TestViews,
+    ViewSets,
+    Field,
+    Samples,
+    Training,
+    Weights,
+    Priors,
 }
 
 impl Paper {
@@ -65,11 +65,14 @@ impl Paper {
         let of_scenes = self.scenes.iter().flat_map(|(scene, variants)| {
             variants.iter().map(move |(variant, figures)| figures.row(variant, Some(scene.clone())))
         });
-        let differences = self.protocol.differences(&PublishedProtocol::of(runs));
+        let differences = self.protocol.iter().filter_map(|(aspect, there)| {
+            let (what, here) = aspect.of(runs);
+            here.filter(|here| here != there).map(|here| format!("{what}: {here} here; {there} in the paper."))
+        });
         Published {
             source: self.source.clone(),
             rows: means.chain(of_scenes).collect(),
-            footnotes: differences.into_iter().chain(self.notes.iter().cloned()).collect(),
+            footnotes: differences.chain(self.notes.iter().cloned()).collect(),
         }
     }
 }
@@ -85,61 +88,46 @@ impl Figures {
     }
 }
 
-impl PublishedProtocol {
-    /// Returns the protocol of `runs`.
-    fn of(runs: &[&RunPlan]) -> Self {
+impl Aspect {
+    /// Returns its heading and how `runs` have it; `None` if that is more than can be said.
+    fn of(self, runs: &[&RunPlan]) -> (&'static str, Option<String>) {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
-        let views = |plan: &RunPlan| plan.config.scene.views.count();
-        let own = if runs.iter().any(|plan| plan.data.is_none()) { "built-in: " } else { "" };
-        let seeds = distinct(runs, |plan| plan.seed.to_string()).len();
-        Self {
-            scenes: Some(format!("{own}{}", distinct(runs, |plan| plan.scene.clone()).join(", "))),
-            images: all(|plan| match plan.config.scene.size {
-                0 => "as they are".into(),
-                size => format!("{size} pixels"),
-            }),
-            train_views: runs
-                .iter()
-                .all(|plan| views(plan).is_some())
-                .then(|| distinct(runs, |plan| views(plan).unwrap_or_default().to_string()).join(" or ")),
-            test_views: all(|plan| plan.config.eval.test.to_string()),
-            view_sets: Some(format!("{seeds}")),
-            field: all(|plan| plan.config.field.to_string()),
-            samples: all(|plan| {
-                let coarse = plan.config.render.samples.at(Moment::END).round();
-                match plan.config.render.fine_samples {
-                    0 => format!("at most {coarse} per ray"),
-                    fine => format!("{coarse} coarse and {fine} fine per ray"),
-                }
-            }),
-            training: all(|plan| match plan.budget {
-                Some(seconds) => format!("{seconds} s"),
-                None => format!("{} steps of {} seen rays", plan.config.train.iterations, plan.config.train.rays),
-            }),
-            weights: Some(weights(runs)),
-            priors: Some(priors(runs)),
+        match self {
+            Self::Scenes => {
+                let own = if runs.iter().any(|plan| plan.data.is_none()) { "built-in: " } else { "" };
+                ("Scenes", Some(format!("{own}{}", distinct(runs, |plan| plan.scene.clone()).join(", "))))
+            }
+            Self::Images => (
+                "Images",
+                all(|plan| match plan.config.scene.size {
+                    0 => "as they are".into(),
+                    size => format!("{size} pixels"),
+                }),
+            ),
+            Self::TrainViews => {
+                let known = runs.iter().all(|plan| plan.config.scene.views.count().is_some());
+                let count = |plan: &RunPlan| plan.config.scene.views.count().unwrap_or_default().to_string();
+                ("Training views", all(count).filter(|_| known))
+            }
+            Self::TestViews => ("Test views", all(|plan| plan.config.eval.test.to_string())),
+            Self::ViewSets => {
+                ("Sets of training views", Some(distinct(runs, |plan| plan.seed.to_string()).len().to_string()))
+            }
+            Self::Field => ("Field", all(|plan| plan.config.field.to_string())),
+            Self::Samples => (
+                "Samples",
+                all(|plan| {
+                    let coarse = plan.config.render.samples.at(Moment::END).round();
+                    match plan.config.render.fine_samples {
+                        0 => format!("at most {coarse} per ray"),
+                        fine => format!("{coarse} coarse and {fine} fine per ray"),
+                    }
+                }),
+            ),
+            Self::Training => ("Training", all(RunPlan::training)),
+            Self::Weights => ("Weights", Some(weights(runs))),
+            Self::Priors => ("Other losses", Some(priors(runs))),
         }
-    }
-
-    /// Returns one line for each difference.
-    fn differences(&self, ours: &Self) -> Vec<String> {
-        let both = [
-            ("Scenes", &ours.scenes, &self.scenes),
-            ("Images", &ours.images, &self.images),
-            ("Training views", &ours.train_views, &self.train_views),
-            ("Test views", &ours.test_views, &self.test_views),
-            ("Sets of training views", &ours.view_sets, &self.view_sets),
-            ("Field", &ours.field, &self.field),
-            ("Samples", &ours.samples, &self.samples),
-            ("Training", &ours.training, &self.training),
-            ("Weights", &ours.weights, &self.weights),
-            ("Other losses", &ours.priors, &self.priors),
-        ];
-        let line = |(what, here, there): (&str, &Option<String>, &Option<String>)| {
-            let (here, there) = (here.as_ref()?, there.as_ref()?);
-            (here != there).then(|| format!("{what}: {here} here; {there} in the paper."))
-        };
-        both.into_iter().filter_map(line).collect()
     }
 }
 
@@ -163,30 +151,21 @@ fn weights(runs: &[&RunPlan]) -> String {
 /// Terms of the objective that are not the paper's.
 fn priors(runs: &[&RunPlan]) -> String {
     let names = runs.iter().flat_map(|plan| plan.config.loss.active().map(|(name, _)| name));
-    let mut terms: Vec<&str> = Vec::new();
-    for name in names.filter(|name| PAPER_TERMS.iter().all(|(paper, _)| paper != name)) {
-        if !terms.contains(&name) {
-            terms.push(name);
-        }
-    }
-    if terms.is_empty() { "none".to_owned() } else { terms.join(", ") }
+    let others = names.filter(|name| PAPER_TERMS.iter().all(|(paper, _)| paper != name));
+    let terms: IndexSet<&str> = others.collect();
+    if terms.is_empty() { "none".to_owned() } else { Vec::from_iter(terms).join(", ") }
 }
 
 /// Returns the values of `key`, each once, in order of appearance.
-fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
-    let mut values: Vec<String> = Vec::new();
-    for value in runs.iter().map(|plan| key(plan)) {
-        if !values.contains(&value) {
-            values.push(value);
-        }
-    }
-    values
+pub(crate) fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
+    runs.iter().map(|plan| key(plan)).collect::<IndexSet<String>>().into_iter().collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Experiment, Selection};
+    use crate::Experiment;
+    use crate::testing::selected;
 
     #[test]
     fn figures_and_differences() {
@@ -206,9 +185,7 @@ mod tests {
     #[test]
     fn other_training_views_than_the_papers_are_noted() {
         let noted = |set: &[&str]| {
-            let selection =
-                Selection { set: set.iter().map(|&text| text.to_owned()).collect(), ..Selection::default() };
-            let plan = Experiment::plan("synthetic-4view", &selection).unwrap();
+            let plan = Experiment::plan("synthetic-4view", &selected(&[], &[], set)).unwrap();
             let published = plan.about.paper.unwrap().beside(&plan.runs.iter().collect::<Vec<_>>());
             published.footnotes.into_iter().find(|note| note.starts_with("Training views"))
         };
@@ -218,12 +195,8 @@ mod tests {
 
     #[test]
     fn every_active_term_is_listed() {
-        let selection = Selection {
-            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
-            variants: vec!["factored".into()],
-            ..Selection::default()
-        };
-        let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;
+        let set = ["loss.semantic.weight=0.1", "loss.tv.weight=1", "loss.silhouette.weight=0"];
+        let runs = Experiment::plan("fast-losses", &selected(&[], &["factored"], &set)).unwrap().runs;
         assert_eq!(priors(&runs.iter().collect::<Vec<_>>()), "semantic, tv");
     }
 }

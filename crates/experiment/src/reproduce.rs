@@ -35,73 +35,58 @@ const TWO_BY_TWO: ChapterExtent = ChapterExtent { scenes: &["crane", "knot"], se
 const FOUR_BY_FIVE: ChapterExtent =
     ChapterExtent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
 
-impl Chapter {
-    const fn new(experiment: &'static str, small: ChapterExtent, full: ChapterExtent) -> Self {
-        Self { experiment, captures: false, variants: &[], set: &[], small, full }
-    }
-
-    /// Returns a chapter on a small capture, forward-facing or inward-looking.
-    const fn capture(experiment: &'static str, set: &'static [&'static str]) -> Self {
-        let full = ChapterExtent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
-        Self { captures: true, set, ..Self::new(experiment, OWN, full) }
-    }
+const fn chapter(experiment: &'static str, small: ChapterExtent) -> Chapter {
+    Chapter { experiment, captures: false, variants: &[], set: &[], small, full: FOUR_BY_FIVE }
 }
 
-/// The variants of a capture.
+/// Returns a chapter on a small capture, forward-facing or inward-looking.
+const fn capture(experiment: &'static str, variants: &'static [&'static str], set: &'static [&'static str]) -> Chapter {
+    let full = ChapterExtent { scenes: &[], ..FOUR_BY_FIVE };
+    Chapter { experiment, captures: true, variants, set, small: OWN, full }
+}
+
+/// The variants of a capture and its settings.
 const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
+const SMALL: &[&str] = &["scene.size=160", "train.iterations=300"];
 
 /// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
-    Chapter::new("synthetic-4view", OWN, FOUR_BY_FIVE),
-    Chapter::new("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
-    Chapter::new("loss-ablation", ChapterExtent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
-    Chapter::new("unseen-rays", TWO_BY_TWO, FOUR_BY_FIVE),
-    Chapter::new("baseline", TWO_BY_TWO, FOUR_BY_FIVE),
+    chapter("synthetic-4view", OWN),
+    chapter("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }),
+    chapter("loss-ablation", ChapterExtent { seeds: &[0, 1], ..FOUR_BY_FIVE }),
+    chapter("unseen-rays", TWO_BY_TWO),
+    chapter("baseline", TWO_BY_TWO),
     Chapter {
         variants: &["nerf-2", "infonerf-2", "nerf-4", "infonerf-4", "nerf-8", "infonerf-8", "nerf-100", "infonerf-100"],
-        ..Chapter::new("views", TWO_BY_TWO, FOUR_BY_FIVE)
+        ..chapter("views", TWO_BY_TWO)
     },
-    Chapter::new("information", TWO_BY_TWO, FOUR_BY_FIVE),
+    chapter("information", TWO_BY_TWO),
     Chapter {
         variants: &["nerf", "infonerf", "mipnerf", "infomipnerf"],
-        ..Chapter::new("integration", ChapterExtent { seeds: &[0], ..TWO_BY_TWO }, FOUR_BY_FIVE)
+        ..chapter("integration", ChapterExtent { seeds: &[0], ..TWO_BY_TWO })
     },
-    Chapter { variants: CAPTURE, ..Chapter::capture("llff-2view", &["scene.size=160", "train.iterations=300"]) },
-    Chapter { variants: CAPTURE, ..Chapter::capture("dtu-3view", &["scene.size=160", "train.iterations=300"]) },
-    Chapter::capture("zju-4view", &["train.iterations=300"]),
+    capture("llff-2view", CAPTURE, SMALL),
+    capture("dtu-3view", CAPTURE, SMALL),
+    capture("zju-4view", &[], &["train.iterations=300"]),
 ];
 
-/// The experiments, in the order of the report.
-pub const EXPERIMENTS: [&str; CHAPTERS.len()] = {
-    let mut names = [""; CHAPTERS.len()];
-    let mut index = 0;
-    while index < names.len() {
-        names[index] = CHAPTERS[index].experiment;
-        index += 1;
-    }
-    names
-};
-
-/// Extent of a reproduction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ReproductionPlan {
-    /// An hour on two cores.
-    Small,
-    /// Four scenes and five view sets for every claim of the paper's regime: a night on two cores.
-    Full,
+/// Returns the experiments, in the order of the report.
+pub fn experiments() -> [&'static str; CHAPTERS.len()] {
+    CHAPTERS.map(|chapter| chapter.experiment)
 }
 
-/// Returns the sweeps of the experiments called `names`, or of all where that is empty.
+/// Returns the sweeps of the experiments called `names`, or of all where that is empty: an hour on two cores, or, with `full`,
+/// four scenes and five view sets for every claim of the paper's regime, which is a night.
 ///
 /// Settings in `selection` take precedence over an experiment's own extent. Its data and scenes are those of the
 /// synthetic experiments: captures take part in them only where `names` has captures alone, and are the built-in ones
 /// otherwise.
 ///
 /// # Errors
-/// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].
-pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -> Result<Vec<Sweep>> {
-    if let Some(unknown) = names.iter().find(|name| !EXPERIMENTS.contains(&name.as_str())) {
-        bail!("{unknown}: expected one of {}", EXPERIMENTS.join(", "));
+/// If a name is not one of [`experiments`], and as [`Experiment::plan`].
+pub fn sweeps(names: &[String], full: bool, selection: &Selection) -> Result<Vec<Sweep>> {
+    if let Some(unknown) = names.iter().find(|name| !experiments().contains(&name.as_str())) {
+        bail!("{unknown}: expected one of {}", experiments().join(", "));
     }
     let named = |chapter: &&Chapter| names.iter().any(|name| name == chapter.experiment);
     let captures_alone = !names.is_empty() && CHAPTERS.iter().filter(named).all(|chapter| chapter.captures);
@@ -110,17 +95,14 @@ pub fn sweeps(names: &[String], plan: ReproductionPlan, selection: &Selection) -
         if chapter.captures && !captures_alone {
             (selection.data, selection.scenes) = (None, Vec::new());
         }
-        Ok(Sweep::from(Experiment::plan(chapter.experiment, &extended(chapter, plan, selection))?))
+        Ok(Sweep::from(Experiment::plan(chapter.experiment, &extended(chapter, full, selection))?))
     };
     CHAPTERS.iter().filter(|chapter| names.is_empty() || named(chapter)).map(sweep).collect()
 }
 
 /// Returns `selection`, with whatever it leaves open taken from `chapter`.
-fn extended(chapter: &Chapter, plan: ReproductionPlan, selection: Selection) -> Selection {
-    let extent = match plan {
-        ReproductionPlan::Small => chapter.small,
-        ReproductionPlan::Full => chapter.full,
-    };
+fn extended(chapter: &Chapter, full: bool, selection: Selection) -> Selection {
+    let extent = if full { chapter.full } else { chapter.small };
     let owned = |list: &[&str]| list.iter().map(|&text| text.to_owned()).collect::<Vec<String>>();
     let or = |given: Vec<String>, own: &[&str]| if given.is_empty() { owned(own) } else { given };
     Selection {
@@ -148,36 +130,23 @@ pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RunPlan;
-
-    fn labels(names: &[&str], selection: &Selection) -> Vec<String> {
-        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
-        let sweeps = sweeps(&names, ReproductionPlan::Small, selection).unwrap();
-        sweeps.iter().flat_map(|sweep| sweep.runs().map(RunPlan::label)).collect()
-    }
-
-    #[test]
-    fn what_is_selected_goes_before_a_chapters_scale() {
-        assert_eq!(labels(&["fast-losses"], &Selection::default()).len(), 16);
-        let one = Selection { scenes: vec!["orrery".into()], seeds: vec![3], ..Selection::default() };
-        let found = labels(&["synthetic-4view", "zju-4view"], &one);
-        assert_eq!(found.iter().filter(|label| label.contains("orrery")).count(), 3, "{found:?}");
-        // The figure, not the orrery, which is no capture.
-        assert!(found.iter().any(|label| label.contains("figure")), "{found:?}");
-    }
+    use crate::testing::selected;
 
     #[test]
     fn every_experiment_takes_part() {
-        let all = sweeps(&[], ReproductionPlan::Small, &Selection::default()).unwrap();
+        let all = sweeps(&[], false, &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
-        assert_eq!(names, EXPERIMENTS);
-        assert!(sweeps(&["nothing".into()], ReproductionPlan::Small, &Selection::default()).is_err());
-        let full: usize =
-            sweeps(&[], ReproductionPlan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
+        assert_eq!(names, experiments());
+        assert!(sweeps(&["nothing".into()], false, &Selection::default()).is_err());
+        let full: usize = sweeps(&[], true, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
         assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
+        let selection = selected(&["orrery"], &[], &[]);
+        let mixed = sweeps(&["synthetic-4view".into(), "zju-4view".into()], false, &selection).unwrap();
+        assert!(mixed[0].runs().all(|plan| plan.scene == "orrery"));
+        assert!(mixed[1].runs().all(|plan| plan.scene == "figure"), "the figure, not the orrery, which is no capture");
         // Of a small capture every run is small.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));
-        assert_eq!(capture.len(), 5);
+        assert_eq!((capture.len(), all[1].len()), (5, 16));
     }
 }

@@ -62,6 +62,14 @@ impl RunPlan {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
     }
 
+    /// Describes how long it trains.
+    pub fn training(&self) -> String {
+        match self.budget {
+            Some(seconds) => format!("{seconds} s"),
+            None => format!("{} steps of {} seen rays", self.config.train.iterations, self.config.train.rays),
+        }
+    }
+
     /// Returns the folder of the run below that of its experiment.
     pub fn directory(&self) -> PathBuf {
         run_directory(&self.scene, &self.variant, self.seed)
@@ -132,8 +140,13 @@ impl RunPlan {
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
     pub fn check_memory(&self, side_by_side: usize, loaded: bool) -> Result<()> {
-        let needed = MemoryPlan::new(&self.config, self.pixels()?, self.members(), side_by_side);
+        let needed = self.memory(side_by_side)?;
         Ok(if loaded { needed.with_images_loaded() } else { needed }.check_available()?)
+    }
+
+    /// Estimates the memory of the run with `side_by_side` of its fields being trained at a time.
+    pub(crate) fn memory(&self, side_by_side: usize) -> Result<MemoryPlan> {
+        Ok(MemoryPlan::new(&self.config, self.pixels()?, self.members(), side_by_side))
     }
 
     /// Returns the pixels that [`Self::load`] will hold.
@@ -264,19 +277,14 @@ fn absolute(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::first_run;
+    use crate::testing::{first_run, selected};
     use crate::{Experiment, Selection};
 
     /// As in `parity.rs`: there is no half in the pixel positions of the released code.
     #[test]
     fn released_rays_pass_through_corners() {
         let [centre, corner] = [Preset::Paper, Preset::Released].map(|preset| {
-            let selection = Selection {
-                preset: Some(preset),
-                set: vec!["scene.size=8".into()],
-                scenes: vec!["knot".into()],
-                ..Selection::default()
-            };
+            let selection = Selection { preset: Some(preset), ..selected(&["knot"], &[], &["scene.size=8"]) };
             Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0).load().unwrap()
         });
         for (centre, corner) in [(&centre.train, &corner.train), (&centre.test, &corner.test)] {

@@ -1,5 +1,6 @@
-//! The scenes that an experiment runs on.
+//! The scenes and seeds that an experiment runs on.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
@@ -7,7 +8,20 @@ use infonerf_dataset::SceneSource;
 use infonerf_procedural as procedural;
 use infonerf_report::folder_name_fault;
 
-use crate::seeds::parse_seeds;
+/// Seeds of one range, at most.
+const MAX_SEEDS: u64 = 10_000;
+
+/// Parses a seed, or a range of seeds such as `0..4`, both ends included.
+///
+/// # Errors
+/// What was expected, if it is neither.
+pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
+    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    let (first, last) = (number(first)?, number(last)?);
+    if first <= last && last - first < MAX_SEEDS { Ok(first..=last) } else { Err(fault()) }
+}
 
 /// Refuses a name that cannot be a folder's.
 pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {

@@ -1,11 +1,16 @@
-//! Plans for tests.
+//! Selections and plans for tests.
 
 use crate::{Experiment, RunPlan, Selection};
 
-/// The first run of the experiment called `experiment`, on one scene if `scene` is not empty, with `settings`.
+/// Returns the selection of some scenes, variants and settings.
+pub(crate) fn selected(scenes: &[&str], variants: &[&str], settings: &[&str]) -> Selection {
+    let [scenes, variants, set] =
+        [scenes, variants, settings].map(|texts| texts.iter().map(|&text| text.to_owned()).collect());
+    Selection { scenes, variants, set, ..Selection::default() }
+}
+
+/// Returns the first run of the experiment called `experiment`, on one scene if `scene` is not empty, with `settings`.
 pub(crate) fn first_run(experiment: &str, scene: &str, settings: &[&str]) -> RunPlan {
-    let owned = |texts: &[&str]| texts.iter().map(|&text| text.to_owned()).collect();
-    let scenes = if scene.is_empty() { Vec::new() } else { owned(&[scene]) };
-    let selection = Selection { scenes, set: owned(settings), ..Selection::default() };
-    Experiment::plan(experiment, &selection).unwrap().runs.remove(0)
+    let scenes: &[&str] = if scene.is_empty() { &[] } else { &[scene] };
+    Experiment::plan(experiment, &selected(scenes, &[], settings)).unwrap().runs.remove(0)
 }

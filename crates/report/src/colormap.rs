@@ -108,7 +108,7 @@ fn drawn<A, B>(
     let expected = (width as usize).saturating_mul(height as usize);
     for (what, found) in names.into_iter().zip([first.len(), second.len()]) {
         if found != expected {
-            return Err(MetricError::Length { what, found, expected });
+            return Err(MetricError::length(what, found, expected));
         }
     }
     let pixels = first.iter().zip(second).flat_map(|(a, b)| to_bytes(colour(a, b).unwrap_or([1.0; 3])));

@@ -13,13 +13,10 @@ use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE};
 
-use crate::existing::ExistingArgs;
-use crate::exit::INTERRUPTED;
-use crate::names::{self, KnownNames};
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
-use crate::selection::{DeviceArgs, NetworkArgs};
+use crate::selection::{DeviceArgs, ExistingArgs, NetworkArgs};
 use crate::terminal::open_device;
 use crate::units::parse_time;
 use crate::{command_line, interrupt};
@@ -55,7 +52,7 @@ pub(crate) struct CaptureArgs {
     #[command(flatten)]
     networks: NetworkArgs,
     /// Set a key of the config, such as scene.size=400; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
@@ -92,12 +89,12 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let Some((trained, report)) = train(experiment, &session)? else {
         outln!("stopped and saved; {} continues", args.existing.same_command());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     };
     let fields = || trained.map_or_else(|| Trained::read(plan, &folder, &session.device), Ok);
     let Some(orbit) = write_pictures(fields, &folder, args.budget)? else {
         outln!("stopped; the scene is learned, and {} renders its orbit", args.existing.same_command());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     };
     let page = folder.join(VIEWER_PAGE);
     outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());
@@ -127,20 +124,20 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let (budget, around) = (args.budget.as_secs().max(1), SECONDS_PER_PHOTOGRAPH * count as u64);
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
+    let poses = match pairs {
+        0 => "none to find".to_owned(),
+        _ => format!("{} to {}, if COLMAP is not installed", time(quick), time(slow)),
+    };
     outln!(
-        "{}: {count} photographs, about {} to {} in all:",
+        "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \
+         training         {}, and about {} before and afterwards\n  orbit and page   up to {}",
         args.path.display(),
         time(quick + budget + around),
-        time(slow + 2 * budget + around)
+        time(slow + 2 * budget + around),
+        time(budget),
+        time(around),
+        time(budget)
     );
-    if pairs == 0 {
-        outln!("  poses            none to find");
-    } else {
-        outln!("  poses            {} to {}, if COLMAP is not installed", time(quick), time(slow));
-    }
-    outln!("  check            seconds");
-    outln!("  training         {}, and about {} before and afterwards", time(budget), time(around));
-    outln!("  orbit and page   up to {}", time(budget));
 }
 
 /// Plans what `exp capture --variant infonerf+` runs on the scene in `dir`, of `count` photographs: with few, none is held

@@ -8,16 +8,13 @@ use anyhow::{Result, bail};
 use clap::Args;
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Experiment, RunEvent, Session, Trained, total_progress};
+use infonerf_experiment::{Experiment, RunEvent, Session, Trained};
 use infonerf_report::{VIEWER_PAGE, write_atomically};
-use infonerf_train::{Phase, Trainer};
 use serde_json::json;
 
-use crate::exit::INTERRUPTED;
 use crate::json::JsonEvents;
 use crate::launch::LaunchArgs;
 use crate::live::Live;
-use crate::names::{self, KnownNames};
 use crate::print::{errln, outln};
 use crate::reporter::Reporter;
 use crate::selection::SelectionArgs;
@@ -45,7 +42,6 @@ capture --data . --scene my-photos` (or a built-in scene: --scene room)";
 #[command(after_help = EXP_EXAMPLES)]
 pub(crate) struct ExpArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file, such as the config.toml of a run
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
@@ -61,9 +57,6 @@ pub(crate) struct ExpArgs {
     /// none is given)
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
     view: Option<u16>,
-    /// Print where time went and what skipping saved; a GPU is waited for after each phase of a step, which slows it down
-    #[arg(long)]
-    profile: bool,
     /// Print only warnings and errors
     #[arg(long, conflicts_with = "json")]
     quiet: bool,
@@ -79,8 +72,7 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     }
     let sweep = Sweep::from(experiment);
     let Some(option) = args.launch.own_processes()? else { return in_process(args, &sweep) };
-    let in_process =
-        [("--profile", args.profile), ("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
+    let in_process = [("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
     if let Some((given, _)) = in_process.into_iter().find(|(_, given)| *given) {
         bail!("{given}: expected no {option}, with which each run is a process of its own");
     }
@@ -92,7 +84,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     let existing = &args.launch.existing;
     let device = open_device(args.selection.device.device)?;
     let networks = args.selection.networks.open(&device)?;
-    let session = Session::new(device, &args.out, existing.existing()).with_networks(networks).profiled(args.profile);
+    let session = Session::new(device, &args.out, existing.existing()).with_networks(networks);
     let folder = sweep.folder(&args.out);
     let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
@@ -119,9 +111,6 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         if let PlanEvent::RunEnded(index, plan, RunEnd::Trained(record, trainers)) = event {
             if as_text {
                 reporter.watch(PlanEvent::RunEnded(index, plan, RunEnd::Trained(record, Vec::new())));
-                if args.profile {
-                    print_profile(&trainers);
-                }
             }
             if infonerf_view::holds(&plan.config.field) {
                 let trained = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
@@ -135,7 +124,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         live.as_ref().map_or_else(interrupt::control, Live::control)
     };
     let executed = execute(std::slice::from_ref(sweep), &args.out, &Executor::InProcess(&session), &mut watch)?;
-    let Executed::Ended { .. } = executed else { return Ok(ExitCode::from(INTERRUPTED)) };
+    let Executed::Ended { .. } = executed else { return Ok(interrupt::exit_code()) };
     if let Some(live) = &live {
         live.keep(&folder, as_text);
     }
@@ -146,28 +135,4 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
 pub(crate) fn write_viewer(trained: &Trained, folder: &Path) -> Result<()> {
     let page = infonerf_view::page(trained, folder, None)?;
     Ok(write_atomically(&folder.join(VIEWER_PAGE), page.as_bytes())?)
-}
-
-fn print_profile(trainers: &[Trainer]) {
-    let progress = total_progress(trainers);
-    let steps = progress.step.max(1) as f64;
-    let skipped = 1.0 - progress.samples_evaluated as f64 / progress.samples_total.max(1) as f64;
-    outln!(
-        "    samples: {} of {} evaluated, {:.1} % skipped",
-        progress.samples_evaluated,
-        progress.samples_total,
-        100.0 * skipped
-    );
-    if let [trainer] = trainers {
-        outln!("    per step: {}", trainer.profile().traffic().per_step(trainer.progress().step));
-    }
-    for phase in Phase::ALL {
-        let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
-        outln!(
-            "    {:12} {:8.2} ms per step {:5.1} %",
-            phase.name(),
-            spent / steps * 1e3,
-            100.0 * spent / progress.seconds
-        );
-    }
 }

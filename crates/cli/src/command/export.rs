@@ -11,9 +11,9 @@ use infonerf_experiment::{RunPlan, Trained};
 use infonerf_export::{Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
 use infonerf_report::{VIEWER_PAGE, write_atomically};
 
-use crate::print::{errln, outln};
+use crate::print::outln;
 use crate::selection::DeviceArgs;
-use crate::terminal::open_device;
+use crate::terminal::{open_device, read_run};
 
 const EXPORT_EXAMPLES: &str = "\
 Examples:
@@ -76,13 +76,14 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     let plan = RunPlan::of_run(&args.run)?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join(args.format.file()));
     make_folder_of(&out)?;
-    let (bytes, summary, surface) = match args.format {
-        FormatName::Cameras => cameras(&plan)?,
-        FormatName::Html => page(&plan, args)?,
+    let read = || read_run(plan.clone(), &args.run, &open_device(args.device.device)?);
+    let ((bytes, summary), surface) = match args.format {
+        FormatName::Cameras => (cameras(&plan)?, None),
+        FormatName::Html => (page(&read()?, args)?, None),
         _ => {
-            let trained = read(plan.clone(), args)?;
-            let (bytes, summary, surface) = from_surface(&trained, args)?;
-            (bytes, summary, trained.surface_error(&surface)?.zip(Some(surface.voxel)))
+            let trained = read()?;
+            let (exported, surface) = from_surface(&trained, args)?;
+            (exported, trained.surface_error(&surface)?.zip(Some(surface.voxel)))
         }
     };
     write_atomically(&out, &bytes)?;
@@ -128,19 +129,10 @@ fn make_folder_of(out: &Path) -> Result<()> {
     fs::create_dir_all(&folder).with_context(|| out.display().to_string())
 }
 
-/// Reads the fields of the run.
-fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
-    let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
-    for warning in &trained.warnings {
-        errln!("warning: {warning}");
-    }
-    Ok(trained)
-}
+/// Bytes of a file, and a description of its contents.
+type Exported = (Vec<u8>, String);
 
-/// Returns the bytes of a file, a description of its contents, and the surface's error with its voxel.
-type Exported<E> = (Vec<u8>, String, E);
-
-fn cameras<E>(plan: &RunPlan) -> Result<Exported<Option<E>>> {
+fn cameras(plan: &RunPlan) -> Result<Exported> {
     let cameras = plan.cameras()?;
     let count = |key: &str| cameras[key].as_array().map_or(0, Vec::len);
     let place = match &plan.source {
@@ -148,17 +140,16 @@ fn cameras<E>(plan: &RunPlan) -> Result<Exported<Option<E>>> {
         SceneSource::Procedural(_) => String::new(),
     };
     let summary = format!("{} training and {} test cameras{place}", count("train_filenames"), count("test_filenames"));
-    Ok((format!("{cameras:#}\n").into_bytes(), summary, None))
+    Ok((format!("{cameras:#}\n").into_bytes(), summary))
 }
 
-fn page<E>(plan: &RunPlan, args: &ExportArgs) -> Result<Exported<Option<E>>> {
-    let trained = read(plan.clone(), args)?;
+fn page(trained: &Trained, args: &ExportArgs) -> Result<Exported> {
     let voxels = args.resolution.map(|voxels| voxels as usize);
-    let page = infonerf_view::page(&trained, &args.run, voxels).with_context(|| args.run.display().to_string())?;
-    Ok((page.into_bytes(), "a page that draws the scene".to_owned(), None))
+    let page = infonerf_view::page(trained, &args.run, voxels).with_context(|| args.run.display().to_string())?;
+    Ok((page.into_bytes(), "a page that draws the scene".to_owned()))
 }
 
-fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<Exported<Surface>> {
+fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surface)> {
     let usual = if args.format == FormatName::Splat { SPLAT_RESOLUTION } else { RESOLUTION };
     let mut surface = trained.surface(args.resolution.map_or(usual, |voxels| voxels as usize))?;
     if args.format == FormatName::Splat {
@@ -167,7 +158,7 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<Exported<Surface
             let (views, splats, fields) = (found.views, found.splats, found.fields);
             format!(", which show {views} test views with {splats:.2} dB PSNR (the field itself: {fields:.2} dB)")
         });
-        return Ok((ply_splats(&splats), format!("{} gaussians{fidelity}", splats.len()), surface));
+        return Ok(((ply_splats(&splats), format!("{} gaussians{fidelity}", splats.len())), surface));
     }
     if let Some(triangles) = args.triangles {
         surface = surface.simplified(triangles as usize);
@@ -185,5 +176,5 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<Exported<Surface
             format!("{} vertices, {} triangles ({dropped} small components left out)", positions.len(), triangles.len())
         }
     };
-    Ok((bytes, summary, mesh.surface))
+    Ok(((bytes, summary), mesh.surface))
 }

@@ -4,17 +4,16 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use indexmap::IndexSet;
 use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
 use infonerf_train::Preset;
 
-use crate::names::{self, KnownNames};
 use crate::print::outln;
 
 /// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
     /// Experiment to describe
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     name: Option<String>,
 }
 
@@ -22,16 +21,15 @@ pub(crate) struct ListArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ConfigArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     /// Variant [default: the experiment's first]
-    #[arg(long, value_name = "V", value_parser = KnownNames(names::variants), hide_possible_values = true)]
+    #[arg(long, value_name = "V")]
     variant: Option<String>,
     /// Preset that the config starts from
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
@@ -51,13 +49,8 @@ pub(crate) fn run(args: &ListArgs) -> Result<ExitCode> {
 fn print_description(name: &str, described: &Description) {
     let Description { title, bases, data, runs, text } = described;
     let distinct = |key: fn(&RunPlan) -> String| {
-        let mut values: Vec<String> = Vec::new();
-        for value in runs.iter().map(key).filter(|value| !value.is_empty()) {
-            if !values.contains(&value) {
-                values.push(value);
-            }
-        }
-        values.join(", ")
+        let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
+        Vec::from_iter(values).join(", ")
     };
     let data = data.as_ref().map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
     outln!("{name}: {title}");
@@ -68,13 +61,7 @@ fn print_description(name: &str, described: &Description) {
         ("data", data),
         ("seeds", distinct(|plan| plan.seed.to_string())),
         ("presets", distinct(|plan| plan.preset.name().to_owned())),
-        (
-            "training",
-            distinct(|plan| match plan.budget {
-                Some(seconds) => format!("{seconds} s"),
-                None => format!("{} steps of {} rays", plan.config.train.iterations, plan.config.train.rays),
-            }),
-        ),
+        ("training", distinct(RunPlan::training)),
         ("runs", runs.len().to_string()),
     ] {
         if !values.is_empty() {

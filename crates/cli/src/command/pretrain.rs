@@ -9,13 +9,10 @@ use clap::Args;
 use infonerf_experiment::{Experiment, RunEvent, Session, pretrain};
 use infonerf_train::Event;
 
-use crate::existing::ExistingArgs;
-use crate::exit::INTERRUPTED;
 use crate::interrupt;
-use crate::names::{self, KnownNames};
 use crate::print::outln;
 use crate::progress::ProgressDisplay;
-use crate::selection::SelectionArgs;
+use crate::selection::{ExistingArgs, SelectionArgs};
 use crate::terminal::open_device;
 
 const PRETRAIN_EXAMPLES: &str = "\
@@ -32,7 +29,6 @@ Examples:
 #[command(after_help = PRETRAIN_EXAMPLES)]
 pub(crate) struct PretrainArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file with one variant, one seed and the scenes to learn from
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
@@ -65,7 +61,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     })?;
     if !pretrained.finished {
         outln!("{}: saved; {} continues it", about.name, args.existing.same_command());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     }
     let mean = last.iter().sum::<f32>() / last.len() as f32;
     let psnr =

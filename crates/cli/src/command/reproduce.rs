@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::reproduce::{EXPERIMENTS, ReproductionPlan, sweeps, write};
+use clap::builder::PossibleValuesParser;
+use infonerf_experiment::reproduce::{experiments, sweeps, write};
 
 use crate::launch::LaunchArgs;
 use crate::print::outln;
@@ -30,7 +31,7 @@ The same command continues where it was interrupted.";
 #[command(after_help = REPRODUCE_EXAMPLES)]
 pub(crate) struct ReproduceArgs {
     /// Only this experiment; may be repeated
-    #[arg(long, value_name = "EXPERIMENT", value_parser = EXPERIMENTS)]
+    #[arg(long, value_name = "EXPERIMENT", value_parser = PossibleValuesParser::new(experiments()))]
     only: Vec<String>,
     /// Four scenes and five view sets per claim, instead of what fits into an hour on two cores
     #[arg(long)]
@@ -45,10 +46,8 @@ pub(crate) struct ReproduceArgs {
 }
 
 pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
-    let (plan, folder) =
-        if args.full { (ReproductionPlan::Full, "reproduce-full") } else { (ReproductionPlan::Small, "reproduce") };
-    let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
-    let out = args.out.join(folder);
+    let sweeps = sweeps(&args.only, args.full, &args.selection.selection(None))?;
+    let out = args.out.join(if args.full { "reproduce-full" } else { "reproduce" });
     args.launch.run(sweeps, &args.selection, &out, |outcomes| {
         let inputs: Vec<_> = outcomes.into_iter().map(|outcome| outcome.input).collect();
         outln!("\nreport: {}", write(&inputs, &out)?.display());

@@ -5,11 +5,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use infonerf_experiment::sweep::{PAPER_SPACE, Sweep};
 
 use crate::launch::LaunchArgs;
-use crate::names::{self, KnownNames};
 use crate::selection::SelectionArgs;
 use crate::units::parse_time;
 
@@ -20,7 +19,7 @@ Examples:
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --grid loss.kl.weight=0,1e-5 --seed 0..4 --jobs 2
       every combination with five seeds, two runs at a time
   infonerf sweep paper-regime --variant infonerf --space paper --seed 0..4
-      λ1 × λ2 as a heat map, and whether the best pair is better than its neighbours
+      λ1 × λ2 as a heat map
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
       each run as a task of a Slurm array; runs that need more than 30 minutes are saved and continued
 The same command continues where it was interrupted.";
@@ -30,14 +29,13 @@ The same command continues where it was interrupted.";
 #[command(after_help = SWEEP_EXAMPLES)]
 pub(crate) struct SweepArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
-    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     /// Key of the config and its values; may be repeated, for every combination
     #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present = "space")]
     grids: Vec<String>,
     /// Predefined grids; `paper`: four values of λ1 times four of λ2
-    #[arg(long, value_name = "NAME", hide_possible_values = true)]
-    space: Option<ReadySpace>,
+    #[arg(long, value_name = "NAME", value_parser = ["paper"], hide_possible_values = true)]
+    space: Option<String>,
     #[command(flatten)]
     selection: SelectionArgs,
     /// Training time per run, such as 60s or 5m; schedules follow the clock
@@ -50,23 +48,9 @@ pub(crate) struct SweepArgs {
     out: PathBuf,
 }
 
-/// Grids under a name.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ReadySpace {
-    /// The paper's two weights.
-    Paper,
-}
-
-impl ReadySpace {
-    fn grids(self) -> Vec<String> {
-        match self {
-            Self::Paper => PAPER_SPACE.map(str::to_owned).to_vec(),
-        }
-    }
-}
-
 pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
-    let grids = [args.space.map(ReadySpace::grids).unwrap_or_default(), args.grids.clone()].concat();
+    let grids =
+        [args.space.iter().flat_map(|_paper| PAPER_SPACE.map(str::to_owned)).collect(), args.grids.clone()].concat();
     let sweep = Sweep::plan(&args.experiment, &grids, &args.selection.selection(args.budget))?;
     args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()))
 }

@@ -7,11 +7,10 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::execute::{PEAK_MEMORY, STOPPED};
+use infonerf_experiment::execute::STOPPED;
 use infonerf_experiment::sweep::run_item;
 use infonerf_experiment::{Finished, RunEvent};
 
-use crate::exit::FAILED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
@@ -53,14 +52,9 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
     let finished = run_item(&args.manifest, args.item, device, networks, watch)?;
     match finished {
-        Finished::Record(record, _) => {
-            if let Some(bytes) = record.peak_rss_bytes {
-                outln!("{PEAK_MEMORY}{}", bytes >> 20);
-            }
-            outln!("{}", summary(&record));
-        }
+        Finished::Record(record, _) => outln!("{}", summary(&record)),
         Finished::Kept(_) => outln!("finished before and kept"),
-        Finished::Stopped => return Ok(ExitCode::from(STOPPED as u8)),
+        Finished::Stopped => return Ok(interrupt::exit_code()),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -69,7 +63,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
     errln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
-    std::process::exit(i32::from(FAILED));
+    std::process::exit(1);
 }
 
 /// Ends the process once its parent has closed the pipe to it: what is on disk is complete at any time.

@@ -6,6 +6,8 @@ use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -96,6 +98,11 @@ impl Workplace {
 }
 
 impl Invocation {
+    /// Runs it, which has to succeed, and returns its standard output.
+    pub fn said(self) -> String {
+        text(&self.succeeds().stdout)
+    }
+
     pub fn args(mut self, args: impl Words) -> Self {
         self.args.extend(args.words());
         self
@@ -140,6 +147,15 @@ impl Invocation {
         for part in parts {
             assert!(stderr.contains(part), "{args}: expected `{part}` in: {stderr}");
         }
+    }
+}
+
+/// Waits until there is a file at `path`.
+pub fn wait_for(path: &Path) {
+    let patience = Instant::now();
+    while !path.exists() {
+        assert!(patience.elapsed() < Duration::from_secs(60), "{}: not within a minute", path.display());
+        sleep(Duration::from_millis(3));
     }
 }
 

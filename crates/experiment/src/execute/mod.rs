@@ -10,9 +10,9 @@ use anyhow::Result;
 use infonerf_report::Record;
 use infonerf_train::Trainer;
 
-pub use processes::{PEAK_MEMORY, Runner, STOPPED, Workers};
+pub use processes::{Runner, STOPPED, Workers};
 pub(crate) use slurm::refuse_under_way;
-pub use slurm::{JobProgress, JobResources, Jobs, Slurm};
+pub use slurm::{JobResources, Jobs, Slurm};
 
 use crate::records::save_record;
 use crate::sweep::{Prepared, Sweep, SweepFiles};

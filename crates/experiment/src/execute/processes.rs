@@ -15,14 +15,12 @@ use super::{PlanEvent, PlanWatch, RunEnd};
 use crate::DeviceName;
 use crate::sweep::{Prepared, Sweep};
 
-/// The start of the line in which an item's process prints how much memory it took, in MiB.
-pub const PEAK_MEMORY: &str = "peak memory (MiB): ";
-
 /// Exit code of an item's process that was asked to stop, and saved.
 pub const STOPPED: i32 = 130;
 
-/// Share of the free memory that runs may take.
+/// Share of the free memory that runs may take, and bytes that each takes in addition to its estimate.
 const MEMORY_SHARE: f64 = 0.8;
+const PROGRAM_BYTES: u64 = 256 << 20;
 
 /// The program that runs items of a manifest, and how.
 #[derive(Clone, Debug)]
@@ -63,8 +61,8 @@ impl Runner {
         command
     }
 
-    /// Runs an item of `manifest` while `jobs - 1` others run: how it ended, and how many bytes of memory it took.
-    fn run(&self, manifest: &Path, item: usize, jobs: usize) -> (RunEnd, Option<u64>) {
+    /// Runs an item of `manifest` while `jobs - 1` others run, and returns how it ended.
+    fn run(&self, manifest: &Path, item: usize, jobs: usize) -> RunEnd {
         let words = self.command(manifest);
         let mut command = Command::new(&words[0]);
         command.args(&words[1..]).arg(item.to_string()).arg("--tied");
@@ -79,40 +77,22 @@ impl Runner {
             drop(input);
             output
         });
-        match output {
-            Ok(output) => (run_end(&output), peak_memory(&output)),
-            Err(error) => (RunEnd::Failed(error.to_string()), None),
-        }
+        output.map_or_else(|error| RunEnd::Failed(error.to_string()), |output| run_end(&output))
     }
 }
 
 impl Workers {
     /// Runs what is missing of `sweep`, in its order, and reports each run when it ends; which of them failed, or `None` if
     /// they were asked to stop.
-    ///
-    /// The first of them runs alone, with all cores, if more than one may run at a time and it is not known how much memory
-    /// a run takes.
     pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
         let manifest = prepared.manifest();
         let (mut failed, mut stopped) = (BTreeSet::new(), false);
-        let mut report = |item: usize, end: RunEnd| {
-            match &end {
-                RunEnd::Failed(_) => drop(failed.insert(item)),
-                RunEnd::Stopped => stopped = true,
-                _ => {}
-            }
-            watch(PlanEvent::RunEnded(item, sweep.run(item), end));
-        };
-        let jobs = self.jobs.min(prepared.missing.len());
-        let mut peak = prepared.peak;
-        let mut items = prepared.missing.iter().copied();
-        while jobs > 1 && peak.is_none() && available_memory().is_some() && !(self.stop)() {
-            let Some(item) = items.next() else { break };
-            let (end, taken) = self.runner.run(&manifest, item, 1);
-            peak = taken;
-            report(item, end);
-        }
-        let jobs = fitting(jobs, cores(), available_memory(), peak);
+        let first = prepared.missing.first().map(|&item| sweep.run(item));
+        // A scene that cannot be read is the run's to report.
+        let needed = first.and_then(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
+        let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES));
+        let jobs = fitting(self.jobs.min(prepared.missing.len()), cores(), available_memory(), needed);
+        let items = prepared.missing.iter().copied();
         let queue = Mutex::new(items);
         let next = || queue.lock().ok().filter(|_| !(self.stop)()).and_then(|mut queue| queue.next());
         thread::scope(|scope| {
@@ -121,14 +101,21 @@ impl Workers {
                 let (sender, next, manifest) = (sender.clone(), &next, &manifest);
                 scope.spawn(move || {
                     while let Some(item) = next() {
-                        if sender.send((item, self.runner.run(manifest, item, jobs).0)).is_err() {
+                        if sender.send((item, self.runner.run(manifest, item, jobs))).is_err() {
                             break;
                         }
                     }
                 });
             }
             drop(sender);
-            receiver.into_iter().for_each(|(item, end)| report(item, end));
+            for (item, end) in receiver {
+                match &end {
+                    RunEnd::Failed(_) => drop(failed.insert(item)),
+                    RunEnd::Stopped => stopped = true,
+                    _ => {}
+                }
+                watch(PlanEvent::RunEnded(item, sweep.run(item), end));
+            }
         });
         (!stopped && !(self.stop)()).then_some(failed)
     }
@@ -139,14 +126,11 @@ fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Returns how many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each takes
-/// `peak` bytes; at least one. An unknown value does not limit.
-fn fitting(jobs: usize, cores: usize, free: Option<u64>, peak: Option<u64>) -> usize {
-    let in_memory = match (free, peak) {
-        (Some(free), Some(peak)) if peak > 0 => (MEMORY_SHARE * free as f64 / peak as f64) as usize,
-        _ => usize::MAX,
-    };
-    jobs.min(cores).min(in_memory).max(1)
+/// Returns how many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each needs
+/// `needed` bytes; at least one. An unknown value does not limit.
+fn fitting(jobs: usize, cores: usize, free: Option<u64>, needed: Option<u64>) -> usize {
+    let in_memory = free.zip(needed).map(|(free, needed)| (MEMORY_SHARE * free as f64 / needed as f64) as usize);
+    jobs.min(cores).min(in_memory.unwrap_or(usize::MAX)).max(1)
 }
 
 fn run_end(output: &Output) -> RunEnd {
@@ -164,12 +148,6 @@ fn run_end(output: &Output) -> RunEnd {
     RunEnd::Failed(reason.strip_prefix("error: ").map_or(reason.clone(), str::to_owned))
 }
 
-fn peak_memory(output: &Output) -> Option<u64> {
-    let text = String::from_utf8_lossy(&output.stdout);
-    let mebibytes: u64 = text.lines().find_map(|line| line.strip_prefix(PEAK_MEMORY))?.trim().parse().ok()?;
-    Some(mebibytes << 20)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,14 +155,14 @@ mod tests {
     #[test]
     fn cores_and_memory_limit_jobs() {
         let gib = |n: u64| Some(n << 30);
-        for (jobs, cores, free, peak, expected) in [
+        for (jobs, cores, free, needed, expected) in [
             (8, 4, None, None, 4),
             (2, 4, gib(16), gib(1), 2),
             (8, 8, gib(10), gib(2), 4),
             (8, 8, gib(1), gib(2), 1),
             (8, 8, gib(1), None, 8),
         ] {
-            assert_eq!(fitting(jobs, cores, free, peak), expected);
+            assert_eq!(fitting(jobs, cores, free, needed), expected);
         }
     }
 }

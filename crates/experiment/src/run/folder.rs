@@ -80,16 +80,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_process_is_kept_out() {
-        let folder = tempfile::tempdir().unwrap();
-        let first = lock(folder.path(), "run").unwrap();
-        assert!(first.1.is_none());
-        assert!(lock(folder.path(), "run").unwrap_err().to_string().contains("another process"));
-        drop(first);
-        lock(folder.path(), "run").unwrap();
-    }
-
-    #[test]
     fn a_file_system_without_locks_is_no_obstacle() {
         let folder = tempfile::tempdir().unwrap();
         let file = || fs::File::create(folder.path().join("lock")).unwrap();

@@ -4,7 +4,6 @@ mod evaluate;
 mod folder;
 mod log;
 mod memory;
-mod pictures;
 #[cfg(test)]
 mod tests;
 mod train;
@@ -22,11 +21,10 @@ use infonerf_report::{Record, write_atomically};
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer, without_collapsed};
 
-pub use evaluate::picture_notes;
+pub use evaluate::{picture_notes, save_png};
 pub use folder::is_finished;
 pub(crate) use folder::{clear, lock};
 use memory::PeakMemory;
-pub use pictures::save_png;
 pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;
@@ -43,8 +41,6 @@ pub struct Session {
     pub out: PathBuf,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronize_phases`].
-    pub profiled: bool,
     /// Networks of learned metrics: those without one have no value.
     pub networks: Networks,
     /// The scene of the last run, and what it depends on: the next run often has the same.
@@ -117,26 +113,32 @@ pub enum Finished {
 }
 
 /// A run whose folder is this process's alone.
-struct OpenRun {
-    folder: PathBuf,
+pub(crate) struct OpenRun {
+    pub(crate) folder: PathBuf,
     identity: Identity,
     config: String,
     /// Whether an earlier process has begun it.
-    continues: bool,
+    pub(crate) continues: bool,
     _lock: fs::File,
+}
+
+impl OpenRun {
+    /// Removes what an earlier run left, unless that is continued, and writes what this one is made of.
+    pub(crate) fn begin(&self) -> Result<()> {
+        if !self.continues {
+            clear(&self.folder)?;
+        }
+        // In this order: a run that has a config has an identity.
+        self.identity.write(&self.folder)?;
+        Ok(write_atomically(&self.folder.join("config.toml"), self.config.as_bytes())?)
+    }
 }
 
 impl Session {
     /// Runs on `device`, below `out`.
     pub fn new(device: OpenDevice, out: impl Into<PathBuf>, existing: Existing) -> Self {
         let (out, networks) = (out.into(), Networks::none());
-        Self { device, out, existing, profiled: false, networks, last_scene: Mutex::default() }
-    }
-
-    /// The session, `profiled` or not.
-    #[must_use]
-    pub fn profiled(self, profiled: bool) -> Self {
-        Self { profiled, ..self }
+        Self { device, out, existing, networks, last_scene: Mutex::default() }
     }
 
     /// The session with networks for learned metrics: see [`crate::networks`].
@@ -167,7 +169,8 @@ impl Session {
     /// If the scene cannot be read, training meets a value that is not finite, a file cannot be written, another process is
     /// at work on the run, or [`Existing::Continue`] finds it begun with another config, data, program or device.
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
-        let run = self.open_run(plan, watch)?;
+        let identity = Identity::of(plan, self.device.name.name())?;
+        let run = self.open_run(self.run_folder(plan), identity, plan.to_toml()?, watch)?;
         let record = plan.record_path(&run.folder);
         if run.continues && record.exists() {
             let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
@@ -188,14 +191,18 @@ impl Session {
     }
 
     /// Locks the run's folder, and finds whether it is continued.
-    fn open_run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<OpenRun> {
-        let folder = self.run_folder(plan);
+    pub(crate) fn open_run(
+        &self,
+        folder: PathBuf,
+        identity: Identity,
+        config: String,
+        watch: &mut Watch<'_>,
+    ) -> Result<OpenRun> {
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let (lock, warning) = lock(&folder, "run")?;
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }
-        let (identity, config) = (Identity::of(plan, self.device.name.name())?, plan.to_toml()?);
         let continues = !self.overwrites() && folder.join("config.toml").exists();
         if continues {
             identity.refuse_another(&folder, &config)?;
@@ -216,12 +223,7 @@ impl Session {
         }
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
-        if !run.continues {
-            clear(&run.folder)?;
-        }
-        // In this order: a run that has a config has an identity.
-        run.identity.write(&run.folder)?;
-        write_atomically(&run.folder.join("config.toml"), run.config.as_bytes())?;
+        run.begin()?;
         let mut trainers = Vec::new();
         for first in (0..members).step_by(at_once) {
             let fields = first..members.min(first + at_once);
@@ -236,9 +238,6 @@ impl Session {
                 };
                 if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
                     trainer.resume(&checkpoint)?;
-                }
-                if self.profiled {
-                    trainer.synchronize_phases();
                 }
                 training.push(Training::new(trainer, folder)?);
             }

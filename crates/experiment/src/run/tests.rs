@@ -8,7 +8,8 @@ use infonerf_report::Record;
 use infonerf_train::Checkpoint;
 
 use super::*;
-use crate::{Control, DeviceName, Existing, Experiment, Selection, open};
+use crate::testing::selected;
+use crate::{Control, DeviceName, Existing, Experiment, open};
 
 const TINY: [&str; 12] = [
     "train.iterations=3",
@@ -26,10 +27,8 @@ const TINY: [&str; 12] = [
 ];
 
 fn plan(settings: &[&str]) -> RunPlan {
-    let set = TINY.iter().chain(settings).map(|&setting| setting.to_owned()).collect();
-    let (scenes, variants) = (vec!["knot".into()], vec!["infonerf".into()]);
-    let selection = Selection { scenes, variants, set, ..Selection::default() };
-    Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0)
+    let set = [&TINY, settings].concat();
+    Experiment::plan("fast-losses", &selected(&["knot"], &["infonerf"], &set)).unwrap().runs.remove(0)
 }
 
 fn run(out: &Path, plan: &RunPlan, existing: Existing, watch: &mut Watch<'_>) -> Finished {

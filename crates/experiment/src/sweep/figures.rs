@@ -1,22 +1,24 @@
-//! Quality over the values of a sweep: a line for one grid, a heat map for two.
+//! Quality over the values of a sweep: a line for one grid, a heat map for two; and over the variants of an experiment.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use anyhow::Result;
+use indexmap::IndexSet;
 use infonerf_report::chart::{Axis, Bar, ChartFrame, Series, bar_chart, heat_map, line_chart};
-use infonerf_report::{Figure, Quantity, Record, overview_table};
+use infonerf_report::{Figure, Quantity, Record, ReportError, overview_table};
+use serde::Deserialize;
 
+use super::Sweep;
 use super::grid::Grid;
-use super::{Item, Sweep};
 
 /// Values that span more than this are shown on a logarithmic axis.
 const WIDE: f64 = 30.0;
 
 /// Mean PSNR over scenes and seeds, by the name of a variant with its values.
-pub(super) type Means = HashMap<String, f64>;
+pub(crate) type Means = HashMap<String, f64>;
 
 /// Returns the mean PSNR of each setting (a variant with its values) that has one.
-pub(super) fn means(records: &[Record]) -> Means {
+pub(crate) fn means(records: &[Record]) -> Means {
     let table = overview_table(records, &[Quantity::PSNR]);
     let mean = |row: &infonerf_report::TableRow| Some((row.label.clone(), row.cells.first()?.summary?.mean));
     table.rows.iter().filter_map(mean).collect()
@@ -34,14 +36,9 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
 }
 
 /// Returns the experiment's variants, in the order of the sweep.
-pub(super) fn variants(sweep: &Sweep) -> Vec<String> {
-    let mut variants: Vec<String> = Vec::new();
-    for Item { variant, .. } in &sweep.items {
-        if !variants.contains(variant) {
-            variants.push(variant.clone());
-        }
-    }
-    variants
+fn variants(sweep: &Sweep) -> Vec<String> {
+    let variants: IndexSet<&String> = sweep.items.iter().map(|item| &item.variant).collect();
+    variants.into_iter().cloned().collect()
 }
 
 /// Means of `variant`, by choice of values.
@@ -91,4 +88,54 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let title = format!("{variant}: {}", Quantity::PSNR.heading());
     let svg = heat_map(&ChartFrame::new(&title, &columns.key(), &rows.key()), &columns.values, &rows.values, &values)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
+}
+
+/// The `[plot]` of an experiment file: lines through the mean PSNR of variants, each of which stands for a number.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Plot {
+    /// Name of the number.
+    x: String,
+    /// Whether its axis is logarithmic.
+    #[serde(default)]
+    log: bool,
+    /// Lines by name: its variants, each with its number.
+    series: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+impl Plot {
+    /// Returns the chart of `records`: means over scenes and seeds, as in the tables.
+    pub(crate) fn figure(&self, records: &[Record]) -> Result<Figure, ReportError> {
+        let means = means(records);
+        let series = self.series.iter().map(|(name, variants)| {
+            let point = |(variant, x): (&String, &f64)| Some((*x, *means.get(variant)?));
+            let mut points: Vec<(f64, f64)> = variants.iter().filter_map(point).collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series { name: name.clone(), points }
+        });
+        let x = if self.log { Axis::log(&self.x) } else { Axis::linear(&self.x) };
+        let title = format!("{} by {}", Quantity::PSNR.heading(), self.x);
+        let frame = ChartFrame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
+        let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
+        Ok(Figure { name: "psnr-by".into(), title, svg, caption: "Means over scenes and seeds.".into() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_become_points() {
+        let text = "x = 'views'\nlog = true\n[series]\nNeRF = { nerf-2 = 2, nerf-4 = 4, nerf-100 = 100 }";
+        let plot: Plot = toml::from_str(text).unwrap();
+        let record = |variant: &str, psnr| Record {
+            variant: variant.into(),
+            metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
+            ..Record::default()
+        };
+        let figure = plot.figure(&[record("nerf-4", 15.0), record("nerf-2", 12.0)]).unwrap();
+        assert_eq!(figure.svg.matches("<circle").count(), 2);
+        assert!(toml::from_str::<Plot>("x = 'views'").is_err());
+    }
 }

@@ -4,27 +4,23 @@
 //! grids ─► plan (items) ─► execute (in this process, in processes, as Slurm's jobs) ─► records ─► table, figures, report
 //! ```
 
-mod best;
-mod collected;
-mod figures;
+pub(crate) mod figures;
 mod grid;
 pub(crate) mod manifest;
 mod outcome;
 mod prepare;
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use rayon::prelude::*;
 
 use crate::plan::Outline;
 use crate::{About, Existing, Experiment, RunPlan, Selection};
-pub use collected::collect;
 pub use grid::PAPER_SPACE;
-use grid::{Grid, MAX_RUNS, assignments, choices};
+use grid::{Grid, assignments, choices};
 pub use manifest::run_item;
-pub use outcome::SweepFiles;
+pub use outcome::{SweepFiles, collect};
 pub use prepare::Prepared;
 
 /// Runs that are tabulated together: an experiment's, or one for each setting of some keys.
@@ -34,8 +30,6 @@ pub struct Sweep {
     pub about: About,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Remarks for the user before it runs.
-    pub notices: Vec<String>,
     grids: Vec<Grid>,
     /// Runs in the order of the tables: by scene, variant, values, seed.
     items: Vec<Item>,
@@ -59,7 +53,7 @@ impl From<Experiment> for Sweep {
     fn from(experiment: Experiment) -> Self {
         let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, choice: Vec::new() };
         let items = experiment.runs.into_iter().map(item).collect();
-        Self { about: experiment.about, existing: Existing::Continue, notices: Vec::new(), grids: Vec::new(), items }
+        Self { about: experiment.about, existing: Existing::Continue, grids: Vec::new(), items }
     }
 }
 
@@ -84,18 +78,11 @@ impl Sweep {
             };
             Ok(runs.into_iter().enumerate().map(item).collect())
         };
-        // The first setting shows how many runs there are, and most faults, before all are made.
-        let choices = choices(&grids)?;
-        let of_one = runs_of((0, choices[0].clone()))?.len();
-        if of_one.saturating_mul(choices.len()) > MAX_RUNS {
-            bail!("--grid: expected at most {MAX_RUNS} runs");
-        }
-        let items: Vec<Result<Vec<_>>> = choices.into_par_iter().enumerate().map(runs_of).collect();
+        let items: Vec<Result<Vec<_>>> = choices(&grids)?.into_par_iter().enumerate().map(runs_of).collect();
         let mut items: Vec<_> = items.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
         items.sort_by_key(|(place, _)| *place);
-        let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
-        let notices = leave_out_repetitions(&grids, &mut items)?;
-        Ok(Self { about, existing: Existing::Continue, notices, grids, items })
+        let items = items.into_iter().map(|(_, item)| item).collect();
+        Ok(Self { about, existing: Existing::Continue, grids, items })
     }
 
     /// Returns the sweep, with what happens to its runs that exist already.
@@ -142,47 +129,6 @@ fn safe_name(variant: &str, assignments: &[String]) -> String {
         name.push_str(&format!("-{}", &blake3::hash(exact.as_bytes()).to_hex()[..8]));
     }
     format!("{variant}{name}")
-}
-
-/// Refuses values that mean the same, and leaves out a variant that the values make into another.
-fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
-    let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
-    let first = items.par_iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed);
-    let texts: Vec<Result<(String, String)>> =
-        first.map(|item| Ok((item.variant.clone(), serde_json::to_string(&item.plan.config)?))).collect();
-    let mut variants: Vec<(String, Vec<String>)> = Vec::new();
-    for text in texts {
-        let (variant, config) = text?;
-        match variants.last_mut().filter(|(last, _)| *last == variant) {
-            Some((_, configs)) => configs.push(config),
-            None => variants.push((variant, vec![config])),
-        }
-    }
-    let mut notices = Vec::new();
-    let mut known: HashMap<Vec<String>, String> = HashMap::new();
-    for (variant, configs) in variants {
-        refuse_equal(grids, &variant, &configs)?;
-        match known.get(&configs) {
-            Some(other) => {
-                items.retain(|item| item.variant != variant);
-                notices.push(format!("variant {variant} is left out: with these values it is the same as {other}"));
-            }
-            None => drop(known.insert(configs, variant)),
-        }
-    }
-    Ok(notices)
-}
-
-fn refuse_equal(grids: &[Grid], variant: &str, configs: &[String]) -> Result<()> {
-    let mut seen: HashMap<&str, usize> = HashMap::new();
-    for (index, config) in configs.iter().enumerate() {
-        if let Some(other) = seen.insert(config, index) {
-            let choices = choices(grids)?;
-            let [a, b] = [other, index].map(|index| assignments(grids, &choices[index]).join(" "));
-            bail!("--grid: {a} and {b} give the same run of variant {variant}");
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -1,16 +1,16 @@
-//! Writes `results.json`, tables and the report from a sweep's records.
+//! Writes `results.json`, tables and the report from a sweep's records, and reads what reports are made of.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
-use infonerf_report::{Quantity, ReportInput, Setting, Table, overview_table, write_report};
+use anyhow::{Context, Result, bail};
+use infonerf_report::{Quantity, ReportInput, Setting, Table, overview_table, run_directory, write_report};
 
 use super::figures::figures;
-use super::{Item, Sweep, assignments, best};
-use crate::RunPlan;
+use super::{Item, Sweep, assignments};
 use crate::records::{LIST, list_records, read_records};
+use crate::{About, RunPlan};
 
 /// The files that a sweep has written.
 pub struct SweepFiles {
@@ -22,6 +22,26 @@ pub struct SweepFiles {
     pub report: PathBuf,
     /// The records.
     pub results: PathBuf,
+}
+
+/// Reads what a report of the experiment or sweep in `folder` is made of.
+///
+/// # Errors
+/// If there are no records, or the folder of one of the runs is gone.
+pub fn collect(folder: &Path) -> Result<ReportInput> {
+    let path = folder.join(LIST);
+    if !path.is_file() {
+        bail!("{}: expected the folder of an experiment: it has no {LIST}", folder.display());
+    }
+    let records = read_records(&path)?;
+    let first = records.first().with_context(|| format!("{}: expected at least one record", path.display()))?;
+    let mut about = About::of_results(&first.experiment);
+    let plans = records
+        .iter()
+        .map(|record| RunPlan::of_run(&folder.join(run_directory(&record.scene, &record.variant, record.seed))));
+    let plans = plans.collect::<Result<Vec<_>>>()?;
+    about.data.clone_from(&plans[0].data);
+    about.report_input(records, &plans.iter().collect::<Vec<_>>())
 }
 
 impl Sweep {
@@ -39,7 +59,7 @@ impl Sweep {
         if records.is_empty() {
             return Ok(None);
         }
-        let (figures, claims) = (figures(self, &records)?, best::claims(self, &records));
+        let figures = figures(self, &records)?;
         records.iter_mut().zip(items).for_each(|(record, item)| record.setting = self.setting_of(item));
         list_records(folder, &records)?;
         let table = overview_table(&records, &Quantity::all());
@@ -50,7 +70,6 @@ impl Sweep {
         let runs: Vec<&RunPlan> = self.runs().collect();
         let mut input = self.about.report_input(records, &runs)?;
         input.figures.extend(figures);
-        input.claims.extend(claims);
         let files = write_report(&input, folder)?;
         let table = overview_table(&input.shown_records(), &Quantity::all());
         Ok(Some(SweepFiles { table, input, report: files.html, results: folder.join(LIST) }))

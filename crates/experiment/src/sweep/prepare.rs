@@ -23,8 +23,6 @@ pub struct Prepared {
     pub adopted: usize,
     /// A warning for the user.
     pub warning: Option<String>,
-    /// Bytes that the largest of the finished runs took, if it is known.
-    pub(crate) peak: Option<u64>,
     pub(crate) folder: PathBuf,
     /// Keeps other processes from preparing the same sweep.
     _lock: Option<fs::File>,
@@ -46,17 +44,15 @@ impl Sweep {
         let mut prepared = Prepared { missing: Vec::new(), ..self.all_missing(out)? };
         for (index, plan) in self.runs().enumerate() {
             let run = prepared.folder.join(plan.directory());
-            let record = plan.record_path(&run);
-            if run.join("config.toml").exists() {
+            let is_begun = run.join("config.toml").exists();
+            if is_begun {
                 Identity::of(plan, device.name())?.refuse_another(&run, &plan.to_toml()?)?;
-                if record.exists() {
-                    let peaks = read_records(&record)?.into_iter().filter_map(|record| record.peak_rss_bytes);
-                    prepared.peak = prepared.peak.max(peaks.max());
-                    prepared.kept += 1;
-                    continue;
-                }
             }
-            prepared.missing.push(index);
+            if is_begun && plan.record_path(&run).exists() {
+                prepared.kept += 1;
+            } else {
+                prepared.missing.push(index);
+            }
         }
         Ok(prepared)
     }
@@ -71,7 +67,7 @@ impl Sweep {
         if list.exists() {
             read_records(&list).context("records are added to this file: move it away")?;
         }
-        Ok(Prepared { missing, kept: 0, adopted: 0, warning: None, peak: None, folder, _lock: None })
+        Ok(Prepared { missing, kept: 0, adopted: 0, warning: None, folder, _lock: None })
     }
 
     /// Writes the manifest below `out`, for processes that run an item each, and finds what is to do on `device`. No other
@@ -107,43 +103,30 @@ impl Sweep {
     /// # Errors
     /// If a file cannot be read or written, or another process is at work on a run.
     pub(crate) fn adopt(&self, prepared: &mut Prepared, others: &[Self], out: &Path, device: DeviceName) -> Result<()> {
-        let mut known: HashMap<String, (&Self, &RunPlan)> = HashMap::new();
+        let mut known: HashMap<String, (PathBuf, &RunPlan)> = HashMap::new();
         for other in others {
             for plan in other.runs() {
-                if let Some(numbers) = numbers(plan)? {
-                    known.entry(numbers).or_insert((other, plan));
-                }
+                known.entry(numbers(plan)?).or_insert_with(|| (other.folder(out).join(plan.directory()), plan));
             }
         }
-        let mut missing = Vec::new();
         for index in std::mem::take(&mut prepared.missing) {
             let plan = self.run(index);
-            let twin = numbers(plan)?.and_then(|numbers| known.get(&numbers));
-            let taken = match twin {
-                Some((other, twin)) => {
-                    let from = other.folder(out).join(twin.directory());
-                    take_over(plan, &prepared.folder.join(plan.directory()), twin, &from, device)?
-                }
-                None => false,
-            };
-            match taken {
-                true => prepared.adopted += 1,
-                false => missing.push(index),
+            let twin = known.get(&numbers(plan)?).filter(|_| plan.budget.is_none());
+            let folder = prepared.folder.join(plan.directory());
+            match twin {
+                Some((from, twin)) if take_over(plan, &folder, twin, from, device)? => prepared.adopted += 1,
+                _ => prepared.missing.push(index),
             }
         }
-        prepared.missing = missing;
         prepared.kept += prepared.adopted;
         Ok(())
     }
 }
 
-/// Returns all that a run's numbers depend on, its names left out; `None` if the clock has a part in them.
-fn numbers(plan: &RunPlan) -> Result<Option<String>> {
-    if plan.budget.is_some() {
-        return Ok(None);
-    }
+/// Returns all that a run's numbers depend on, its names and the clock left out.
+fn numbers(plan: &RunPlan) -> Result<String> {
     let config = serde_json::to_string(&plan.config)?;
-    Ok(Some(format!("{:?} {} {} {config}", plan.source, plan.seed, plan.preset.name())))
+    Ok(format!("{:?} {} {} {:?} {config}", plan.source, plan.seed, plan.preset.name(), plan.budget))
 }
 
 /// Makes `folder` of `plan` out of `from` of `twin`, if that is finished and nothing has changed since.

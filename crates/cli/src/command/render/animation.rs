@@ -1,28 +1,12 @@
-//! Frames as an animated GIF, and as a film by an installed `ffmpeg`.
+//! Frames as an animated GIF.
 
 use std::fs::File;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
+use anyhow::{Context, Result};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage, buffer::ConvertBuffer};
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum VideoName {
-    /// H.264, which everything plays.
-    Mp4,
-    /// VP9, free of patents.
-    Webm,
-}
-
-/// The program, as it is looked for in the folders of PATH.
-const PROGRAM: &str = "ffmpeg";
-/// H.264 and VP9 with halved chroma want even sides: a row or column of black is added where one is odd.
-const EVEN: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
 
 /// An animated GIF, written frame by frame.
 ///
@@ -55,54 +39,5 @@ impl Animation {
         drop(self.encoder);
         std::fs::rename(&self.part, &self.path).with_context(|| self.path.display().to_string())?;
         Ok(self.path)
-    }
-}
-
-/// A film of one kind, for the installed `ffmpeg` to write.
-pub(super) struct Film {
-    extension: &'static str,
-    codec: &'static [&'static str],
-}
-
-impl Film {
-    /// Checks that there is an `ffmpeg`.
-    pub(super) fn new(kind: VideoName) -> Result<Self> {
-        let (extension, codec): (_, &[&str]) = match kind {
-            VideoName::Mp4 => ("mp4", &["-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"]),
-            VideoName::Webm => ("webm", &["-c:v", "libvpx-vp9", "-crf", "24", "-b:v", "0"]),
-        };
-        let found = Command::new(PROGRAM).arg("-version").stdin(Stdio::null()).output();
-        match found {
-            Ok(_) => Ok(Self { extension, codec }),
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                bail!(
-                    "--video {extension}: expected `{PROGRAM}` in a folder of PATH; without --video there is an animated GIF"
-                )
-            }
-            Err(error) => bail!("--video {extension}: {PROGRAM}: {error}"),
-        }
-    }
-
-    /// Makes a film of the frames in `folder`, and returns its path.
-    pub(super) fn write(&self, folder: &Path, name: &str, fps: f64) -> Result<PathBuf> {
-        let part = format!("{name}.part.{}", self.extension);
-        let output = Command::new(PROGRAM)
-            .current_dir(folder)
-            .args(["-y", "-loglevel", "error", "-framerate", &fps.to_string(), "-i", "%04d.png", "-vf", EVEN])
-            .args(self.codec)
-            .args(["-pix_fmt", "yuv420p"])
-            // Not an option or a protocol, whatever the path's file is called.
-            .arg(format!("./{part}"))
-            .stdin(Stdio::null())
-            .output()
-            .with_context(|| PROGRAM.to_owned())?;
-        let path = folder.join(format!("{name}.{}", self.extension));
-        if !output.status.success() {
-            let said = String::from_utf8_lossy(&output.stderr);
-            let last = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
-            bail!("{}: {PROGRAM}: {last}", path.display());
-        }
-        std::fs::rename(folder.join(part), &path).with_context(|| path.display().to_string())?;
-        Ok(path)
     }
 }

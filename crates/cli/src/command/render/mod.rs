@@ -16,28 +16,27 @@ use infonerf_render::{render_image, render_normals};
 use infonerf_report::{depth_image, normal_image};
 use infonerf_scene::{Camera, resized_dimensions};
 
-use crate::exit::INTERRUPTED;
 use crate::interrupt;
-use crate::print::{errln, outln};
+use crate::print::outln;
 use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
-use crate::terminal::open_device;
-use animation::{Animation, Film, VideoName};
-use path::{FRAMES, PathName, Route};
+use crate::terminal::{open_device, read_run};
+use animation::Animation;
+use path::{FRAMES, Route};
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
-  infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral --video mp4
-      LLFF's spiral, also as a video (needs `ffmpeg` on PATH)
+  infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral
+      LLFF's spiral
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
 
 A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
 \"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";
 
-/// Render new views of a finished run along a camera path: PNG frames with depth, an animated GIF, normals and a video.
+/// Render new views of a finished run along a camera path: PNG frames with depth, an animated GIF and normals.
 #[derive(Debug, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub(crate) struct RenderArgs {
@@ -45,7 +44,7 @@ pub(crate) struct RenderArgs {
     run: PathBuf,
     /// Camera path: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file
     #[arg(long, value_name = "PATH", default_value = "orbit")]
-    path: PathName,
+    path: String,
     /// Number of frames [default: 60, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
@@ -55,9 +54,6 @@ pub(crate) struct RenderArgs {
     /// Also write images of normals, n as (n + 1)/2 in the camera's axes (x right, y up, z towards it); takes several times as long
     #[arg(long)]
     normals: bool,
-    /// Also write a video, with the installed `ffmpeg`
-    #[arg(long, value_enum)]
-    video: Option<VideoName>,
     /// Folder for the frames [default: RUN/render]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -65,14 +61,11 @@ pub(crate) struct RenderArgs {
     device: DeviceArgs,
 }
 
-/// Names of animations and films, next to those of path files.
+/// Names of animations, next to those of path files.
 const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];
-/// Extensions of animations and films.
-const EXTENSIONS: [&str; 4] = ["gif", "mp4", "webm", "part"];
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     // Faults of the arguments are reported before anything is loaded.
-    let film = args.video.map(Film::new).transpose()?;
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
     if args.normals && !plan.config.field.traits().tracks_positions {
@@ -81,22 +74,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
             plan.config.field
         );
     }
-    let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
-    for warning in &trained.warnings {
-        errln!("warning: {warning}");
-    }
+    let trained = read_run(plan, &args.run, &open_device(args.device.device)?)?;
     let cameras = route.cameras(trained.scene(), args.frames, args.size);
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
     let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
-    if animation.is_none() {
-        return Ok(ExitCode::from(INTERRUPTED));
-    }
-    if let Some(film) = film {
-        outln!("{}", film.write(&out, route.name(), route.fps())?.display());
-    }
-    Ok(ExitCode::SUCCESS)
+    Ok(animation.map_or_else(interrupt::exit_code, |_| ExitCode::SUCCESS))
 }
 
 /// Renders the frames that `cameras` along `route` see into the folder `out`, and returns the path of their animation;
@@ -153,7 +137,7 @@ const RENDER_SHARE: f64 = 0.8;
 /// Renders the orbit into the folder `out`, at a size for which rendering takes about `budget`, and returns the path of
 /// its animation; `None` if the user stops it.
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
-    let route = Route::read(&PathName::Orbit)?;
+    let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
     let (full, models) = (first(None), trained.models_with_residuals());
     let small = first(Some(SMALL_SIZE.min(full.width.max(full.height))));
@@ -188,11 +172,11 @@ fn clear(out: &Path, name: &str) -> Result<()> {
     let is_frame = |stem: &str| stem.len() >= 4 && stem.bytes().all(|b| b.is_ascii_digit());
     let is_ours = |file: &str| match file.rsplit_once('.') {
         Some((stem, "png")) => is_frame(stem),
-        Some((stem, extension)) => {
-            let stem = stem.strip_suffix(".gif").or(stem.strip_suffix(".part")).unwrap_or(stem);
-            EXTENSIONS.contains(&extension) && (PATHS.contains(&stem) || stem == name)
+        Some((stem, "gif" | "part")) => {
+            let stem = stem.strip_suffix(".gif").unwrap_or(stem);
+            PATHS.contains(&stem) || stem == name
         }
-        None => false,
+        _ => false,
     };
     for folder in [out.to_owned(), out.join("depth"), out.join("normals")] {
         let Ok(entries) = std::fs::read_dir(&folder) else { continue };

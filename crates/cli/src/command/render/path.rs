@@ -1,34 +1,11 @@
 //! From the name or file of a path to the cameras along it.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use anyhow::Result;
 use glam::DMat4;
 use infonerf_dataset::CameraPath;
 use infonerf_scene::{Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral};
-
-/// Path of the camera.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum PathName {
-    Orbit,
-    Spiral,
-    FigureEight,
-    Interpolate,
-    File(PathBuf),
-}
-
-impl From<&str> for PathName {
-    /// Takes anything but the name of a path for a file.
-    fn from(text: &str) -> Self {
-        match text {
-            "orbit" => Self::Orbit,
-            "spiral" => Self::Spiral,
-            "figure-eight" => Self::FigureEight,
-            "interpolate" => Self::Interpolate,
-            file => Self::File(file.into()),
-        }
-    }
-}
 
 /// Frames of a path that is built in, and how many of them are shown per second.
 pub(super) const FRAMES: u32 = 60;
@@ -37,39 +14,32 @@ const FPS: f64 = 20.0;
 /// Path of the camera.
 pub(super) enum Route {
     /// Poses that follow from the training cameras and the scene, as many as are asked for.
-    BuiltIn { name: &'static str, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
+    BuiltIn { name: String, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
     /// Path read from a file.
     File { name: String, path: CameraPath },
 }
 
 impl Route {
-    /// Reads the file, if it is one.
-    pub(super) fn read(name: &PathName) -> Result<Self> {
-        Ok(match name {
-            PathName::Orbit => Self::BuiltIn { name: "orbit", poses: |cameras, _, n| orbit(cameras, n) },
-            PathName::Spiral => Self::BuiltIn {
-                name: "spiral",
-                poses: |cameras, scene, n| spiral(cameras, (scene.space.near.into(), scene.space.far.into()), n),
-            },
-            PathName::FigureEight => {
-                Self::BuiltIn { name: "figure-eight", poses: |cameras, _, n| figure_eight(cameras, n) }
+    /// Returns the path called `name`; reads it from the file `name` if none is.
+    pub(super) fn read(name: &str) -> Result<Self> {
+        let poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> = match name {
+            "orbit" => |cameras, _, n| orbit(cameras, n),
+            "spiral" => |cameras, scene, n| spiral(cameras, (scene.space.near.into(), scene.space.far.into()), n),
+            "figure-eight" => |cameras, _, n| figure_eight(cameras, n),
+            "interpolate" => |cameras, _, n| interpolate_views(cameras, n),
+            file => {
+                let file = Path::new(file);
+                let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                return Ok(Self::File { name, path: CameraPath::read(file)? });
             }
-            PathName::Interpolate => {
-                Self::BuiltIn { name: "interpolate", poses: |cameras, _, n| interpolate_views(cameras, n) }
-            }
-            PathName::File(file) => Self::File {
-                name: file.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-                path: CameraPath::read(file)?,
-            },
-        })
+        };
+        Ok(Self::BuiltIn { name: name.to_owned(), poses })
     }
 
     /// Returns the name of the path's animations.
     pub(super) fn name(&self) -> &str {
-        match self {
-            Self::BuiltIn { name, .. } => name,
-            Self::File { name, .. } => name,
-        }
+        let (Self::BuiltIn { name, .. } | Self::File { name, .. }) = self;
+        name
     }
 
     /// Returns the frames per second.

@@ -1,28 +1,128 @@
-//! Finished runs.
+//! `infonerf eval`: runs again, or pictures that somebody else rendered.
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::{RunPlan, Trained, picture_notes};
-use infonerf_metrics::{METRICS, Metric, Networks, PSNR, Values};
+use infonerf_metrics::{Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select};
 use infonerf_render::{Pivot, TrainedModel};
+use infonerf_report::PictureComparison;
 use infonerf_scene::{TestProtocol, View};
 use infonerf_train::{Evaluated, Evaluation, TestView};
 
-use super::EvalArgs;
 use crate::print::{errln, outln};
 use crate::progress::counting_bar;
-use crate::terminal::open_device;
+use crate::selection::{DeviceArgs, NetworkArgs};
+use crate::terminal::{open_device, read_run};
+
+const EVAL_EXAMPLES: &str = "\
+Examples:
+  infonerf eval runs/synthetic-4view/castle/infonerf+/seed0 --test all
+      on all 200 test views
+  infonerf eval runs/integration/castle/nerf/seed0 runs/integration/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
+      compares two runs at smaller image sizes than they were trained at
+  infonerf eval --renders their/renders --truth their/test --out compared
+      compares PNG or JPEG pictures of equal names: a table, compared/comparison.json and a page with sliders";
+
+/// Evaluate finished runs again, also at smaller image sizes, or pictures rendered by other programs.
+#[derive(Debug, Args)]
+#[command(after_help = EVAL_EXAMPLES)]
+pub(crate) struct EvalArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; several are compared
+    #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Test views: all, split, every-8, first-3, 0,8,16, training or a published protocol [default: the run's]
+    #[arg(long, value_name = "PROTOCOL")]
+    test: Option<String>,
+    /// Also render at smaller sizes, such as 1/2,1/4,1/8, against area-averaged test views
+    #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = parse_scale)]
+    scales: Vec<u32>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    #[command(flatten)]
+    networks: NetworkArgs,
+    #[command(flatten)]
+    pictures: PicturesArgs,
+}
+
+/// Pictures rendered by other programs.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Pictures of other programs")]
+struct PicturesArgs {
+    /// Folder of rendered pictures, PNG or JPEG
+    #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
+    renders: Option<PathBuf>,
+    /// Folder of photographs, named like the renders except for the extension
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    truth: Option<PathBuf>,
+    /// Folder of masks for the masked metrics; black pixels are ignored
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    masks: Option<PathBuf>,
+    /// How pictures are measured: infonerf, regnerf or neural-body (see docs/protocol.md)
+    #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
+    protocol: String,
+    /// Key of a metric to compute, such as lpips_vgg; it is an error if it cannot be; may be repeated [default: all that can
+    /// be computed]
+    #[arg(long = "metric", value_name = "KEY", requires = "renders")]
+    metrics: Vec<String>,
+    /// Leave out photographs without a render instead of refusing them
+    #[arg(long, requires = "renders")]
+    partial: bool,
+    /// Folder for comparison.json and comparison.html
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
+    match (&args.pictures.renders, &args.pictures.truth) {
+        (Some(renders), Some(truth)) => compare(args, renders, truth),
+        _ => evaluate_runs(args),
+    }
+}
+
+/// Compares pictures of other programs.
+fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
+    let protocol = Protocol::named(&args.pictures.protocol).with_context(|| {
+        let known = Protocol::NAMED.map(|(name, _)| name).join(", ");
+        format!("--protocol {}: expected one of {known}", args.pictures.protocol)
+    })?;
+    // What was asked for by name has to have a value; without names, all that can be measured is.
+    let required = select(args.pictures.metrics.iter().map(String::as_str))?;
+    let metrics = if required.is_empty() { METRICS } else { required.as_slice() };
+    let networks = args.networks.open(&open_device(args.device.device)?)?;
+    let folders = Folders { renders, truth, masks: args.pictures.masks.as_deref(), partial: args.pictures.partial };
+    let bar = ProgressBar::new(0);
+    bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} {elapsed}")?);
+    let compared = compare_folders(folders, metrics, &networks, &protocol, |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    let compared = compared?;
+    compared.measured.require(&required)?;
+    let title = format!("{} against {}", renders.display(), truth.display());
+    let comparison = PictureComparison { title: &title, protocol: &protocol, compared: &compared };
+    outln!("{}", comparison.to_text().trim_end());
+    if let Some(out) = &args.pictures.out {
+        let files = comparison.write(out)?;
+        outln!("{}\n{}", files.json.display(), files.html.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
 
 /// Parses a scale such as `1/8` into its denominator.
-pub(super) fn parse_scale(text: &str) -> Result<u32, String> {
+fn parse_scale(text: &str) -> Result<u32, String> {
     let factor = text.trim().strip_prefix("1/").and_then(|factor| factor.parse().ok());
     factor
         .filter(|factor| (2..=64).contains(factor))
         .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
 }
 
-pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
+/// Evaluates finished runs.
+fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
     let networks = args.networks.open(&device)?;
     let mut table = Vec::new();
@@ -31,10 +131,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
         if let Some(test) = &args.test {
             plan = tested_by(&plan, test)?;
         }
-        let trained = Trained::read(plan, folder, &device)?;
-        for warning in &trained.warnings {
-            errln!("warning: {warning}");
-        }
+        let trained = read_run(plan, folder, &device)?;
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
         let views = if test.test() == TestProtocol::Training {
             "training views, each without its own residual"
@@ -155,18 +252,5 @@ fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
         let (full, smaller) = psnr.split_first().map_or((f64::NAN, &[][..]), |(full, smaller)| (*full, smaller));
         let cells: String = smaller.iter().map(|psnr| format!("{psnr:8.2} ({:+.2})", psnr - full)).collect();
         outln!("{label:wide$}  {full:6.2}{cells}");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scales_are_from_a_half_to_a_64th() {
-        assert_eq!(parse_scale("1/8"), Ok(8));
-        for text in ["", "8", "1/1", "1/0", "1/65", "2/4", "1/-2", "1/1.5"] {
-            assert!(parse_scale(text).is_err(), "{text}");
-        }
     }
 }

@@ -3,9 +3,6 @@
 //! A line of the manifest has all that its run needs, and each task is a process of its own that runs or continues one run
 //! below the manifest's folder. That folder is all that machines have to share.
 
-mod array;
-mod script;
-
 use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::io::ErrorKind;
@@ -13,16 +10,17 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_report::write_atomically;
 
 use super::Runner;
 use crate::sweep::{Prepared, Sweep, manifest};
-use array::JobArray;
-use script::{Script, quoted};
 
 /// Time before its end at which a task is signalled to save.
 const NOTICE: Duration = Duration::from_secs(60);
+
+/// The folder of scripts, logs and the list of jobs, in that of a manifest.
+const LAUNCH: &str = "launch";
 
 /// The file that lists the jobs of a launch, so that no second one starts while they run.
 const JOBS: &str = "jobs.json";
@@ -58,23 +56,7 @@ pub struct Jobs {
     /// Ids, that of the job that merges last.
     pub ids: Vec<String>,
     /// The file that each run leaves when it is finished.
-    records: Vec<PathBuf>,
-}
-
-/// Progress of jobs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct JobProgress {
-    /// Runs that are finished.
-    pub finished: usize,
-    /// Tasks that wait.
-    pub waiting: usize,
-    /// Tasks that run.
-    pub running: usize,
-}
-
-/// Returns the folder of the scripts, the logs and the list of jobs of the manifest in `folder`.
-fn launch_folder(folder: &Path) -> PathBuf {
-    folder.join("launch")
+    pub records: Vec<PathBuf>,
 }
 
 impl Slurm {
@@ -84,89 +66,100 @@ impl Slurm {
     /// One line with what Slurm printed. Items that it had accepted before stay submitted; the line names them.
     pub(super) fn submit(&self, sweeps: &[Sweep], prepared: &[Prepared]) -> Result<Jobs> {
         let limit = array_limit()?;
-        let mut all: Vec<String> = Vec::new();
-        let (mut records, mut lists): (Vec<PathBuf>, Vec<(PathBuf, Vec<String>)>) = Default::default();
+        let mut jobs = Jobs { ids: Vec::new(), records: Vec::new() };
+        let mut lists: Vec<(PathBuf, Vec<String>)> = Vec::new();
         for (sweep, prepared) in sweeps.iter().zip(prepared).filter(|(_, prepared)| !prepared.missing.is_empty()) {
             let folder = std::path::absolute(&prepared.folder).context("--out")?;
             let mut own: Vec<String> = Vec::new();
-            for array in JobArray::of(&prepared.missing, limit) {
-                let script = self.array_script(&sweep.about.name, &folder, &array, own.last())?;
-                let path = launch_folder(&folder).join(format!("items-{}.sh", array.base));
-                let id = self.sbatch(&script, &path).with_context(|| refused(sweep, &array, &all))?;
-                all.push(id.clone());
+            // Ids of tasks have to be below the limit.
+            for items in prepared.missing.chunk_by(|a, b| a / limit == b / limit) {
+                let base = items[0] / limit * limit;
+                let script = self.array_script(&sweep.about.name, &folder, base, items, own.last())?;
+                let id = self.sbatch(&script, &folder.join(LAUNCH).join(format!("items-{base}.sh")));
+                let id = id.with_context(|| refused(&sweep.about.name, items, &jobs.ids))?;
+                jobs.ids.push(id.clone());
                 own.push(id);
                 write_jobs(&folder, &own)?;
             }
-            let record = |&run: &usize| {
-                let plan = sweep.run(run);
-                plan.record_path(&folder.join(plan.directory()))
-            };
-            records.extend(prepared.missing.iter().map(record));
+            let plans = prepared.missing.iter().map(|&run| sweep.run(run));
+            jobs.records.extend(plans.map(|plan| plan.record_path(&folder.join(plan.directory()))));
             lists.push((folder, own));
         }
         let (place, _) = lists.first().context("expected runs to submit")?;
-        let mut script = self.script("merge", &launch_folder(place), "merge_%j.log", None)?;
         // `afterok` would never start it once a run has failed.
-        script.option("dependency", &format!("afterany:{}", all.join(":")))?;
-        script.line(&format!("exec {}", quoted(&self.merge)?));
-        let merging = self.sbatch(&script, &launch_folder(place).join("merge.sh")).with_context(|| {
-            format!(
-                "jobs {} are submitted, the job that merges is not: the same command with --merge does",
-                all.join(", ")
-            )
+        let after = format!("afterany:{}", jobs.ids.join(":"));
+        let options = [("job-name", "merge".to_owned()), ("dependency", after)];
+        let script = self.script(place, "merge_%j.log", &options, &format!("exec {}", quoted(&self.merge)?))?;
+        let merging = self.sbatch(&script, &place.join(LAUNCH).join("merge.sh")).with_context(|| {
+            let ids = jobs.ids.join(", ");
+            format!("jobs {ids} are submitted, the job that merges is not: the same command with --merge does")
         })?;
         for (folder, own) in lists {
             write_jobs(&folder, &[own, vec![merging.clone()]].concat())?;
         }
-        all.push(merging);
-        Ok(Jobs { ids: all, records })
+        jobs.ids.push(merging);
+        Ok(jobs)
     }
 
-    /// Returns the script of an array. `exec` makes the item the process that Slurm's signal reaches (`B:`, the batch
-    /// shell alone), and `--requeue` lets Slurm start it again if it was preempted or its node failed.
-    fn array_script(&self, name: &str, folder: &Path, array: &JobArray, after: Option<&String>) -> Result<Script> {
-        let mut script = self.script(name, &launch_folder(folder), "%A_%a.log", self.runner.timeout)?;
-        let limit = self.resources.at_once.map_or_else(String::new, |limit| format!("%{limit}"));
-        script.option("array", &format!("{}{limit}", array.ranges()))?;
-        script.flag("requeue");
-        script.option("open-mode", "append")?;
-        script.option("signal", &format!("B:TERM@{}", NOTICE.as_secs()))?;
-        if let (Some(job), Some(_)) = (after, self.resources.at_once) {
-            // One array after the other: `%` limits each for itself.
-            script.option("dependency", &format!("afterany:{job}"))?;
-        }
+    /// Returns the script of an array of `items`, whose tasks are counted from item `base`, after the job `after`. `exec` makes
+    /// the item the process that Slurm's signal reaches (`B:`, the batch shell alone), and `--requeue` lets Slurm start it again
+    /// if it was preempted or its node failed.
+    fn array_script(
+        &self,
+        name: &str,
+        folder: &Path,
+        base: usize,
+        items: &[usize],
+        after: Option<&String>,
+    ) -> Result<String> {
+        let at_once = self.resources.at_once;
+        let limit = at_once.map_or_else(String::new, |limit| format!("%{limit}"));
+        let mut options = vec![
+            ("job-name", name.to_owned()),
+            ("array", ranges(items, base) + &limit),
+            ("open-mode", "append".to_owned()),
+            ("signal", format!("B:TERM@{}", NOTICE.as_secs())),
+        ];
+        // One array after the other: `%` limits each for itself.
+        options.extend(after.filter(|_| at_once.is_some()).map(|job| ("dependency", format!("afterany:{job}"))));
         // The time is Slurm's to keep: it signals the item to save, and stops it.
+        let minutes = self.runner.timeout.map(|time| (time + NOTICE).as_secs().div_ceil(60));
+        options.extend(minutes.map(|minutes| ("time", minutes.to_string())));
         let runner = Runner { timeout: None, ..self.runner.clone() };
         let command = quoted(&runner.command(&folder.join(manifest::NAME)))?;
-        script.line("export RAYON_NUM_THREADS=\"$SLURM_CPUS_ON_NODE\"");
-        script.line(&format!("exec {command} \"$(({} + SLURM_ARRAY_TASK_ID))\"", array.base));
-        Ok(script)
+        let lines = format!(
+            "#SBATCH --requeue\nexport RAYON_NUM_THREADS=\"$SLURM_CPUS_ON_NODE\"\n\
+             exec {command} \"$(({base} + SLURM_ARRAY_TASK_ID))\""
+        );
+        self.script(folder, "%A_%a.log", &options, &lines)
     }
 
-    /// Returns a script with the resources that each job requests.
-    fn script(&self, name: &str, folder: &Path, log: &str, time: Option<Duration>) -> Result<Script> {
-        let mut script = Script::new();
-        script.option("job-name", name)?;
-        let folder = folder.to_str().context("--out: expected UTF-8")?.replace('%', "%%");
-        script.option("output", &format!("{folder}/{log}"))?;
-        if let Some(partition) = &self.resources.partition {
-            script.option("partition", partition)?;
+    /// Returns a script that runs `lines`, with `options` and the resources that each job requests as comments.
+    fn script(&self, folder: &Path, log: &str, options: &[(&str, String)], lines: &str) -> Result<String> {
+        let JobResources { partition, memory, cpus, .. } = &self.resources;
+        let logs = folder.join(LAUNCH).to_str().context("--out: expected UTF-8")?.replace('%', "%%");
+        let resources = [
+            ("output", Some(format!("{logs}/{log}"))),
+            ("partition", partition.clone()),
+            ("mem", memory.map(|memory| format!("{memory}M"))),
+            ("cpus-per-task", cpus.map(|cpus| cpus.to_string())),
+        ];
+        let resources = resources.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        let mut text = "#!/bin/sh\n".to_owned();
+        for (name, value) in options.iter().cloned().chain(resources) {
+            ensure!(
+                !value.contains(char::is_control),
+                "--{name} {value:?}: expected no line breaks or other control characters"
+            );
+            let value = value.replace('\\', "\\\\").replace('"', "\\\"");
+            text += &format!("#SBATCH --{name}=\"{value}\"\n");
         }
-        if let Some(memory) = self.resources.memory {
-            script.option("mem", &format!("{memory}M"))?;
-        }
-        if let Some(cpus) = self.resources.cpus {
-            script.option("cpus-per-task", &cpus.to_string())?;
-        }
-        if let Some(time) = time {
-            script.option("time", &(time + NOTICE).as_secs().div_ceil(60).to_string())?;
-        }
-        Ok(script)
+        Ok(text + lines + "\n")
     }
 
     /// Writes the script and submits it; the id of the job.
-    fn sbatch(&self, script: &Script, path: &Path) -> Result<String> {
-        script.write(path)?;
+    fn sbatch(&self, script: &str, path: &Path) -> Result<String> {
+        write_atomically(path, script.as_bytes())?;
         let mut args = vec!["--parsable".into()];
         args.extend(self.resources.options.iter().map(OsString::from));
         args.push(path.into());
@@ -178,21 +171,30 @@ impl Slurm {
     }
 }
 
-impl Jobs {
-    /// Returns the number of runs.
-    pub fn runs(&self) -> usize {
-        self.records.len()
-    }
+/// Returns the ids of rising `items`, counted from `base`, as ranges such as `0-3,7,9-12`.
+fn ranges(items: &[usize], base: usize) -> String {
+    let range = |run: &[usize]| match run {
+        [one] => (one - base).to_string(),
+        run => format!("{}-{}", run[0] - base, run[run.len() - 1] - base),
+    };
+    items.chunk_by(|a, b| a + 1 == *b).map(range).collect::<Vec<_>>().join(",")
+}
 
-    /// Returns how many of the runs are finished, run and wait.
+/// Returns a command as a shell reads it.
+fn quoted(command: &[OsString]) -> Result<String> {
+    let words = command.iter().map(|word| word.to_str().with_context(|| format!("{}: expected UTF-8", word.display())));
+    Ok(shlex::try_join(words.collect::<Result<Vec<_>>>()?)?)
+}
+
+impl Jobs {
+    /// Returns how many of the runs are finished, and how many tasks wait and run.
     ///
     /// # Errors
     /// If Slurm does not answer.
-    pub fn progress(&self) -> Result<JobProgress> {
+    pub fn progress(&self) -> Result<[usize; 3]> {
         // Asked first: what has ended by then has left its record.
         let (waiting, running) = live(&self.ids)?;
-        let finished = self.records.iter().filter(|record| record.exists()).count();
-        Ok(JobProgress { finished, waiting, running })
+        Ok([self.records.iter().filter(|record| record.exists()).count(), waiting, running])
     }
 
     /// Returns the command that cancels the jobs.
@@ -203,7 +205,7 @@ impl Jobs {
 
 /// Refuses to touch the manifest in `folder` while jobs of a launch run its items.
 pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
-    let path = launch_folder(folder).join(JOBS);
+    let path = folder.join(LAUNCH).join(JOBS);
     if !path.exists() {
         return Ok(());
     }
@@ -224,7 +226,7 @@ pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
 }
 
 fn write_jobs(folder: &Path, ids: &[String]) -> Result<()> {
-    Ok(write_atomically(&launch_folder(folder).join(JOBS), &serde_json::to_vec(ids)?)?)
+    Ok(write_atomically(&folder.join(LAUNCH).join(JOBS), &serde_json::to_vec(ids)?)?)
 }
 
 fn cancel(ids: &[String]) -> String {
@@ -257,10 +259,10 @@ fn array_limit() -> Result<usize> {
     limit.context("scontrol show config: expected a line `MaxArraySize = NUMBER`")
 }
 
-/// Names what was not submitted, and what was.
-fn refused(sweep: &Sweep, array: &JobArray, jobs: &[String]) -> String {
-    let (first, last) = array.ends();
-    let refused = format!("{}: items {first} to {last} were not submitted", sweep.about.name);
+/// Names what was not submitted of an experiment, and the jobs that were.
+fn refused(name: &str, items: &[usize], jobs: &[String]) -> String {
+    let (first, last) = (items[0], items[items.len() - 1]);
+    let refused = format!("{name}: items {first} to {last} were not submitted");
     match jobs {
         [] => refused,
         jobs => format!(
@@ -292,4 +294,15 @@ fn output<S: AsRef<OsStr>>(program: &str, args: &[S]) -> Result<String> {
         }
     }
     String::from_utf8(output.stdout).with_context(|| format!("{program}: expected text"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_ranges_and_words_are_quoted() {
+        assert_eq!(ranges(&[10, 11, 12, 15, 19], 10), "0-2,5,9");
+        assert_eq!(quoted(&["a b".into(), "it's".into(), "c=1".into()]).unwrap(), "'a b' \"it's\" 'c=1'");
+    }
 }
