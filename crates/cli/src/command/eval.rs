@@ -107,8 +107,9 @@ fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
     let comparison = PictureComparison { title: &title, protocol: &protocol, compared: &compared };
     outln!("{}", comparison.to_text().trim_end());
     if let Some(out) = &args.pictures.out {
-        let files = comparison.write(out)?;
-        outln!("{}\n{}", files.json.display(), files.html.display());
+        for file in comparison.write(out)? {
+            outln!("{}", file.display());
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -66,7 +66,7 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
     let chosen = |names: &[String], name: &String| names.is_empty() || names.contains(name);
     let mut records = read_records(&args.folder.join("results.json"))?;
     records.retain(|record| chosen(&args.scenes, &record.scene) && chosen(&args.variants, &record.variant));
-    let picture = panel(&ReportInput::new("", "", records), &args.folder, args.view)?;
+    let picture = panel(&records, &args.folder, args.view)?;
     let out = args.out.clone().unwrap_or_else(|| args.folder.join("figure.png"));
     save_png(&picture, &out)?;
     outln!("figure: {}", out.display());
