@@ -46,7 +46,6 @@ pub mod composite;
 #[cfg(feature = "cube")]
 mod cube;
 mod dispatch;
-pub mod distortion;
 #[cfg(feature = "flex")]
 mod distribution;
 pub mod divergence;
@@ -83,7 +82,6 @@ pub use additive::additive_depth;
 pub use bilinear::bilinear;
 pub use composite::{Composite, CompositeOver, composite, composite_over};
 pub use dispatch::{has_host_kernels, is_gpu};
-pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
 pub use factored::{HostField, factored_field, plane_variation};

@@ -1,4 +1,4 @@
-//! Every body of compositing, also additive, of ray entropy, divergence and distortion against the oracle in `f64`: values and
+//! Every body of compositing, also additive, of ray entropy and divergence against the oracle in `f64`: values and
 //! gradients of random and extreme rays. The oracle itself against arbitrary precision.
 
 use burn::tensor::Tensor;
@@ -212,31 +212,6 @@ fn check_divergence(body: RayImplementation, segments: &Segments, tau: &[f32], n
     }
 }
 
-/// Middles and lengths of intervals of random length, one behind the other along each ray.
-fn intervals(segments: &Segments, draws: &mut Draws) -> [Vec<f32>; 2] {
-    let [mut middle, mut lengths] = [Vec::new(), Vec::new()];
-    for range in segments.ranges() {
-        let mut edge = 0.0;
-        for _ in range {
-            let length = 0.1 * draws.unit() as f32;
-            middle.push(edge + 0.5 * length);
-            lengths.push(length);
-            edge += length;
-        }
-    }
-    [middle, lengths]
-}
-
-fn check_distortion(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
-    let [middle, length] = intervals(segments, draws);
-    let evaluate =
-        |[tau, middle, length]: [Tensor<1>; 3]| vec![body.distortion(tau, Intervals { middle, length }, segments)];
-    compare(body, segments, [tau, &middle, &length], draws, evaluate, |[tau, middle, length], u| {
-        let gradients = oracle::distortion_gradient(&tau, &middle, &length).map(|g| scaled(&g, u[0]));
-        Expected::new(vec![(oracle::distortion(&tau, &middle, &length), UNIT)], gradients.to_vec())
-    });
-}
-
 /// Compositing of additive depths against the additive march itself.
 fn check_additive(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let values = signed(draws, tau.len());
@@ -256,7 +231,6 @@ fn check_all(body: RayImplementation, rays: &Rays, draws: &mut Draws) {
     check_composite(body, rays, draws);
     check_additive(body, rays, draws);
     check_entropy(body, rays, draws);
-    check_distortion(body, rays, draws);
     if body != RayImplementation::PlainFlex {
         check_composite_over(body, rays, draws);
     }
@@ -296,11 +270,10 @@ fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
         let device = body.device();
         let t = || vector(&tau, &device);
         let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
-        let intervals = Intervals { middle: vector(&[0.0, 1.0, 2.0, 0.0, 1.0], &device), length: sane() };
         let composited = body.composite(t(), matrix(&[0.5; 5], 1, &device), &segments);
         let entropies = DISTRIBUTIONS.map(|of| EPSILONS.map(|epsilon| body.entropy(t(), &segments, of, epsilon).bits));
         let divergences = [(t(), sane()), (sane(), t())].map(|(p, q)| body.divergence(p, q, &segments, 1e-10));
-        let others = [composited.values.squeeze_dim(1), composited.acc, body.distortion(t(), intervals, &segments)];
+        let others = [composited.values.squeeze_dim(1), composited.acc];
         let columns = entropies.into_iter().flatten().chain(divergences).chain(others);
         for (place, column) in columns.map(floats).enumerate() {
             assert!(column[0].is_nan() && column[1].is_finite(), "{body:?}, {place}: {column:?}");
@@ -320,9 +293,8 @@ fn no_rays_and_rays_without_samples() {
             assert_eq!(out.values.dims(), [rays, 2], "{body:?}");
             let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
-            let distortion = body.distortion(empty(), Intervals { middle: empty(), length: empty() }, &segments);
             assert_eq!(body.additive_depth(empty(), &segments).dims(), [0], "{body:?}");
-            for column in entropies.into_iter().chain([out.acc, divergence, distortion]) {
+            for column in entropies.into_iter().chain([out.acc, divergence]) {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }
         }

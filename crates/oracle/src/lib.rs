@@ -177,23 +177,6 @@ pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>
     (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
 }
 
-/// Computes Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σ wᵢ² δᵢ.
-pub fn distortion(tau: &[f64], middle: &[f64], length: &[f64]) -> f64 {
-    let w = weights(tau);
-    let between = |i: usize| (0..w.len()).map(|j| w[j] * (middle[i] - middle[j]).abs()).sum::<f64>();
-    (0..w.len()).map(|i| w[i] * (between(i) + w[i] * length[i] / 3.0)).sum()
-}
-
-/// Computes ∂(distortion)/∂τ, ∂/∂m and ∂/∂δ.
-pub fn distortion_gradient(tau: &[f64], middle: &[f64], length: &[f64]) -> [Vec<f64>; 3] {
-    let w = weights(tau);
-    let sum = |i: usize, f: fn(f64) -> f64| (0..w.len()).map(|j| w[j] * f(middle[i] - middle[j])).sum::<f64>();
-    let gradients: Vec<f64> = (0..w.len()).map(|i| 2.0 * sum(i, f64::abs) + 2.0 / 3.0 * w[i] * length[i]).collect();
-    let sign = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
-    let dmiddle = (0..w.len()).map(|i| 2.0 * w[i] * sum(i, sign)).collect();
-    [weights_vjp(tau, &gradients), dmiddle, w.iter().map(|w| w * w / 3.0).collect()]
-}
-
 /// Computes ∂L/∂τ from ∂L/∂p, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
 /// constant in g drops out.
 fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, gradients: &[f64]) -> Vec<f64> {

@@ -15,8 +15,8 @@ use infonerf_ops::sampling::{
     stratified,
 };
 use infonerf_ops::{
-    Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
-    ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
+    RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
+    ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
 use super::comparison::{DeviceComparisons, pulled};
@@ -62,12 +62,6 @@ fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             });
         }
     }
-    let (middle, length) = (uniform(rng, tau.len(), 0.0, 1.0), uniform(rng, tau.len(), 0.0, 0.1));
-    compare.operation("distortion", |device| {
-        let [tau, middle, length] = [&tau, &middle, &length].map(|input| leaf(input, device));
-        let intervals = Intervals { middle: middle.clone(), length: length.clone() };
-        pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
-    });
     compare.operation("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])

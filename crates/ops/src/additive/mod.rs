@@ -20,7 +20,7 @@ use crate::dispatch::dispatch;
 /// `τ′ᵢ = −ln(1 − τᵢ/(1 − Aᵢ))`,
 ///
 /// which is infinite for the sample that fills the ray, and 0 for those behind it. Whatever is defined on optical depths
-/// (entropy, distortion, importance sampling) thus serves the additive march too. The gradient is 0 for the sample that
+/// (entropy, importance sampling) thus serves the additive march too. The gradient is 0 for the sample that
 /// fills the ray and those behind it, as in PyTorch's `clamp`.
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, packed `[M]`.

@@ -5,8 +5,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::random::mix;
 use infonerf_ops::{
-    Composite, Intervals, RayDistribution, RayEntropy, Segments, additive, composite, distortion, divergence, entropy,
-    to_host,
+    Composite, RayDistribution, RayEntropy, Segments, additive, composite, divergence, entropy, to_host,
 };
 
 /// Implementation of the operations along rays on one backend.
@@ -46,14 +45,6 @@ impl RayImplementation {
             divergence::ray_divergence(tau, near, segments, epsilon)
         } else {
             divergence::plain(tau, near, segments, epsilon)
-        }
-    }
-
-    pub fn distortion(self, tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
-        if self == Self::Kernel {
-            distortion::ray_distortion(tau, intervals, segments)
-        } else {
-            distortion::plain(tau, intervals, segments)
         }
     }
 }
