@@ -2,7 +2,7 @@
 //! gradients of random and extreme rays. The oracle itself against arbitrary precision.
 
 use burn::tensor::Tensor;
-use infonerf_ops::{Intervals, RayDistribution, Segments, composite, composite_over, has_host_kernels};
+use infonerf_ops::{RayDistribution, Segments, composite, composite_over, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 

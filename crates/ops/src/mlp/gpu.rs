@@ -8,6 +8,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
+use super::tall::transposed_product;
 use super::{Activation, Dense, Precision};
 use crate::cube::{CubeKernel, Pass, alpha_of, apply, empty, empty_like, launch, ln_1p};
 
@@ -58,7 +59,8 @@ impl CubeKernel for DenseKernel {
         let sums = THREADS.div_ceil(columns).clamp(1, rows);
         let (dy, bias_sums) = (empty_like(out), empty(out, [sums, columns]));
         launch!(activate_backward::launch, sums * columns; out, pass.grad, &dy, &bias_sums; sums, self.activation);
-        let dweight = pass.wanted[1].then(|| self.product(CubeBackend::float_transpose(x.clone()), dy.clone()));
+        let dweight =
+            pass.wanted[1].then(|| transposed_product::<CubeBackend>(x.clone(), dy.clone(), |a, b| self.product(a, b)));
         let dbias = reshape(CubeBackend::float_sum_dim(bias_sums, 0), bias.meta.shape().clone());
         let dx = pass.wanted[0].then(|| self.product(dy, CubeBackend::float_transpose(weight.clone())));
         vec![dx, dweight, Some(dbias)]

@@ -6,6 +6,8 @@ mod gpu;
 mod host;
 mod network;
 mod plain;
+#[cfg(any(feature = "cube", test))]
+mod tall;
 
 pub use network::{Activation, ColorBranch, Dense, Precision, RadianceMlp};
 pub(crate) use plain::dense;
