@@ -4,14 +4,15 @@ use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use infonerf_scene::SceneError;
 
 use crate::colmap::models;
 
-const PROGRAM: &str = "colmap";
+/// Name of the program.
+pub(super) const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
 const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
     (
@@ -87,12 +88,6 @@ fn arguments(step: &(&str, usize, &[(&str, &str)]), paths: [&Path; 3], help: &st
         all.extend(known.into_iter().flat_map(|name| [name.into(), OsString::from(value)]));
     }
     all
-}
-
-/// Returns the program in the first folder of `path` that has it.
-pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
-    let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
-    std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
 /// Runs one step, handing on every line that it prints. Without a screen.

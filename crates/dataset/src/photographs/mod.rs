@@ -2,7 +2,11 @@
 
 mod colmap;
 mod own;
+mod video;
 
+pub use video::{video_folder, video_frames};
+
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +40,7 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
         return Err(SceneError::malformed(&sparse, expected, "it exists"));
     }
     if !search.without_colmap {
-        match colmap::program(std::env::var_os("PATH")) {
+        match program(colmap::PROGRAM, std::env::var_os("PATH")) {
             None => progress("colmap is not on PATH"),
             Some(program) => match colmap::pose(&program, dir, &images, &mut progress) {
                 Ok(()) => return Ok(()),
@@ -45,6 +49,12 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
         }
     }
     own::pose(&images, &sparse, search.focal, progress)
+}
+
+/// Returns the program `name` in the first folder of `path` that has it.
+fn program(name: &str, path: Option<OsString>) -> Option<PathBuf> {
+    let name = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+    std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
 /// Returns `dir/images` if it is there, else `dir`.
