@@ -132,7 +132,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
     let poses = match pairs {
         0 => "none to find".to_owned(),
-        _ => format!("{} to {}, if COLMAP is not installed", time(quick), time(slow)),
+        _ => format!("{} to {}", time(quick), time(slow)),
     };
     outln!(
         "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \
