@@ -59,7 +59,9 @@ fn few_photographs_without_poses_are_learned_from() {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     assert!(!said.contains("PSNR"), "{said}");
-    assert_eq!(records(&place.path("runs/capture"))[0]["train_views"].as_array().unwrap().len(), 4);
+    let record = &records(&place.path("runs/capture"))[0];
+    assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
+    assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
     let again = capture();
     assert!(!again.contains("placed") && again.contains("(finished before)"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &said));
