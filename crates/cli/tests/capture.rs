@@ -1,6 +1,7 @@
 //! `infonerf capture`: from photographs to pictures in one command.
 
 use std::fs;
+use std::process::Command;
 
 use infonerf_scene::Image;
 
@@ -58,7 +59,9 @@ fn few_photographs_without_poses_are_learned_from() {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     assert!(!said.contains("PSNR"), "{said}");
-    assert_eq!(records(&place.path("runs/capture"))[0]["train_views"].as_array().unwrap().len(), 4);
+    let record = &records(&place.path("runs/capture"))[0];
+    assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
+    assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
     let again = capture();
     assert!(!again.contains("placed") && again.contains("(finished before)"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &said));
@@ -67,10 +70,48 @@ fn few_photographs_without_poses_are_learned_from() {
 #[test]
 fn what_is_no_folder_of_photographs_is_refused() {
     let place = Workplace::new();
-    place.run("capture absent").fails_with(&["absent: expected a folder of photographs"]);
+    place.run("capture absent").fails_with(&["absent: expected a folder of photographs or a video file"]);
     fs::write(place.path("walk.mp4"), "").unwrap();
-    place.run("capture walk.mp4").fails_with(&["walk.mp4: expected a folder of photographs, found a file", "ffmpeg"]);
+    let run = place.run("capture walk.mp4").env("PATH", place.path(""));
+    run.fails_with(&["walk.mp4: expected the ffmpeg program", "ffmpeg is not on PATH"]);
+    assert!(!place.path("runs").exists());
     fs::create_dir(place.path("photos")).unwrap();
     Image::filled(8, 8, [0.5; 3]).write_png(&place.path("photos/a.png")).unwrap();
     place.run("capture photos").fails_with(&["photos: expected at least two photographs: it has 1"]);
+}
+
+/// In each stretch of eight frames all but one are blurred.
+#[test]
+fn sharpest_frames_of_a_video_are_learned_from() {
+    let place = Workplace::new();
+    let ffmpeg = |args: &str| {
+        Command::new("ffmpeg").current_dir(place.path("")).args(args.split(' ')).output().map(|output| output.status)
+    };
+    if ffmpeg("-version").is_err() {
+        eprintln!("skipped: ffmpeg is not on PATH");
+        return;
+    }
+    let photographs = room(&place.path("photos"), &[0, 1, 3, 9]).into_iter().map(|view| view.image);
+    let photographs: Vec<_> = photographs.collect();
+    fs::create_dir(place.path("all")).unwrap();
+    for frame in 0..32 {
+        let sharp = &photographs[frame / 8];
+        let image = if frame % 8 == 5 { Image::clone(sharp) } else { sharp.resized(45, 45).resized(360, 360) };
+        image.write_png(&place.path(&format!("all/{frame:02}.png"))).unwrap();
+    }
+    let encoded = ffmpeg("-v error -framerate 30 -i all/%02d.png -c:v ffv1 -pix_fmt bgr0 walk.mkv").unwrap();
+    assert!(encoded.success());
+    let capture = || place.tiny_without("eval.test", "capture walk.mkv --budget 1s").said();
+    let said = capture();
+    for part in ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "004.png: placed", "runs/capture/walk/"] {
+        assert!(said.contains(part), "expected `{part}` in: {said}");
+    }
+    for (number, sharp) in photographs.iter().enumerate() {
+        let path = place.path(&format!("runs/frames/walk/{:03}.png", number + 1));
+        assert_eq!(Image::read(&path, [1.0; 3]).unwrap().to_rgb8(), sharp.to_rgb8(), "{number}");
+    }
+    let again = capture();
+    assert!(again.contains("4 frames are in runs/frames/walk") && again.contains("(finished before)"), "{again}");
+    fs::write(place.path("walk.mkv"), "another").unwrap();
+    place.run("capture walk.mkv").fails_with(&["runs/frames/walk: expected frames of walk.mkv", "remove it"]);
 }

@@ -28,7 +28,7 @@ fn poses_of_photographs_alone() {
     let dir = place.path("photos");
     let views = room(&dir, &[0, 1, 3, 9]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
-    let command = "scene from-images photos --without-colmap";
+    let command = "scene from-images photos --poses own";
     let said = place.run(command).said();
     for part in ["00.png: placed", "09.png: placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"]
     {
@@ -75,4 +75,47 @@ fn photographs_that_cannot_be_placed() {
     run().fails_with(&["no two of 3 photographs have 20 matches"]);
     fs::write(dir.join("c.png"), "no picture").unwrap();
     run().fails_with(&["c.png"]);
+}
+
+/// This program places four of five photographs; a stand-in for COLMAP writes what it is given.
+#[cfg(unix)]
+#[test]
+fn better_poses_of_two_solvers_are_kept() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Workplace::new();
+    let dir = place.path("photos");
+    room(&dir, &[0, 1, 3, 9]);
+    Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
+    let program = place.path("colmap");
+    let script = "#!/bin/sh\nif [ \"$1 $2\" = 'mapper --database_path' ]; then cp -r model \"$7/0\"; fi\n";
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    fs::create_dir(place.path("model")).unwrap();
+    fs::write(place.path("model/cameras.txt"), "1 SIMPLE_PINHOLE 360 360 300 180 180\n").unwrap();
+    let from_images = |arguments: &str, placed: &[&str]| {
+        let image = |(i, name): (usize, &&str)| format!("{} 1 0 0 0 {i} 0 0 1 {name}.png\n1 1 -1\n", i + 1);
+        let images: String = placed.iter().enumerate().map(image).collect();
+        fs::write(place.path("model/images.txt"), images).unwrap();
+        let _ = fs::remove_dir_all(dir.join("sparse"));
+        let path = format!("{}:{}", place.path("").display(), std::env::var("PATH").unwrap_or_default());
+        let said = place.run(&*format!("scene from-images photos {arguments}")).env("PATH", path).said();
+        assert!(!dir.join("colmap.partial").exists());
+        (said, Reconstruction::read(&dir).unwrap().images.len())
+    };
+    let (said, placed) = from_images("", &["00", "01"]);
+    assert!(
+        said.contains("this program's poses are kept: colmap placed 2 of 5 photographs, this program 4 of 5"),
+        "{said}"
+    );
+    assert_eq!(placed, 4);
+    let (said, placed) = from_images("", &["00", "01", "03", "09", "10"]);
+    assert!(said.contains("colmap's poses are kept: colmap placed 5 of 5 photographs, this program 4 of 5"), "{said}");
+    assert_eq!(placed, 5);
+    let (said, placed) = from_images("--poses colmap", &["00", "01"]);
+    assert!(said.contains("03.png: not placed: colmap did not register it") && !said.contains("features"), "{said}");
+    assert_eq!(placed, 2);
+    fs::remove_file(dir.join("10.png")).unwrap();
+    let (said, placed) = from_images("", &["00", "01"]);
+    assert!(said.contains("09.png: placed") && !said.contains("colmap"), "{said}");
+    assert_eq!(placed, 4);
 }

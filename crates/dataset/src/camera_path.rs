@@ -3,6 +3,7 @@
 use std::ops::{Bound, RangeInclusive};
 use std::path::Path;
 
+use glam::DVec3;
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
 use crate::files::json::{self, Node};
@@ -36,7 +37,7 @@ impl CameraPath {
     /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
     ///   keyframe if `is_cycle` is true.
     ///
-    /// An entry has `camera_to_world`, a 4×4 matrix, row by row, in the scene's own coordinates with OpenGL's axes, and
+    /// An entry has `camera_to_world`, a 4×4 matrix, row by row, in the coordinates of the scene's files with OpenGL's axes, and
     /// may have `fov`, vertical and in degrees, which then all must have. Next to the list there may be `fps` (20),
     /// `render_width` and `render_height`. Other fields are ignored.
     ///
@@ -45,6 +46,13 @@ impl CameraPath {
     /// cameras are not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         Self::of(&Node::root(path, &json::read(path)?))
+    }
+
+    /// Returns the path in a scene whose origin lies at `origin` in the coordinates of its files.
+    pub fn about(&self, origin: DVec3) -> Self {
+        let mut path = self.clone();
+        path.keyframes.iter_mut().for_each(|keyframe| keyframe.pose.w_axis -= origin.extend(0.0));
+        path
     }
 
     /// Returns `n` frames along the path.
@@ -107,6 +115,18 @@ mod tests {
 
     use super::*;
     use infonerf_procedural::train_cameras;
+
+    /// Exported coordinates lead back to the scene's.
+    #[test]
+    fn paths_far_from_the_origin_of_the_world() {
+        let mut keyframe = train_cameras(8)[0].to_world;
+        let origin = DVec3::new(448_262.25, 4_649_776.5, 85.0);
+        keyframe.w_axis += origin.extend(0.0);
+        let rows = json!(keyframe.transpose().to_cols_array());
+        let path = read(&json!({"keyframes": [{"camera_to_world": rows}]})).unwrap().about(origin);
+        let exact = train_cameras(8)[0].to_world.w_axis;
+        assert!((path.keyframes[0].pose.w_axis - exact).length() < 1e-8, "{path:?}");
+    }
 
     fn flat(index: usize) -> Value {
         json!(train_cameras(8)[index].to_world.transpose().to_cols_array())

@@ -1,6 +1,6 @@
 //! glTF 2.0 in its binary container.
 
-use glam::{Quat, Vec3};
+use glam::{DQuat, DVec3, Quat, Vec3};
 use serde_json::{Value, json};
 
 use crate::error::ExportError;
@@ -15,14 +15,15 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Encodes a mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
-/// the scene's coordinates.
+/// the scene's coordinates. `origin`, the scene's in the world, is the node's translation: single precision has no detail
+/// far from 0.
 ///
 /// Colours are stored linear, as in all of glTF, and the material is unlit (`KHR_materials_unlit`), as the
 /// colours include the light.
 ///
 /// # Errors
 /// If the mesh is larger than the format allows, 4 GB.
-pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
+pub fn glb(mesh: &Mesh, up: Vec3, origin: DVec3) -> Result<Vec<u8>, ExportError> {
     let surface = &mesh.surface;
     let mut buffer = Buffer::default();
     let vectors = |vectors: &[Vec3]| {
@@ -41,11 +42,16 @@ pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
     let count = 3 * surface.triangles.len();
     let indices = buffer.add(&corners, ELEMENT_ARRAY_BUFFER, count, "SCALAR", UNSIGNED_INT);
     let turn = Quat::from_rotation_arc(up.normalize_or(Vec3::Y), Vec3::Y);
+    let mut node = json!({"mesh": 0, "rotation": turn.to_array()});
+    if origin != DVec3::ZERO {
+        let turn = DQuat::from_rotation_arc(up.as_dvec3().normalize_or(DVec3::Y), DVec3::Y);
+        node["translation"] = json!((turn * origin).to_array());
+    }
     let document = json!({
         "asset": {"version": "2.0", "generator": "infonerf"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "rotation": turn.to_array()}],
+        "nodes": [node],
         "meshes": [{"primitives": [{
             "attributes": {"POSITION": position, "NORMAL": normal, "COLOR_0": color},
             "indices": indices,

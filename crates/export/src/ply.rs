@@ -2,20 +2,21 @@
 
 use std::fmt::Write;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use crate::mesh::Mesh;
 
-const POSITION: [&str; 6] = ["float x", "float y", "float z", "float nx", "float ny", "float nz"];
+const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
 const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
-/// Encodes a mesh: vertices with positions, normals and colours, and triangles.
-pub fn ply_mesh(mesh: &Mesh) -> Vec<u8> {
-    let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
+/// Encodes a mesh: vertices with positions, normals and colours, and triangles. `origin`, the scene's in the world, is added
+/// to positions, which then are in double precision.
+pub fn ply_mesh(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
+    let vertex: Vec<&str> = position_properties(origin).into_iter().chain(NORMAL).chain(COLOR).collect();
     let triangles = &mesh.surface.triangles;
     let face = ["list uchar int vertex_indices"];
     let mut file = header(&[("vertex", mesh.colors.len(), &vertex), ("face", triangles.len(), &face)]);
-    push_vertices(&mut file, mesh);
+    push_vertices(&mut file, mesh, origin);
     for triangle in triangles {
         file.push(3);
         triangle.iter().for_each(|&vertex| file.extend((vertex as i32).to_le_bytes()));
@@ -23,11 +24,11 @@ pub fn ply_mesh(mesh: &Mesh) -> Vec<u8> {
     file
 }
 
-/// Encodes a point cloud: the vertices of a mesh, with normals and colours.
-pub fn ply_points(mesh: &Mesh) -> Vec<u8> {
-    let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
+/// Encodes a point cloud: the vertices of a mesh as [`ply_mesh`] writes them.
+pub fn ply_points(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
+    let vertex: Vec<&str> = position_properties(origin).into_iter().chain(NORMAL).chain(COLOR).collect();
     let mut file = header(&[("vertex", mesh.colors.len(), &vertex)]);
-    push_vertices(&mut file, mesh);
+    push_vertices(&mut file, mesh, origin);
     file
 }
 
@@ -45,10 +46,23 @@ pub(crate) fn header(elements: &[(&str, usize, &[&str])]) -> Vec<u8> {
     text.into_bytes()
 }
 
-fn push_vertices(file: &mut Vec<u8>, mesh: &Mesh) {
+/// Returns the properties that [`push_position`] writes.
+pub(crate) fn position_properties(origin: DVec3) -> [&'static str; 3] {
+    if origin == DVec3::ZERO { ["float x", "float y", "float z"] } else { ["double x", "double y", "double z"] }
+}
+
+/// Appends the world coordinates of a position: in double precision, unless the scene's origin is the world's.
+pub(crate) fn push_position(file: &mut Vec<u8>, position: Vec3, origin: DVec3) {
+    if origin == DVec3::ZERO {
+        return push(file, position);
+    }
+    (position.as_dvec3() + origin).to_array().iter().for_each(|value| file.extend(value.to_le_bytes()));
+}
+
+fn push_vertices(file: &mut Vec<u8>, mesh: &Mesh, origin: DVec3) {
     let surface = &mesh.surface;
     for ((&position, &normal), &color) in surface.positions.iter().zip(&surface.normals).zip(&mesh.colors) {
-        push(file, position);
+        push_position(file, position, origin);
         push(file, normal);
         file.extend(bytes(color));
     }

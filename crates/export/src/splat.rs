@@ -1,8 +1,8 @@
 //! Gaussian splats (3D Gaussian Splatting, Kerbl et al. 2023).
 
-use glam::{Mat3, Quat, Vec3};
+use glam::{DVec3, Mat3, Quat, Vec3};
 
-use crate::ply::header;
+use crate::ply::{header, position_properties, push_position};
 use crate::shading::{LinearColor, endpoints, frame, linear};
 use crate::surface::Surface;
 use crate::volume::Volume;
@@ -71,12 +71,15 @@ fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
 }
 
 /// Encodes gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
-/// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z).
-pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
+/// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z). `origin`, the scene's in the
+/// world, is added to positions, which then are in double precision.
+pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
     let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));
-    let names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"]
+    let normal = ["float nx", "float ny", "float nz"];
+    let names: Vec<String> = position_properties(origin)
         .into_iter()
-        .map(|name| format!("float {name}"))
+        .chain(normal)
+        .map(str::to_owned)
         .chain(numbered("f_dc", 3))
         .chain(numbered("f_rest", 9))
         .chain(["float opacity".to_owned()])
@@ -90,10 +93,10 @@ pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
         let constant = sh.iter().map(|channel| channel[0]);
         let linear = sh.iter().flat_map(|channel| channel[1..].iter().copied());
         let [x, y, z, w] = rotation.to_array();
-        let values = position
+        push_position(&mut file, *position, origin);
+        let values = (*rotation * Vec3::Z)
             .to_array()
             .into_iter()
-            .chain((*rotation * Vec3::Z).to_array())
             .chain(constant)
             .chain(linear)
             .chain([(opacity / (1.0 - opacity)).ln()])

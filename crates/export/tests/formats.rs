@@ -2,12 +2,13 @@
 
 use std::io::BufReader;
 
-use glam::{Quat, Vec3};
+use glam::{DQuat, DVec3, Quat, Vec3};
 use goth_gltf::default_extensions::Extensions;
 use goth_gltf::{AccessorType, ComponentType, Gltf};
 use infonerf_export::{Gaussian, Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
+use serde_json::Value;
 
 /// Returns a tetrahedron in four colours.
 fn mesh() -> Mesh {
@@ -39,7 +40,7 @@ fn byte(element: &DefaultElement, name: &str) -> u8 {
 #[test]
 fn ply_holds_a_mesh_or_points() {
     let mesh = mesh();
-    for (bytes, faces) in [(ply_mesh(&mesh), 4), (ply_points(&mesh), 0)] {
+    for (bytes, faces) in [(ply_mesh(&mesh, DVec3::ZERO), 4), (ply_points(&mesh, DVec3::ZERO), 0)] {
         let ply = read_ply(&bytes);
         let vertices = &ply.payload["vertex"];
         assert_eq!(vertices.len(), 4);
@@ -62,7 +63,7 @@ fn ply_holds_a_mesh_or_points() {
 #[test]
 fn glb_stands_upright_in_linear_colours() {
     let mesh = mesh();
-    let bytes = glb(&mesh, Vec3::Z).unwrap();
+    let bytes = glb(&mesh, Vec3::Z, DVec3::ZERO).unwrap();
     assert_eq!((bytes.len() as u32).to_le_bytes(), bytes[8..12]);
     let (document, buffer) = Gltf::<Extensions>::from_bytes(&bytes).unwrap();
     let buffer = buffer.unwrap();
@@ -122,7 +123,7 @@ fn splats_with_the_properties_of_3dgs() {
         opacity: 0.75,
         sh: [[0.1, 0.2, 0.3, 0.4], [1.1, 1.2, 1.3, 1.4], [2.1, 2.2, 2.3, 2.4]],
     };
-    let ply = read_ply(&ply_splats(&[gaussian, gaussian]));
+    let ply = read_ply(&ply_splats(&[gaussian, gaussian], DVec3::ZERO));
     let names: Vec<&String> = ply.header.elements["vertex"].properties.keys().collect();
     let mut expected: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
     for (name, count) in [("f_dc", 3), ("f_rest", 9), ("opacity", 0), ("scale", 3), ("rot", 4)] {
@@ -148,4 +149,41 @@ fn splats_with_the_properties_of_3dgs() {
     for (value, expected) in values("rot", 4).iter().zip([half.cos(), half.sin(), 0.0, 0.0]) {
         assert!((value - expected).abs() < 1e-6);
     }
+}
+
+/// World coordinates of 4.6e6, whose steps in single precision are 0.5.
+#[test]
+fn exports_are_where_the_world_has_them() {
+    let (mesh, origin) = (mesh(), DVec3::new(448_262.125, 4_649_776.375, 85.0625));
+    let gaussian = |&position: &Vec3| Gaussian {
+        position,
+        scale: Vec3::ONE,
+        rotation: Quat::IDENTITY,
+        opacity: 0.5,
+        sh: [[0.1; 4]; 3],
+    };
+    let splats: Vec<Gaussian> = mesh.surface.positions.iter().map(gaussian).collect();
+    for bytes in [ply_mesh(&mesh, origin), ply_points(&mesh, origin), ply_splats(&splats, origin)] {
+        let ply = read_ply(&bytes);
+        let vertices = &ply.payload["vertex"];
+        assert_eq!(vertices.len(), 4);
+        for (vertex, position) in vertices.iter().zip(&mesh.surface.positions) {
+            let world = ["x", "y", "z"].map(|name| match vertex[name] {
+                Property::Double(value) => value,
+                ref other => panic!("{name}: {other:?}"),
+            });
+            assert_eq!(DVec3::from_array(world), position.as_dvec3() + origin);
+        }
+    }
+    let bytes = glb(&mesh, Vec3::Z, origin).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let numbers = |key: &str| -> Vec<f64> {
+        document["nodes"][0][key].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let turn = DQuat::from_slice(&numbers("rotation")).normalize();
+    let world = turn.inverse() * DVec3::from_slice(&numbers("translation"));
+    assert!(world.distance(origin) < 2.0, "{world}");
+    let exact = DQuat::from_rotation_arc(DVec3::Z, DVec3::Y).inverse() * DVec3::from_slice(&numbers("translation"));
+    assert!(exact.distance(origin) < 1e-6, "{exact}");
 }

@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use crate::record::{Record, TestViews, distinct};
 
 /// Views, or values that nothing explains, that a line names one by one; it counts more of them.
@@ -21,13 +23,14 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     let first = [
         described(records, "train views ", "", |record| match record.train_views.len() {
             count if count > MAX_LISTED => format!("{count} of them"),
-            _ => joined(&record.train_views),
+            _ => view_names(&record.train_views, &record.train_files),
         }),
         described(records, "test views ", "", |record| {
             let TestViews { protocol, count, .. } = &record.test_views;
             match protocol.as_str() {
                 "training" => format!("training ({count}; how well these are fitted, nothing of new views)"),
-                _ => format!("{protocol} ({count})"),
+                _ if *count > MAX_LISTED || record.test_files.is_empty() => format!("{protocol} ({count})"),
+                _ => format!("{protocol} ({count}: {})", view_names(&record.test_views.ids, &record.test_files)),
             }
         }),
         described(records, "", " pixels", |record| format!("{} × {}", record.image_size[0], record.image_size[1])),
@@ -44,6 +47,19 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     ];
     let third = described(records, "", "", |record| record.evaluation.clone());
     [first.join(" · "), second.join(" · "), third].into_iter().filter(|line| !line.is_empty()).collect()
+}
+
+/// Names views: by the names of their files, unless these end with the ids, as Blender's do, or there are none.
+fn view_names(ids: &[usize], files: &[String]) -> String {
+    let number = |file: &String| {
+        let stem = Path::new(file).file_stem().unwrap_or_default().to_string_lossy();
+        stem[stem.trim_end_matches(|c: char| c.is_ascii_digit()).len()..].parse::<usize>().ok()
+    };
+    if files.iter().map(number).eq(ids.iter().map(|id| Some(*id))) || files.is_empty() {
+        return joined(ids);
+    }
+    let name = |file: &String| Path::new(file).file_name().unwrap_or_default().to_string_lossy().into_owned();
+    joined(&files.iter().map(name).collect::<Vec<_>>())
 }
 
 /// Describes the iterations as a range, as every run takes another number of steps under a time budget.
@@ -105,5 +121,21 @@ mod tests {
         assert!(lines[0].contains("lego: 400 × 400; mic: 800 × 800 pixels"), "{lines:?}");
         assert!(lines[1].contains("device mixed: flex; cuda"), "{lines:?}");
         assert!(protocol_lines::<Record>(&[]).is_empty());
+    }
+
+    #[test]
+    fn views_of_captures_are_named_by_their_files() {
+        let mut saved = record("fern", "nerf", 0, 1.0);
+        saved.train_views = vec![6, 8];
+        saved.test_views = TestViews { protocol: "every-8".into(), count: 1, ids: vec![0] };
+        let line = |saved: &Record| protocol_lines(&[saved])[0].clone();
+        saved.train_files = ["images/image007.png", "images/image010.png"].map(String::from).to_vec();
+        saved.test_files = vec!["images/IMG_4026.JPG".into()];
+        let named = line(&saved);
+        let expected = "train views image007.png, image010.png · test views every-8 (1: IMG_4026.JPG)";
+        assert!(named.starts_with(expected), "{named}");
+        saved.train_files = ["train/r_6.png", "train/r_8.png"].map(String::from).to_vec();
+        saved.test_files = Vec::new();
+        assert!(line(&saved).starts_with("train views 6, 8 · test views every-8 (1)"), "{}", line(&saved));
     }
 }

@@ -30,8 +30,14 @@ pub struct Record {
     pub device: String,
     /// Ids of the training views, in the order given.
     pub train_views: Vec<usize>,
+    /// Image files of the training views, paths within the scene's folder; none for built-in scenes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub train_files: Vec<String>,
     /// Views over which the metrics are means.
     pub test_views: TestViews,
+    /// Image files of the test views, paths within the scene's folder; none for built-in scenes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub test_files: Vec<String>,
     /// Protocol of the metrics, in words.
     #[serde(default)]
     pub evaluation: String,

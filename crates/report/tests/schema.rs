@@ -12,6 +12,8 @@ fn full() -> Record {
         setting: Some(Setting { variant: "infonerf".into(), ..Setting::default() }),
         preset: "fast".into(),
         train_views: vec![26],
+        train_files: vec!["train/r_26.png".into()],
+        test_files: vec!["test/r_0.png".into()],
         image_size: [200, 200],
         metrics: METRICS.iter().map(|metric| (metric.key().to_owned(), Some(0.5))).collect(),
         ray_entropy_bits: Some(1.5),

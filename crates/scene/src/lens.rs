@@ -37,6 +37,12 @@ pub enum LensModel {
         /// Coefficients of the angle's polynomial.
         k: [f64; 4],
     },
+    /// Field of view (Devernay and Faugeras 2001; COLMAP's FOV): a point at the distance `r` in the plane at depth 1 falls
+    /// at `atan(2 r tan(ω / 2)) / ω` from the centre.
+    Fov {
+        /// Angle ω in radians, between −π and π and not 0.
+        omega: f64,
+    },
 }
 
 /// A lens, in units of the focal length: x right, y down, z forward.
@@ -45,7 +51,7 @@ pub enum LensModel {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     model: LensModel,
-    /// End of the invertible domain: a tangent for radial-tangential lenses, an angle in radians for fisheyes.
+    /// End of the invertible domain: an angle in radians for fisheyes, a tangent for other lenses.
     reach: f64,
 }
 
@@ -66,7 +72,7 @@ impl Lens {
             LensModel::RadialTangential { k, q, p } if [&k[..], &q, &p].iter().all(|v| v.iter().all(|&c| c == 0.0)) => {
                 Self::PERSPECTIVE
             }
-            LensModel::RadialTangential { .. } => Self { model, reach: model.reach(WIDEST) },
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => Self { model, reach: model.reach(WIDEST) },
             LensModel::Fisheye { .. } => Self { model, reach: model.reach(PI) },
         }
     }
@@ -85,6 +91,11 @@ impl Lens {
     /// Returns a fisheye with the coefficients of OPENCV_FISHEYE.
     pub fn fisheye(k: [f64; 4]) -> Self {
         Self::new(LensModel::Fisheye { k })
+    }
+
+    /// Returns a lens of the field-of-view model with the angle `omega`, radians.
+    pub fn fov(omega: f64) -> Self {
+        Self::new(LensModel::Fov { omega })
     }
 
     /// Returns the lens for the image turned clockwise by 90°, `(x, y) ↦ (−y, x)`: the tangential part turns along.
@@ -115,7 +126,7 @@ impl Lens {
         let r = point.length();
         match &self.model {
             LensModel::Perspective => Some(point),
-            LensModel::RadialTangential { .. } => (r <= self.reach).then(|| self.bend(point)),
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => (r <= self.reach).then(|| self.bend(point)),
             LensModel::Fisheye { .. } => {
                 let angle = r.atan();
                 (angle <= self.reach).then(|| if r > 0.0 { point * (self.model.profile(angle).0 / r) } else { point })
@@ -163,7 +174,9 @@ impl Lens {
                 let (sin, cos) = angle.sin_cos();
                 Some((if radius > 0.0 { image * (sin / radius) } else { DVec2::ZERO }).extend(cos))
             }
-            LensModel::RadialTangential { .. } => Some(self.unbend(image)?.extend(1.0).normalize()),
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
+                Some(self.unbend(image)?.extend(1.0).normalize())
+            }
         }
     }
 
@@ -186,7 +199,7 @@ impl Lens {
     pub fn magnification(&self, direction: DVec3) -> f64 {
         let scale = match &self.model {
             LensModel::Perspective => return 1.0,
-            LensModel::RadialTangential { .. } => {
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
                 self.jacobian(direction.truncate() / direction.z.max(1e-9)).determinant().abs().sqrt()
             }
             LensModel::Fisheye { .. } => {
@@ -226,9 +239,9 @@ impl Lens {
         Some(r)
     }
 
-    /// Returns the whole radial-tangential map.
+    /// Returns the whole map of the plane at depth 1: its radial and its tangential part.
     fn bend(&self, point: DVec2) -> DVec2 {
-        let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return point };
+        let [p1, p2] = self.model.tangential();
         let (x, y) = (point.x, point.y);
         let r2 = x * x + y * y;
         let (d, _) = self.model.factor(r2);
@@ -240,7 +253,7 @@ impl Lens {
 
     /// Returns the derivative of [`Lens::bend`].
     fn jacobian(&self, point: DVec2) -> DMat2 {
-        let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return DMat2::IDENTITY };
+        let [p1, p2] = self.model.tangential();
         let (x, y) = (point.x, point.y);
         let (d, derivative) = self.model.factor(x * x + y * y);
         let cross = 2.0 * x * y * derivative + 2.0 * p1 * x + 2.0 * p2 * y;
@@ -252,12 +265,11 @@ impl Lens {
 
     /// Returns the inverse of [`Lens::bend`]: the radial part by itself, then Newton steps in the plane.
     fn unbend(&self, image: DVec2) -> Option<DVec2> {
-        let LensModel::RadialTangential { p, .. } = self.model else { return Some(image) };
         let radius = image.length();
         if radius == 0.0 {
             return Some(image);
         }
-        if p == [0.0; 2] {
+        if self.model.tangential() == [0.0; 2] {
             return Some(image * (self.unprofile(radius)? / radius));
         }
         // A tangential part may shift a point at the edge of the domain a little beyond the radial part's range.
@@ -287,6 +299,7 @@ impl fmt::Display for Lens {
         match &self.model {
             LensModel::Perspective => write!(f, "perspective"),
             LensModel::Fisheye { k } => write!(f, "fisheye, k {}", list(k)),
+            LensModel::Fov { omega } => write!(f, "field of view, omega {omega}"),
             LensModel::RadialTangential { k, q, p } => {
                 write!(f, "radial-tangential, k {}", list(k))?;
                 if *q != [0.0; 3] {
@@ -298,10 +311,33 @@ impl fmt::Display for Lens {
     }
 }
 
+/// Returns `atan(2 r tan(ω / 2)) / (ω r)` and its derivative by `r²`.
+fn fov_factor(omega: f64, r2: f64) -> (f64, f64) {
+    let scale = 2.0 * (0.5 * omega).tan();
+    let s = scale * scale * r2;
+    if s < 1e-6 {
+        // Series about the axis.
+        let derivative = scale * scale * (2.0 * s / 5.0 - 1.0 / 3.0);
+        return (scale / omega * (1.0 - s / 3.0 + s * s / 5.0), scale / omega * derivative);
+    }
+    let r = r2.sqrt();
+    let angle = (scale * r).atan();
+    (angle / (omega * r), (scale * r / (1.0 + s) - angle) / (2.0 * omega * r2 * r))
+}
+
 impl LensModel {
+    /// Returns the tangential coefficients.
+    fn tangential(&self) -> [f64; 2] {
+        if let Self::RadialTangential { p, .. } = self { *p } else { [0.0; 2] }
+    }
+
     /// Returns the radial factor `d` and its derivative by `r²`.
     fn factor(&self, r2: f64) -> (f64, f64) {
-        let Self::RadialTangential { k: [k1, k2, k3, k4], q: [q1, q2, q3], .. } = self else { return (1.0, 0.0) };
+        let ([k1, k2, k3, k4], [q1, q2, q3]) = match self {
+            Self::RadialTangential { k, q, .. } => (k, q),
+            Self::Fov { omega } => return fov_factor(*omega, r2),
+            _ => return (1.0, 0.0),
+        };
         let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
         let above_derivative = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
         let below = 1.0 + r2 * (q1 + r2 * (q2 + r2 * q3));
@@ -314,7 +350,7 @@ impl LensModel {
     fn profile(&self, r: f64) -> (f64, f64) {
         match self {
             Self::Perspective => (r, 1.0),
-            Self::RadialTangential { .. } => {
+            Self::RadialTangential { .. } | Self::Fov { .. } => {
                 let (d, derivative) = self.factor(r * r);
                 (r * d, d + 2.0 * r * r * derivative)
             }
@@ -362,6 +398,8 @@ mod tests {
             Lens::rational([0.5, 0.1, 0.01, 0.4, 0.12, 0.002], [-1e-3, 2e-3]),
             Lens::fisheye([0.0; 4]),
             Lens::fisheye([-0.02, 0.01, -0.004, 0.0005]),
+            Lens::fov(0.9),
+            Lens::fov(1e-2),
         ]
     }
 
@@ -411,6 +449,18 @@ mod tests {
     /// The formulas, by hand.
     #[test]
     fn the_formulas() {
+        for (omega, r) in [(0.9, 0.5), (1.8, 2.0), (0.9, 1e-4), (1e-3, 0.7)] {
+            let (lens, r): (Lens, f64) = (Lens::fov(omega), r);
+            let image = (2.0 * r * (omega / 2.0).tan()).atan() / omega;
+            let found = lens.distort(DVec2::new(0.6, -0.8) * r).unwrap();
+            assert!((found - DVec2::new(0.6, -0.8) * image).length() < 1e-12, "{lens}: {found}");
+            let back = lens.undistort(DVec2::new(0.0, image)).unwrap().y;
+            assert!((back - (image * omega).tan() / (2.0 * (omega / 2.0).tan())).abs() < 1e-12, "{lens}: {back}");
+            let step = 1e-5;
+            let difference =
+                lens.distort(DVec2::new(r + step, 0.0)).unwrap() - lens.distort(DVec2::new(r - step, 0.0)).unwrap();
+            assert!((lens.jacobian(DVec2::new(r, 0.0)).x_axis.x - difference.x / (2.0 * step)).abs() < 1e-6, "{lens}");
+        }
         let lens = Lens::radial_tangential([0.1, 0.0, 0.0, 0.0], [0.01, 0.02]);
         let found = lens.distort(DVec2::new(0.5, 0.25)).unwrap();
         let r2: f64 = 0.3125;

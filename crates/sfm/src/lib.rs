@@ -22,6 +22,6 @@ mod two_view;
 
 pub use bundle::Point;
 pub use camera::{Pose, SimpleRadial};
-pub use reconstruction::{Photograph, SparseModel, reconstruct};
+pub use reconstruction::{NO_DEPTH, Photograph, SparseModel, reconstruct};
 pub use refine::{Posed, Refined, Uncertainty, refine};
 pub use two_view::{ImageMatches, explains, verified_matches};

@@ -34,6 +34,10 @@ const STARTS: usize = 3;
 /// Angles above this, in radians, make a pair no better to start from.
 const WIDE: f64 = 0.2;
 
+/// Error of photographs that show no depth.
+pub const NO_DEPTH: &str = "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
+                            turned, crops of one photograph, or a flat scene";
+
 /// A photograph; all have one lens, whose axis goes through the middle of each. Images of several sizes are at one scale.
 #[derive(Clone, Debug)]
 pub struct Photograph {
@@ -113,9 +117,7 @@ pub fn reconstruct(
     }
     let none = || {
         if flat {
-            return "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
-                    turned, crops of one photograph, or a flat scene"
-                .to_owned();
+            return NO_DEPTH.to_owned();
         }
         format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose")
     };

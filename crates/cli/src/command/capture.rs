@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use humantime::format_duration;
-use infonerf_dataset::{PoseSearch, SceneSource, info};
+use infonerf_dataset::{PoseSearch, SceneSource, info, video_folder, video_frames};
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
@@ -29,15 +29,17 @@ Examples:
       finds where the photographs in my-photos were taken from, learns the scene for a minute, renders once around it
   infonerf capture my-photos --budget 5m --overwrite
       the same, learned for five minutes
+  infonerf capture walk.mp4
+      the sharpest frames of a video, taken by the ffmpeg program, instead of photographs
 
 It does what `infonerf scene from-images`, `scene check`, `exp capture --variant infonerf+` and `render` do, one after another.
 The same command again continues what was interrupted, and prints the results of what is finished.";
 
-/// Learn a scene from a folder of photographs: find poses if there are none, check, train, render an orbit and a page.
+/// Learn a scene from a folder of photographs or a video: find poses if there are none, check, train, render an orbit and a page.
 #[derive(Debug, Args)]
 #[command(after_help = CAPTURE_EXAMPLES)]
 pub(crate) struct CaptureArgs {
-    /// Folder of photographs, without poses or with them (COLMAP, transforms.json, LLFF and others)
+    /// Folder of photographs, without poses or with them (COLMAP, transforms.json, LLFF and others), or a video file
     path: PathBuf,
     /// Training time, such as 60s or 5m; the size of the orbit is chosen so that rendering it takes about as long
     #[arg(long, value_name = "TIME", value_parser = parse_time, default_value = "60s", allow_hyphen_values = true)]
@@ -62,18 +64,19 @@ const MIN_MEASURED: usize = 10;
 const SECONDS_PER_PHOTOGRAPH: u64 = 2;
 
 pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
-    let dir = whole_path(&args.path)?;
+    let photographs = photograph_folder(&args.path, &args.out)?;
+    let dir = photographs.canonicalize().with_context(|| photographs.display().to_string())?;
     let device = open_device(args.device.device)?;
     let networks = args.networks.open(&device)?;
     let session = Session::new(device, &args.out, args.existing.existing()).with_networks(networks);
     let is_posed = SceneSource::Folder { path: dir.clone() }.is_scene();
     if !is_posed {
-        let count = scene::photographs(&args.path)?.len();
+        let count = scene::photographs(&photographs)?.len();
         let pairs = count * count.saturating_sub(1) / 2;
         if pairs > 0 {
             print_stages(args, count, pairs);
         }
-        scene::find_poses(&args.path, &PoseSearch::default())?;
+        scene::find_poses(&photographs, &PoseSearch::default())?;
     }
     let info = info(&dir)?;
     let count = info.train_views + info.test_views;
@@ -84,7 +87,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         if is_posed {
             print_stages(args, count, 0);
         }
-        scene::print_doubts(&args.path)?;
+        scene::print_doubts(&photographs)?;
     }
     interrupt::install()?;
     let Some((trained, report)) = train(experiment, &session)? else {
@@ -107,14 +110,17 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns the whole path of the folder `path`.
-fn whole_path(path: &Path) -> Result<PathBuf> {
-    let expected = format!("{}: expected a folder of photographs", path.display());
-    let whole = path.canonicalize().with_context(|| expected.clone())?;
-    if !whole.is_dir() {
-        bail!("{expected}, found a file; `ffmpeg -i VIDEO -vf fps=2 FOLDER/%03d.png` makes one of a video");
+/// Returns the folder of photographs that `path` is, or that the frames of the video `path` are written to.
+fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
+    if path.is_dir() {
+        return Ok(path.to_owned());
     }
-    Ok(whole)
+    if !path.is_file() {
+        bail!("{}: expected a folder of photographs or a video file: not found", path.display());
+    }
+    let frames = video_folder(path, out);
+    video_frames(path, &frames, |line| outln!("{line}"))?;
+    Ok(frames)
 }
 
 /// Prints what there is to do with `count` photographs, of which `pairs` are to be matched for their poses, and how long it
@@ -126,7 +132,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
     let poses = match pairs {
         0 => "none to find".to_owned(),
-        _ => format!("{} to {}, if COLMAP is not installed", time(quick), time(slow)),
+        _ => format!("{} to {}", time(quick), time(slow)),
     };
     outln!(
         "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \

@@ -158,16 +158,20 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surfa
             let (views, splats, fields) = (found.views, found.splats, found.fields);
             format!(", which show {views} test views with {splats:.2} dB PSNR (the field itself: {fields:.2} dB)")
         });
-        return Ok(((ply_splats(&splats), format!("{} gaussians{fidelity}", splats.len())), surface));
+        return Ok((
+            (ply_splats(&splats, trained.scene().origin), format!("{} gaussians{fidelity}", splats.len())),
+            surface,
+        ));
     }
     if let Some(triangles) = args.triangles {
         surface = surface.simplified(triangles as usize);
     }
     let mesh = Mesh::new(surface, &trained.volume());
+    let scene = trained.scene();
     let bytes = match args.format {
-        FormatName::Points => ply_points(&mesh),
-        FormatName::Glb => glb(&mesh, trained.scene().space.up)?,
-        _ => ply_mesh(&mesh),
+        FormatName::Points => ply_points(&mesh, scene.origin),
+        FormatName::Glb => glb(&mesh, scene.space.up, scene.origin)?,
+        _ => ply_mesh(&mesh, scene.origin),
     };
     let Surface { positions, triangles, dropped, .. } = &mesh.surface;
     let summary = match args.format {

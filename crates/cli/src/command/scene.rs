@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
-use infonerf_dataset::{PoseSearch, check_folder, export, from_images, info, info_page, outline};
+use infonerf_dataset::{PoseSearch, PoseSolver, check_folder, export, from_images, info, info_page, outline};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
@@ -37,12 +37,15 @@ pub(crate) enum SceneCommand {
         /// Folder of the scene
         dir: PathBuf,
     },
-    /// Find the poses of photographs, with `colmap` where it is installed; writes DIR/sparse/0.
+    /// Find the poses of photographs; writes DIR/sparse/0.
     FromImages {
         /// Folder of the photographs
         dir: PathBuf,
-        /// Do not look for `colmap`
-        #[arg(long)]
+        /// Program that finds them: `best` tries colmap as well if some photographs have no pose, and keeps the better
+        #[arg(long, value_parser = ["best", "own", "colmap"], default_value = "best")]
+        poses: String,
+        /// Do not look for `colmap`, as with `--poses own`
+        #[arg(long, conflicts_with = "poses")]
         without_colmap: bool,
         /// Focal length of the lens: image widths (of the longer side), or with a unit, `28mm` (at 35 mm) or `3100px`
         #[arg(long, value_name = "LENGTH", value_parser = focal_length)]
@@ -90,13 +93,18 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => print_doubts(dir)?,
-        SceneCommand::FromImages { dir, without_colmap, focal } => {
+        SceneCommand::FromImages { dir, poses, without_colmap, focal } => {
             let focal = match focal {
                 Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
                 Some(FocalLength::Widths(widths)) => Some(*widths),
                 None => None,
             };
-            let search = PoseSearch { without_colmap: *without_colmap, focal };
+            let solver = match poses.as_str() {
+                "colmap" => PoseSolver::Colmap,
+                "best" if !without_colmap => PoseSolver::Best,
+                _ => PoseSolver::Own,
+            };
+            let search = PoseSearch { solver, focal };
             find_poses(dir, &search)?;
             outln!("next: infonerf capture {}", shlex::try_quote(&dir.display().to_string())?);
         }

@@ -1,12 +1,13 @@
 //! COLMAP's lens models.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
 /// COLMAP's camera models by id: name and parameters, which models that are not supported lack.
-pub(super) const MODELS: [(&str, &[&str]); 11] = [
+pub(super) const MODELS: [(&str, &[&str]); 12] = [
     ("SIMPLE_PINHOLE", &["fx", "cx", "cy"]),
     ("PINHOLE", &["fx", "fy", "cx", "cy"]),
     ("SIMPLE_RADIAL", &["fx", "cx", "cy", "k1"]),
@@ -14,21 +15,23 @@ pub(super) const MODELS: [(&str, &[&str]); 11] = [
     ("OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]),
     ("OPENCV_FISHEYE", &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"]),
     ("FULL_OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]),
-    ("FOV", &[]),
+    ("FOV", &["fx", "fy", "cx", "cy", "omega"]),
     ("SIMPLE_RADIAL_FISHEYE", &["fx", "cx", "cy", "k1"]),
     ("RADIAL_FISHEYE", &["fx", "cx", "cy", "k1", "k2"]),
     ("THIN_PRISM_FISHEYE", &[]),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", &[]),
 ];
 
-/// Returns the lens of a model with coefficients by name; `None` if the model is unknown.
+/// Returns the lens of a model with coefficients by name; `None` if the model is unknown, or FOV's angle none.
 ///
 /// Except as FULL_OPENCV, and with k₅ or k₆, the lens is OpenCV's polynomial one.
 pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
     let k = ["k1", "k2", "k3", "k4", "k5", "k6"].map(&value);
-    let p = ["p1", "p2"].map(value);
+    let p = ["p1", "p2"].map(&value);
     let low = [k[0], k[1], k[2], k[3]];
     match model {
         "OPENCV_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" => Some(Lens::fisheye(low)),
+        "FOV" => Some(value("omega")).filter(|omega| *omega != 0.0 && omega.abs() < PI).map(Lens::fov),
         "FULL_OPENCV" => Some(Lens::rational(k, p)),
         "PERSPECTIVE" | "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
             let is_polynomial = [k[4], k[5]] == [0.0; 2];
@@ -70,7 +73,7 @@ impl ColmapCamera {
         let value = |key: &str| names.iter().zip(&parameters).find(|(name, _)| **name == key).map(|(_, value)| *value);
         let lens = lens(name, |key| value(key).unwrap_or(0.0));
         let (Some(lens), Some(fx), Some(cx), Some(cy)) = (lens, value("fx"), value("cx"), value("cy")) else {
-            return Err(fault(&known(), format!("number {model}")));
+            return Err(fault(&known(), format!("{} {parameters:?}", model_name(model))));
         };
         let fy = value("fy").unwrap_or(fx);
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
@@ -90,6 +93,11 @@ impl ColmapCamera {
         let (focal, centre) = self.pinhole;
         Camera::pinhole((self.width, self.height), focal, centre, pose).with_lens(self.lens)
     }
+}
+
+/// Returns COLMAP's name of the model of this number.
+pub(super) fn model_name(model: usize) -> String {
+    MODELS.get(model).map_or_else(|| format!("number {model}"), |model| model.0.to_owned())
 }
 
 pub(super) fn known() -> String {

@@ -229,6 +229,7 @@ mod tests {
             "cy" => 12.0,
             "k1" => 0.1,
             "k2" => 0.02,
+            "omega" => 0.9,
             _ => 1e-3,
         };
         let camera = |(model, (_, names)): (usize, &(&str, &[&str]))| {
@@ -303,7 +304,10 @@ mod tests {
             assert!(fault(file, |b| b.push(0), false).contains("more bytes"));
         }
         assert!(fault("cameras.bin", |b| b[12] = 77, false).contains("expected a known lens model"));
-        assert!(fault("cameras.bin", |b| b[12] = 7, false).contains("expected a known lens model"));
+        assert!(
+            fault("cameras.bin", |b| b[12] = 10, false)
+                .contains("FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE), found THIN_PRISM_FISHEYE")
+        );
         assert!(fault("cameras.bin", |b| b[16..24].fill(0), false).contains("an image side"));
         assert!(fault("images.bin", |b| b[12..20].fill(0), false).contains("quaternion of length 1"));
         assert!(fault("images.bin", |b| b[12..20].fill(255), false).contains("quaternion"));
@@ -338,9 +342,9 @@ mod tests {
         write_binary(&guard.path().join("sparse/0"), &part);
         write_text(&guard.path().join("sparse/1"), &whole);
         fs::remove_file(guard.path().join("sparse/1/points3D.txt")).unwrap();
-        assert_eq!(models(guard.path()).iter().map(|(_, count)| *count).collect::<Vec<_>>(), [9, 2]);
+        assert_eq!(models(guard.path()).iter().map(|(_, count)| *count).collect::<Vec<_>>(), [10, 2]);
         let read = Reconstruction::read(guard.path()).unwrap();
-        assert_eq!((read.images.len(), read.points.len()), (9, 0));
+        assert_eq!((read.images.len(), read.points.len()), (10, 0));
         for place in ["distorted/sparse/0", "dense/0/sparse"] {
             let guard = tempfile::tempdir().unwrap();
             write_binary(&guard.path().join(place), &part);

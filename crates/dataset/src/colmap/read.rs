@@ -9,7 +9,7 @@ use std::str::{FromStr, Lines, SplitWhitespace};
 use glam::{DVec2, DVec3};
 use infonerf_scene::SceneError;
 
-use super::camera::{MODELS, known};
+use super::camera::{MODELS, known, model_name};
 use super::{ColmapCamera, ColmapImage, pose};
 
 /// Longest name of an image, in bytes.
@@ -195,8 +195,8 @@ impl<'a> Values<'a> {
             let name: String = self.word()?;
             (MODELS.iter().position(|model| model.0 == name), name)
         } else {
-            let number = self.u32()?;
-            (Some(number as usize), format!("number {number}"))
+            let number = self.u32()? as usize;
+            (Some(number), model_name(number))
         };
         let is_known = |model: &usize| MODELS.get(*model).is_some_and(|model| !model.1.is_empty());
         let place = self.place("model".into());

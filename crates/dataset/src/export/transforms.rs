@@ -54,6 +54,7 @@ fn frame(view: &View, origin: DVec3) -> Value {
             let rest = [("k4", q[0]), ("k5", q[1]), ("k6", q[2]), ("p1", p[0]), ("p2", p[1])];
             ("FULL_OPENCV", numerator.into_iter().chain(rest).collect())
         }
+        LensModel::Fov { omega } => ("FOV", vec![("omega", omega)]),
         LensModel::Fisheye { k } => ("OPENCV_FISHEYE", vec![("k1", k[0]), ("k2", k[1]), ("k3", k[2]), ("k4", k[3])]),
     };
     frame["camera_model"] = json!(model);

@@ -166,11 +166,11 @@ fn image_path(dir: &Path, named: &str) -> PathBuf {
 }
 
 /// Lens distortion coefficients of nerfstudio and instant-ngp.
-const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+const DISTORTION: [&str; 9] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "omega"];
 const MAX_COEFFICIENT: f64 = 1e6;
 /// Values of `camera_model` that are known; the coefficients decide which lens they mean.
 const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
-                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE";
+                      SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, FOV";
 
 /// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root.
 fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), SceneError> {

@@ -4,14 +4,15 @@ use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use infonerf_scene::SceneError;
 
-use crate::colmap::models;
+use crate::colmap::{Reconstruction, models};
 
-const PROGRAM: &str = "colmap";
+/// Name of the program.
+pub(super) const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
 const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
     (
@@ -41,37 +42,33 @@ const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
 /// Lines of the program's output that an error repeats.
 const REPEATED: usize = 3;
 
-/// Finds the poses of the photographs in the folder `images` with `program`, and writes them to `dir/sparse`. `progress` is
-/// given the name of each step and each line that the program prints.
+/// Finds the poses of the photographs in the folder `images` with `program`, and leaves them in `work/sparse`. `progress`
+/// is given the name of each step and each line that the program prints.
 ///
 /// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
 /// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
 /// that starts from pairs with little parallax.
-pub(super) fn pose(
+pub(super) fn find(
     program: &Path,
-    dir: &Path,
+    work: &Path,
     images: &Path,
     mut progress: &mut impl FnMut(&str),
-) -> Result<(), SceneError> {
-    let (database, sparse) = (dir.join("colmap.db"), dir.join("sparse"));
+) -> Result<Reconstruction, SceneError> {
+    let (database, sparse) = (work.join("colmap.db"), work.join("sparse"));
+    let _ = fs::remove_dir_all(work);
     fs::create_dir_all(&sparse).map_err(|e| SceneError::io(&sparse, e))?;
-    let found = STEPS.iter().try_for_each(|step| {
+    for step in &STEPS {
         progress(step.0);
         let mut help = String::new();
         // A program without help is given all options, and says itself what it does not know.
         let _ = run(program, step.0, &["-h".into()], &mut |line: &str| help += line);
-        run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)
-    });
-    let found = found.and_then(|()| {
-        let expected = "photographs that overlap enough to find their poses";
-        let none = || SceneError::malformed(images, expected, "colmap made no reconstruction of them");
-        if models(dir).is_empty() { Err(none()) } else { Ok(()) }
-    });
-    if found.is_err() {
-        // Nothing is left that the next attempt would stumble over; what cannot be removed says so then.
-        let _ = (fs::remove_dir_all(&sparse), fs::remove_file(&database));
+        run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)?;
     }
-    found
+    if models(work).is_empty() {
+        let expected = "photographs that overlap enough to find their poses";
+        return Err(SceneError::malformed(images, expected, "colmap made no reconstruction of them"));
+    }
+    Reconstruction::read(work)
 }
 
 /// Returns the arguments of a step: its paths, and the options that `help` lists, under the names that this version of
@@ -87,12 +84,6 @@ fn arguments(step: &(&str, usize, &[(&str, &str)]), paths: [&Path; 3], help: &st
         all.extend(known.into_iter().flat_map(|name| [name.into(), OsString::from(value)]));
     }
     all
-}
-
-/// Returns the program in the first folder of `path` that has it.
-pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
-    let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
-    std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
 /// Runs one step, handing on every line that it prints. Without a screen.

@@ -1,29 +1,50 @@
-//! Poses of photographs: found by an installed COLMAP or by `infonerf-sfm`.
+//! Poses of photographs: found by `infonerf-sfm` or an installed COLMAP.
 
 mod colmap;
 mod own;
+mod video;
 
+pub use video::{video_folder, video_frames};
+
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
 use infonerf_scene::image::{list_images, unread_format};
 
+use crate::colmap::Reconstruction;
+use crate::files::file_name;
+
 /// Below this many images no pose can be found.
 const MIN_IMAGES: usize = 2;
+
+/// Folder, below the photographs', in which COLMAP works; what is left of it is of an interrupted attempt.
+const WORK: &str = "colmap.partial";
+
+/// Program that finds poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PoseSolver {
+    /// `infonerf-sfm`; where it leaves photographs out, COLMAP as well, if it is installed, and the better of the two.
+    #[default]
+    Best,
+    /// `infonerf-sfm` alone.
+    Own,
+    /// COLMAP alone.
+    Colmap,
+}
 
 /// Way of finding the poses of photographs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseSearch {
-    /// Whether an installed COLMAP is passed over.
-    pub without_colmap: bool,
-    /// Focal length in image widths (of the longer side); else what EXIF data state, else a guess.
+    /// Program that is used.
+    pub solver: PoseSolver,
+    /// Focal length in image widths (of the longer side); else what EXIF data state, else a guess. COLMAP has its own.
     pub focal: Option<f64>,
 }
 
 /// Finds the poses of the photographs in `dir` (or in `dir/images`) and writes them to `dir/sparse`, where [`crate::load`]
-/// finds them: with COLMAP if it is on PATH, and with `infonerf-sfm` if it is not, if it fails, or if `search` asks for it.
-/// `progress` receives a line for each step.
+/// finds them. `progress` receives a line for each step, for each photograph, and for the choice between two solvers.
 ///
 /// # Errors
 /// There are fewer than two images; `dir/sparse` is there already; an image cannot be read; or the photographs do not
@@ -35,16 +56,101 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
         let expected = "a folder without a reconstruction; remove this one to make another";
         return Err(SceneError::malformed(&sparse, expected, "it exists"));
     }
-    if !search.without_colmap {
-        match colmap::program(std::env::var_os("PATH")) {
-            None => progress("colmap is not on PATH"),
-            Some(program) => match colmap::pose(&program, dir, &images, &mut progress) {
-                Ok(()) => return Ok(()),
-                Err(error) => progress(&format!("colmap failed: {error}")),
-            },
+    let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
+    let work = dir.join(WORK);
+    let found = match (search.solver, colmap) {
+        (PoseSolver::Colmap, None) => {
+            Err(SceneError::malformed(dir, "the colmap program to find the poses", "colmap is not on PATH"))
+        }
+        (PoseSolver::Colmap, Some(colmap)) => colmap::find(&colmap, &work, &images, &mut progress)
+            .and_then(|found| keep_colmap(&found, &work, &sparse, &images, &mut progress)),
+        (solver, colmap) => {
+            let own = own::find(&images, search.focal, &mut progress);
+            let is_final = match &own {
+                Ok(found) => found.left_out == 0,
+                // COLMAP invents a baseline where there is none.
+                Err(error) => error.to_string().contains(infonerf_sfm::NO_DEPTH),
+            };
+            match colmap {
+                Some(colmap) if solver == PoseSolver::Best && !is_final => {
+                    better(own, &colmap, (&work, &sparse, &images), &mut progress)
+                }
+                _ => own.and_then(|own| own.write(&sparse)),
+            }
+        }
+    };
+    // What cannot be removed is removed by the next attempt, or says so then.
+    let _ = fs::remove_dir_all(work);
+    found
+}
+
+/// Runs COLMAP as well, and writes the poses of the solver that places more photographs, or as many with smaller residuals.
+fn better(
+    own: Result<own::OwnPoses, SceneError>,
+    colmap: &Path,
+    (work, sparse, images): (&Path, &Path, &Path),
+    progress: &mut impl FnMut(&str),
+) -> Result<(), SceneError> {
+    progress("not all photographs are placed: colmap tries as well");
+    let found = match colmap::find(colmap, work, images, progress) {
+        Ok(found) => found,
+        Err(error) => {
+            progress(&format!("colmap failed: {error}"));
+            return own?.write(sparse);
+        }
+    };
+    let count = list_images(images)?.len();
+    let own_quality = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model));
+    let colmap_quality = quality(&found);
+    let is_better =
+        colmap_quality.0 > own_quality.0 || colmap_quality.0 == own_quality.0 && colmap_quality.1 < own_quality.1;
+    let describe = |(placed, residual): (usize, f64)| match residual {
+        f64::INFINITY => format!("{placed} of {count} photographs"),
+        _ => format!("{placed} of {count} photographs with a residual of {residual:.2} pixels"),
+    };
+    progress(&format!(
+        "{} poses are kept: colmap placed {}, this program {}",
+        if is_better { "colmap's" } else { "this program's" },
+        describe(colmap_quality),
+        describe(own_quality)
+    ));
+    if is_better { keep_colmap(&found, work, sparse, images, progress) } else { own?.write(sparse) }
+}
+
+/// Moves the reconstruction that COLMAP has left in `work` to `sparse`, and names the photographs that it left out.
+fn keep_colmap(
+    found: &Reconstruction,
+    work: &Path,
+    sparse: &Path,
+    images: &Path,
+    progress: &mut impl FnMut(&str),
+) -> Result<(), SceneError> {
+    for name in list_images(images)?.iter().map(|path| file_name(path)) {
+        if !found.images.iter().any(|image| image.name == name) {
+            progress(&format!("{name}: not placed: colmap did not register it"));
         }
     }
-    own::pose(&images, &sparse, search.focal, progress)
+    fs::rename(work.join("sparse"), sparse).map_err(|e| SceneError::io(sparse, e))
+}
+
+/// Returns the number of placed photographs, and the median distance, in pixels, between the places where points are seen
+/// and their projections; infinite without points.
+fn quality(found: &Reconstruction) -> (usize, f64) {
+    let mut residuals = Vec::new();
+    for image in &found.images {
+        let Some(camera) = found.camera(image) else { continue };
+        residuals.extend(image.observations.iter().filter_map(|(pixel, id)| {
+            Some(camera.project_f64(*found.points.get(id)?).map_or(f64::INFINITY, |seen| seen.distance(*pixel)))
+        }));
+    }
+    residuals.sort_by(f64::total_cmp);
+    (found.images.len(), residuals.get(residuals.len() / 2).copied().unwrap_or(f64::INFINITY))
+}
+
+/// Returns the program `name` in the first folder of `path` that has it.
+fn program(name: &str, path: Option<OsString>) -> Option<PathBuf> {
+    let name = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+    std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
 /// Returns `dir/images` if it is there, else `dir`.
@@ -91,7 +197,7 @@ mod tests {
     #[test]
     fn a_folder_without_photographs_is_refused() {
         let guard = tempfile::tempdir().unwrap();
-        let search = PoseSearch { without_colmap: true, focal: None };
+        let search = PoseSearch { solver: PoseSolver::Own, focal: None };
         let fault = |dir: &Path| from_images(dir, &search, |_| {}).unwrap_err().to_string();
         let text = fault(guard.path());
         assert!(text.contains("at least two photographs: it has 0"), "{text}");

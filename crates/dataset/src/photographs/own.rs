@@ -23,16 +23,32 @@ const MIN_PLACED: usize = 2;
 /// COLMAP's number of the lens model SIMPLE_RADIAL.
 const SIMPLE_RADIAL: usize = 2;
 
-/// Finds the poses of the photographs in the folder `images`, and writes those that have one to `sparse/0`. `progress`
-/// receives a line for each step, and for each photograph without a pose the reason.
+/// Poses of photographs, and how many have none.
+pub(super) struct OwnPoses {
+    /// Placed photographs, their lens and the points they see.
+    pub model: Reconstruction,
+    /// Colours of the points by their number, from 1 on.
+    colours: Vec<[u8; 3]>,
+    /// Photographs without a pose.
+    pub left_out: usize,
+}
+
+impl OwnPoses {
+    /// Writes the reconstruction to `sparse/0`.
+    pub(super) fn write(&self, sparse: &Path) -> Result<(), SceneError> {
+        let written = self.model.write(&sparse.join("0"), |id| self.colours[id as usize - 1]);
+        if written.is_err() {
+            let _ = fs::remove_dir_all(sparse);
+        }
+        written
+    }
+}
+
+/// Finds the poses of the photographs in the folder `images`. `progress` receives a line for each step, and for each
+/// photograph without a pose the reason.
 ///
 /// All photographs are taken with one lens: images of other sizes are brought to one longest side.
-pub(super) fn pose(
-    images: &Path,
-    sparse: &Path,
-    focal: Option<f64>,
-    mut progress: impl FnMut(&str),
-) -> Result<(), SceneError> {
+pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&str)) -> Result<OwnPoses, SceneError> {
     let paths = list_images(images)?;
     progress(&format!("finding the poses of {} photographs", paths.len()));
     let sizes = paths.iter().map(|path| dimensions(path)).collect::<Result<Vec<_>, _>>()?;
@@ -84,15 +100,12 @@ pub(super) fn pose(
             observations: observations.collect(),
         });
     }
-    let colour = |id: u64| {
-        let (by, pixel) = found.points[id as usize - 1].seen[0];
+    let colour = |seen: &[(usize, DVec2)]| {
+        let (by, pixel) = seen[0];
         photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
     };
-    let written = all.write(&sparse.join("0"), colour);
-    if written.is_err() {
-        let _ = fs::remove_dir_all(sparse);
-    }
-    written
+    let colours = found.points.iter().map(|point| colour(&point.seen)).collect();
+    Ok(OwnPoses { model: all, colours, left_out: lost.len() })
 }
 
 struct SmallPhotograph {
@@ -174,7 +187,8 @@ mod tests {
                     fs::copy(path, guard.path().join(file_name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
-                let result = pose(guard.path(), &guard.path().join("sparse"), None, |_| {});
+                let found = find(guard.path(), None, |_| {});
+                let result = found.and_then(|found| found.write(&guard.path().join("sparse")));
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
                 if let Err(error) = result {

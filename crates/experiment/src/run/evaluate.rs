@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use image::{ImageFormat, RgbImage};
+use infonerf_dataset::SceneSource;
 use infonerf_loss::Need;
 use infonerf_metrics::to_rgb8;
 use infonerf_render::{Pivot, TrainedModel};
@@ -42,6 +43,10 @@ pub(super) fn evaluate(
     let evaluated = evaluation.finish().context("no test views")?;
     let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
     let information = information_of(plan, trainers);
+    let files = |views: &[View]| -> Vec<String> {
+        let is_built_in = matches!(plan.source, SceneSource::Procedural(_));
+        views.iter().filter(|_| !is_built_in).map(|view| view.file.clone()).collect()
+    };
     let measured = evaluated.measured.representable();
     let mut notes = notes(plan, scene, progress.restarts);
     if left_out > 0 {
@@ -59,11 +64,13 @@ pub(super) fn evaluate(
         preset: plan.preset.name().to_owned(),
         device: session.device.name.name().to_owned(),
         train_views: scene.train.iter().map(|view| view.id).collect(),
+        train_files: files(&scene.train),
         test_views: TestViews {
             protocol: plan.config.eval.test.to_string(),
             count: scene.test.len(),
             ids: scene.test.iter().map(|view| view.id).collect(),
         },
+        test_files: files(&scene.test),
         image_size: [scene.test[0].image.width as usize, scene.test[0].image.height as usize],
         iterations: progress.step as u64,
         train_seconds: progress.seconds,

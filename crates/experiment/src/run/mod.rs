@@ -14,6 +14,7 @@ use std::fs;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use anyhow::{Context, Result};
 use infonerf_metrics::Networks;
@@ -217,10 +218,13 @@ impl Session {
         let loaded = self.last_scene(&key);
         plan.check_memory(at_once, loaded.is_some())?;
         watch(RunEvent::Loading);
+        let start = Instant::now();
         let scene = loaded.map_or_else(|| self.load(plan, key), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
+        let reading = start.elapsed().as_secs_f64();
+        let mut first_steps = 0.0;
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
         run.begin()?;
@@ -247,7 +251,13 @@ impl Session {
             if !training.iter().all(Training::is_over) {
                 return Ok(None);
             }
+            first_steps += training.iter().map(Training::first_step_seconds).sum::<f64>();
             trainers.extend(training.into_iter().map(Training::into_trainer));
+        }
+        let steps = (total_progress(&trainers).step, plan.config.train.iterations);
+        let stages = Stages { reading, first_steps, steps };
+        if let Some(warning) = plan.budget.and_then(|budget| stages.warning(budget)) {
+            watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
         Ok(Some(trainers))
     }
@@ -264,6 +274,32 @@ impl Session {
         let scene = Arc::new(plan.load()?);
         *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));
         Ok(scene)
+    }
+}
+
+/// Seconds of a run before training proper, and its steps.
+struct Stages {
+    /// Reading the scene and refining its cameras by matches.
+    reading: f64,
+    /// First steps of the fields, with stereo.
+    first_steps: f64,
+    /// Steps that were taken and asked for.
+    steps: (usize, usize),
+}
+
+impl Stages {
+    /// Returns a warning if a stage takes longer than the `budget` of training, or if the first steps take most of it and
+    /// fewer than a tenth of the steps are taken.
+    fn warning(&self, budget: f64) -> Option<String> {
+        let Self { reading, first_steps, steps: (taken, asked) } = *self;
+        let is_short = 10 * taken < asked && first_steps > 0.5 * budget;
+        (reading.max(first_steps) > budget || is_short).then(|| {
+            format!(
+                "preparation is long for a budget of {budget} s, and a longer one helps: reading and matching the photographs \
+                 took {reading:.1} s, stereo with the first step, which the budget includes, {first_steps:.1} s; {taken} of \
+                 {asked} steps are done"
+            )
+        })
     }
 }
 

@@ -117,3 +117,17 @@ fn missing_fields_and_unfinished_training_are_warned_of() {
     let warnings = Trained::read(plan, &folder, &device).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("unfinished: 33.3 %")), "{warnings:?}");
 }
+
+#[test]
+fn long_preparation_is_reported_by_stage() {
+    let warning = |reading: f64, first_steps: f64, taken: usize| {
+        Stages { reading, first_steps, steps: (taken, 4000) }.warning(20.0)
+    };
+    let said = warning(3.04, 19.8, 1).unwrap();
+    for part in ["a budget of 20 s", "photographs took 3.0 s", "includes, 19.8 s", "1 of 4000 steps are done"] {
+        assert!(said.contains(part), "expected `{part}` in: {said}");
+    }
+    assert!(warning(20.5, 0.1, 3000).is_some() && warning(1.0, 12.0, 399).is_some());
+    // A quick start of a slow field, and stereo that leaves steps enough.
+    assert!(warning(1.0, 1.0, 39).is_none() && warning(1.0, 12.0, 400).is_none());
+}

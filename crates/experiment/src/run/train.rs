@@ -24,6 +24,10 @@ pub(crate) struct Training {
     folder: PathBuf,
     log: Log,
     state: State,
+    /// Steps and seconds of earlier processes.
+    before: (usize, f64),
+    /// Seconds of this process's first step, in which stereo compares the images.
+    first_step_seconds: f64,
 }
 
 /// State of the training of a field.
@@ -41,7 +45,8 @@ impl Training {
     /// Continues `trainer`, and the log in `folder`.
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
-        Ok(Self { trainer, folder, log, state: State::Running })
+        let before = (trainer.progress().step, trainer.progress().seconds);
+        Ok(Self { trainer, folder, log, state: State::Running, before, first_step_seconds: 0.0 })
     }
 
     /// Returns the field.
@@ -52,6 +57,11 @@ impl Training {
     /// Returns the field.
     pub(crate) fn into_trainer(self) -> Trainer {
         self.trainer
+    }
+
+    /// Returns the seconds of this process's first step.
+    pub(crate) fn first_step_seconds(&self) -> f64 {
+        self.first_step_seconds
     }
 
     /// Whether there is nothing more to train.
@@ -100,6 +110,9 @@ impl Training {
             }
         };
         let step = self.trainer.progress().step;
+        if step == self.before.0 + 1 {
+            self.first_step_seconds = self.trainer.progress().seconds - self.before.1;
+        }
         let more = if outcome != Outcome::Running {
             self.end(State::Over, watch)?
         } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {

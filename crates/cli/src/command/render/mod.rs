@@ -31,7 +31,7 @@ Examples:
   infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral
       LLFF's spiral
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
-      the frames of nerfstudio's camera_path.json, in the scene's own coordinates
+      the frames of nerfstudio's camera_path.json, in the coordinates of the scene's files
 
 A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
 \"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";

@@ -60,6 +60,7 @@ impl Route {
                 (poses.into_iter().map(|pose| Keyframe { pose, fov_y: None }).collect(), None)
             }
             Self::File { path, .. } => {
+                let path = path.about(scene.origin);
                 (path.interpolated(frames.map_or(path.frames, |frames| frames as usize)), path.size)
             }
         };

@@ -1,0 +1,163 @@
+//! Photographs out of a video, taken by the `ffmpeg` program.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use infonerf_scene::SceneError;
+use infonerf_scene::image::list_images;
+
+use super::{MIN_IMAGES, program};
+
+/// Frames that are taken of a long video.
+const MAX_TAKEN: usize = 24;
+/// Frames of the video per frame that is taken, at least.
+const MIN_STRETCH: usize = 8;
+/// Side, in pixels, of the grey frames whose sharpness is compared; frames of any shape are squeezed to a square.
+const SIDE: usize = 640;
+/// File below the folder of frames that names their video.
+const SOURCE: &str = "video.txt";
+const LOG: &str = "ffmpeg.log";
+
+/// Takes the sharpest frame of each of up to 24 equal stretches of the file `video`, and writes them as PNG files to the
+/// folder `dir`, unless the frames of this video are there. `progress` receives a line for each step.
+///
+/// # Errors
+/// `ffmpeg` is not on PATH or cannot read the video, the video is too short, `dir` has frames of another video, or a file
+/// cannot be written.
+pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
+    let name = video.display();
+    let length = fs::metadata(video).map_err(|e| SceneError::io(video, e))?.len();
+    let source = format!("{name}\n{length} bytes\n");
+    if dir.is_dir() {
+        let known = fs::read_to_string(dir.join(SOURCE)).unwrap_or_default();
+        if known != source {
+            let reason = format!("it is of `{}`; remove it, or give another --out", known.trim().replace('\n', ", "));
+            return Err(SceneError::malformed(dir, format!("frames of {name}"), reason));
+        }
+        progress(&format!("{name}: {} frames are in {}", list_images(dir)?.len(), dir.display()));
+        return Ok(());
+    }
+    let Some(ffmpeg) = program("ffmpeg", std::env::var_os("PATH")) else {
+        let reason = "ffmpeg is not on PATH; install it, or give a folder of photographs";
+        return Err(SceneError::malformed(video, "the ffmpeg program to take the video apart", reason));
+    };
+    let partial = dir.with_extension("partial");
+    let _ = fs::remove_dir_all(&partial);
+    fs::create_dir_all(&partial).map_err(|e| SceneError::io(&partial, e))?;
+    progress(&format!("{name}: looking for sharp frames with ffmpeg"));
+    let taken = take(&ffmpeg, video, &partial).and_then(|(count, picks)| {
+        let last = list_images(&partial)?.len();
+        if last != picks.len() {
+            let expected = format!("ffmpeg to write {} frames", picks.len());
+            return Err(SceneError::malformed(video, expected, format!("it wrote {last}")));
+        }
+        let written = partial.join(SOURCE);
+        fs::write(&written, source).map_err(|e| SceneError::io(&written, e))?;
+        let _ = fs::remove_file(partial.join(LOG));
+        fs::rename(&partial, dir).map_err(|e| SceneError::io(dir, e))?;
+        let numbers = picks.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        progress(&format!(
+            "{name}: {count} frames, of which the sharpest of each of {last} equal stretches is taken (counted from 0: \
+             {numbers}): {} to {last:03}.png",
+            dir.join("001.png").display()
+        ));
+        Ok(())
+    });
+    if taken.is_err() {
+        let _ = fs::remove_dir_all(&partial);
+    }
+    taken
+}
+
+/// Writes the frames that are taken to `partial`; returns the number of frames of the video, and which were taken.
+fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize>), SceneError> {
+    let small = format!("scale={SIDE}:{SIDE},format=gray");
+    let mut child = start(ffmpeg, video, partial, &small, &["-f", "rawvideo", "-"])?;
+    let (mut frame, mut sharpness) = (vec![0; SIDE * SIDE], Vec::new());
+    if let Some(mut output) = child.stdout.take() {
+        while output.read_exact(&mut frame).is_ok() {
+            sharpness.push(gradient_energy(&frame, SIDE));
+        }
+    }
+    finish(child, video, partial)?;
+    let picks = sharpest(&sharpness);
+    if picks.len() < MIN_IMAGES {
+        let expected = format!("a video of {} frames or more", MIN_IMAGES * MIN_STRETCH);
+        return Err(SceneError::malformed(video, expected, format!("it has {}", sharpness.len())));
+    }
+    let terms: Vec<String> = picks.iter().map(|pick| format!("eq(n,{pick})")).collect();
+    let child = start(ffmpeg, video, partial, &format!("select='{}'", terms.join("+")), &["%03d.png"])?;
+    finish(child, video, partial)?;
+    Ok((sharpness.len(), picks))
+}
+
+/// Starts ffmpeg in `partial` with a filter. Frames get times one step apart, so that each is written exactly once.
+fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&str]) -> Result<Child, SceneError> {
+    let io = |e| SceneError::io(ffmpeg, e);
+    let whole = video.canonicalize().map_err(|e| SceneError::io(video, e))?;
+    let log = File::create(partial.join(LOG)).map_err(|e| SceneError::io(partial, e))?;
+    let mut input = std::ffi::OsString::from("file:");
+    input.push(whole);
+    Command::new(ffmpeg)
+        .current_dir(partial)
+        .args(["-v", "error", "-nostdin", "-y", "-i"])
+        .arg(input)
+        .args(["-map", "0:v:0", "-vf", &format!("{filter},settb=1/25,setpts=N"), "-r", "25"])
+        .args(output)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(log)
+        .spawn()
+        .map_err(io)
+}
+
+/// Waits for ffmpeg.
+fn finish(mut child: Child, video: &Path, partial: &Path) -> Result<(), SceneError> {
+    let status = child.wait().map_err(|e| SceneError::io(video, e))?;
+    if status.success() {
+        return Ok(());
+    }
+    let log = fs::read(partial.join(LOG)).unwrap_or_default();
+    let log = String::from_utf8_lossy(&log);
+    let reason = format!("ffmpeg: {status}: {}", log.lines().last().unwrap_or_default());
+    Err(SceneError::malformed(video, "a video that ffmpeg reads", reason))
+}
+
+/// Returns the sum of squared differences between neighbouring pixels, which blur lowers.
+fn gradient_energy(grey: &[u8], width: usize) -> u64 {
+    let square = |(a, b): (&u8, &u8)| u64::from(a.abs_diff(*b)).pow(2);
+    let along = grey.chunks(width).flat_map(|row| row.iter().zip(&row[1..])).map(square).sum::<u64>();
+    along + grey.iter().zip(&grey[width..]).map(square).sum::<u64>()
+}
+
+/// Returns the place of the greatest value in each of up to [`MAX_TAKEN`] equal stretches of [`MIN_STRETCH`] or more.
+fn sharpest(values: &[u64]) -> Vec<usize> {
+    let count = (values.len() / MIN_STRETCH).min(MAX_TAKEN);
+    let bound = |i: usize| i * values.len() / count;
+    (0..count).filter_map(|i| (bound(i)..bound(i + 1)).max_by_key(|&frame| values[frame])).collect()
+}
+
+/// Returns the folder of the frames of `video` below the folder for results `out`.
+pub fn video_folder(video: &Path, out: &Path) -> PathBuf {
+    out.join("frames").join(video.file_stem().unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_stretch_gives_its_sharpest_frame() {
+        let checkers: Vec<u8> = (0..16).map(|i| (i + i / 4) % 2 * 200).collect();
+        let ramp: Vec<u8> = (0..16).map(|i| i % 4 * 60).collect();
+        assert_eq!(gradient_energy(&checkers, 4), 24 * 200 * 200);
+        assert_eq!(gradient_energy(&ramp, 4), 12 * 60 * 60);
+        let mut values = vec![1; 20];
+        (values[3], values[9], values[10], values[19]) = (5, 7, 6, 9);
+        assert_eq!(sharpest(&values), [9, 19]);
+        assert_eq!(sharpest(&values[..15]).len(), 1);
+        assert_eq!((sharpest(&[2; 500]).len(), sharpest(&[])), (MAX_TAKEN, Vec::new()));
+    }
+}
