@@ -7,7 +7,7 @@ use infonerf_experiment::{Control, RunEvent};
 use infonerf_train::{Event, Trainer};
 
 use crate::interrupt;
-use crate::print::errln;
+use crate::print::{errln, outln};
 
 /// Time between two updates of the bar.
 const REFRESH: Duration = Duration::from_millis(100);
@@ -74,6 +74,7 @@ impl ProgressDisplay {
                 }
             }
             RunEvent::Warning(warning) => self.bar.suspend(|| errln!("warning: {warning}")),
+            RunEvent::Note(note) => self.bar.suspend(|| outln!("{note}")),
         }
     }
 

@@ -45,7 +45,7 @@ fn pictures_that_do_not_fit_are_one_line() {
         ("--renders a --truth small", "a/0.png"),
         ("--renders a --truth more", "no render in"),
         ("--renders more --truth a", "no truth in"),
-        ("--renders none --truth a", "no PNG or JPEG"),
+        ("--renders none --truth a", "no PNG, JPEG, WebP, TIFF or BMP"),
         ("--renders absent --truth a", "absent"),
         ("--renders a --truth b --masks masks", "mask"),
         ("--renders a --truth b --metric fid", "fid"),

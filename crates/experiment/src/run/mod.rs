@@ -86,6 +86,8 @@ pub enum RunEvent<'a> {
     },
     /// A warning for the user.
     Warning(String),
+    /// A line on what was done that gives no cause for doubt.
+    Note(String),
 }
 
 /// The watcher's answer to an event.
@@ -220,6 +222,9 @@ impl Session {
         let scene = loaded.map_or_else(|| self.load(plan, key), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
+        }
+        for note in &scene.notes {
+            watch(RunEvent::Note(format!("{}: {note}", plan.scene)));
         }
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
