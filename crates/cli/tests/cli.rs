@@ -362,7 +362,7 @@ fn shells_complete_names_and_keys() {
     let script = place.run(&[] as &[&str]).env("COMPLETE", "bash").said();
     assert!(script.contains("complete -o nospace") && script.contains("_clap_complete_infonerf"), "{script}");
     fs::create_dir_all(place.path("data/lego")).unwrap();
-    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\n[variants.own]\n").unwrap();
+    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n").unwrap();
     let candidates = |line: &str| -> BTreeSet<String> {
         // A space at the end: the next word begins.
         let words: Vec<&str> = ["--", "infonerf"].into_iter().chain(line.split(' ')).collect();

@@ -88,7 +88,7 @@ fn zero_weights(path: &Path, tensors: &[TensorShape]) {
         header.insert(name.clone(), json!({ "dtype": "F32", "shape": shape, "data_offsets": [start, end] }));
     }
     let header = Value::Object(header).to_string();
-    let bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &vec![0; end]].concat();
+    let bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), vec![0; end].as_slice()].concat();
     fs::write(path, bytes).unwrap();
 }
 

@@ -103,7 +103,9 @@ fn add_keys(key: &str, value: Value, keys: &mut BTreeSet<String>) {
     for (part, value) in table {
         let key = format!("{key}.{part}");
         match value {
-            Value::Table(table) if is_whole(&table) => drop(keys.insert(key)),
+            Value::Table(table) if is_whole(&table) => {
+                keys.insert(key);
+            }
             value => add_keys(&key, value, keys),
         }
     }
