@@ -94,7 +94,7 @@ fn import(store: &Store, file: &Path) -> Result<()> {
         outln!("{}: {}", weights.name, path.display());
     }
     let companions =
-        imported.iter().flat_map(|(weights, _)| weights.companions.iter().map(|name| (weights.name, name)));
+        imported.iter().flat_map(|(weights, _)| weights.companions.iter().map(move |name| (weights.name, name)));
     for (backbone, name) in companions {
         if KnownWeights::named(name).is_some_and(|weights| store.find(weights).is_none()) {
             outln!(
