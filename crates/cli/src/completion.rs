@@ -18,7 +18,8 @@ pub(crate) fn experiments() -> ArgValueCompleter {
         let built_in = infonerf_experiment::list().unwrap_or_default().into_iter();
         let named = built_in.map(|(name, title)| CompletionCandidate::new(name).help(Some(title.into())));
         let is_file = |path: &Path| path.extension().is_some_and(|extension| extension == "toml");
-        [beginning_with(current, named), PathCompleter::any().filter(is_file).complete(current)].concat()
+        let files = PathCompleter::any().filter(is_file).complete(current);
+        beginning_with(current, named).into_iter().chain(files).collect()
     })
 }
 
