@@ -94,5 +94,5 @@ test-wgpu: (test-gpu "wgpu")
 test-gpu DEVICE:
     @command -v vulkaninfo >/dev/null && vulkaninfo --summary 2>/dev/null | grep deviceName || \
         echo "No Vulkan device seen. On Linux install a driver: mesa-vulkan-drivers (it has the software device lavapipe) or NVIDIA's; vulkan-tools shows what is there. macOS and Windows need nothing." >&2
-    cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test all -- gpu:: nerf_forward:: mip_forward:: pixelnerf::
+    cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test all -- gpu:: forward:: pixelnerf::
     {{ program }} bench stress --device {{ DEVICE }} --rays 5000

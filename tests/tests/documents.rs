@@ -1,6 +1,7 @@
 //! The documents: links and anchors lead somewhere, experiments that they name exist, docs/paper.md covers the paper, the book has
 //! every page, documents keep their size; and the words of documents and source code.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -134,6 +135,33 @@ fn the_paper_leads_to_code_and_keys() {
         count += 1;
     }
     assert!(count > 20, "{count}");
+}
+
+/// The table of crates in ARCHITECTURE.md is in the order of their dependencies, and names them, but for crates that build on
+/// `experiment`.
+#[test]
+fn the_table_of_crates_is_true() {
+    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+    let mut above = BTreeSet::new();
+    for line in text.lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = line.trim_matches('|').split(" | ").map(str::trim).collect();
+        let name = cells[0].trim_matches('`');
+        let Ok(manifest) = fs::read_to_string(root().join("crates").join(name).join("Cargo.toml")) else { continue };
+        let (_, rest) = manifest.split_once("[dependencies]").unwrap();
+        let own = rest.split("\n[").next().unwrap().lines().filter_map(|line| line.strip_prefix("infonerf-"));
+        let own: BTreeSet<&str> = own.map(|rest| rest.split(['.', ' ']).next().unwrap()).collect();
+        for dependency in &own {
+            assert!(above.contains(*dependency), "{name} depends on {dependency}, which is further down");
+        }
+        let named = cells.last().unwrap().trim_end_matches(" (no Burn)");
+        if !named.contains("above") && named != "experiment" {
+            let named: BTreeSet<&str> = named.split(", ").filter(|name| *name != "–").collect();
+            assert_eq!(named, own, "{name}");
+        }
+        above.insert(name.to_owned());
+    }
+    let folders = fs::read_dir(root().join("crates")).unwrap().count();
+    assert_eq!(above.len(), folders, "{above:?}");
 }
 
 #[test]

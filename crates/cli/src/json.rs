@@ -69,6 +69,7 @@ impl JsonEvents {
                 json!({ "event": "evaluating", "run": run, "view": view, "views": views })
             }
             RunEvent::Warning(warning) => json!({ "event": "warning", "run": run, "warning": warning }),
+            RunEvent::Note(note) => json!({ "event": "note", "run": run, "note": note }),
         })
     }
 }

@@ -4,6 +4,7 @@
 
 mod command;
 mod command_line;
+mod completion;
 mod interrupt;
 mod json;
 mod launch;
@@ -18,8 +19,9 @@ mod units;
 use std::process::ExitCode;
 
 use anyhow::bail;
-use clap::Parser;
 use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser};
+use clap_complete::CompleteEnv;
 
 use command::Args;
 use print::errln;
@@ -28,6 +30,8 @@ use print::errln;
 const USER_ERROR: u8 = 2;
 
 fn main() -> ExitCode {
+    // Answers a shell that completes a command line, and ends; else returns at once.
+    CompleteEnv::with_factory(Args::command).complete();
     let args = match Args::try_parse() {
         Ok(args) => args,
         Err(error) => return refused(&error),

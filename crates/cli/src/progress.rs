@@ -1,13 +1,14 @@
 //! Progress bars.
 
+use std::fmt;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use infonerf_experiment::{Control, RunEvent};
 use infonerf_train::{Event, Trainer};
 
 use crate::interrupt;
-use crate::print::errln;
+use crate::print::{errln, outln};
 
 /// Time between two updates of the bar.
 const REFRESH: Duration = Duration::from_millis(100);
@@ -15,8 +16,14 @@ const REFRESH: Duration = Duration::from_millis(100);
 /// Returns a bar of `count` items called `label`, with the time left once it can be estimated.
 pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     let bar = ProgressBar::new(count as u64).with_prefix(label.to_owned());
-    if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {elapsed}, {eta} left") {
-        bar.set_style(style);
+    let left = |state: &ProgressState, text: &mut dyn fmt::Write| {
+        if state.pos() > 0 {
+            // A bar that cannot be shown is no fault.
+            let _ = write!(text, ", {:#} left", HumanDuration(state.eta()));
+        }
+    };
+    if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {elapsed}{left}") {
+        bar.set_style(style.with_key("left", left));
     }
     bar
 }
@@ -74,6 +81,7 @@ impl ProgressDisplay {
                 }
             }
             RunEvent::Warning(warning) => self.bar.suspend(|| errln!("warning: {warning}")),
+            RunEvent::Note(note) => self.bar.suspend(|| outln!("{note}")),
         }
     }
 

@@ -9,6 +9,8 @@ use infonerf_experiment::{DeviceName, Existing, OpenDevice, Selection, parse_see
 use infonerf_metrics::Networks;
 use infonerf_train::Preset;
 
+use crate::completion;
+
 /// Runs of an experiment, and what they change.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SelectionArgs {
@@ -16,10 +18,10 @@ pub(crate) struct SelectionArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// Scene to run on; may be repeated [default: the experiment's, or all of --data]
-    #[arg(long = "scene", value_name = "S")]
+    #[arg(long = "scene", value_name = "S", add = completion::scenes())]
     pub(crate) scenes: Vec<String>,
     /// Variant to run; may be repeated [default: all of the experiment]
-    #[arg(long = "variant", value_name = "V")]
+    #[arg(long = "variant", value_name = "V", add = completion::variants())]
     pub(crate) variants: Vec<String>,
     /// Seed of the training views and of all random numbers, or a range such as 0..4 (0 to 4); may be repeated
     #[arg(long = "seed", value_name = "N", value_parser = parse_seeds)]
@@ -32,7 +34,7 @@ pub(crate) struct SelectionArgs {
     #[arg(long, value_enum)]
     pub(crate) preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", add = completion::keys())]
     pub(crate) set: Vec<String>,
 }
 

@@ -357,6 +357,43 @@ fn experiments_and_their_settings_are_described() {
 }
 
 #[test]
+fn shells_complete_names_and_keys() {
+    let place = Workplace::new();
+    let script = place.run(&[] as &[&str]).env("COMPLETE", "bash").said();
+    assert!(script.contains("complete -o nospace") && script.contains("_clap_complete_infonerf"), "{script}");
+    fs::create_dir_all(place.path("data/lego")).unwrap();
+    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n").unwrap();
+    let candidates = |line: &str| -> BTreeSet<String> {
+        // A space at the end: the next word begins.
+        let words: Vec<&str> = ["--", "infonerf"].into_iter().chain(line.split(' ')).collect();
+        let said = place.run(words.as_slice()).env("COMPLETE", "fish").said();
+        said.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect()
+    };
+    for (line, expected) in [
+        ("exp synth", "synthetic-4view"),
+        ("exp m", "mine.toml"),
+        ("sweep fast", "fast-losses"),
+        ("bench skip --experiment fast", "fast-losses"),
+        ("exp fast-losses --variant fac", "factored"),
+        ("config integration --variant mip", "mipnerf"),
+        ("exp mine.toml --variant o", "own"),
+        ("exp fast-losses --scene cra", "crane"),
+        ("exp fast-losses --data data --scene ", "lego"),
+        ("exp fast-losses --set loss.entropy.w", "loss.entropy.weight="),
+        ("exp synthetic-4view --set train.lr", "train.lr="),
+        ("capture photos --set scene.vi", "scene.views="),
+        ("sweep baselines --grid field.k", "field.kind="),
+    ] {
+        let found = candidates(line);
+        assert!(found.contains(expected), "{line}: {found:?}");
+        let last = line.rsplit(' ').next().unwrap();
+        assert!(found.iter().all(|candidate| candidate.starts_with(last)), "{line}: {found:?}");
+    }
+    assert!(!candidates("exp fast-losses --set train.lr.").contains("train.lr.from="), "a schedule has one key");
+    assert!(!candidates("exp fast-losses --variant ").contains("own"), "of another experiment");
+}
+
+#[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();

@@ -1,9 +1,11 @@
 //! `infonerf eval --renders`, `infonerf weights` and `infonerf scene`, as a user runs them.
 
 use std::fs;
+use std::path::Path;
 
 use crate::common::{Workplace, text};
-use serde_json::Value;
+use infonerf_pretrained::{LpipsConfig, TensorShape};
+use serde_json::{Map, Value, json};
 
 #[test]
 fn pictures_of_a_run_measure_as_its_record_says() {
@@ -45,7 +47,7 @@ fn pictures_that_do_not_fit_are_one_line() {
         ("--renders a --truth small", "a/0.png"),
         ("--renders a --truth more", "no render in"),
         ("--renders more --truth a", "no truth in"),
-        ("--renders none --truth a", "no PNG or JPEG"),
+        ("--renders none --truth a", "no PNG, JPEG, WebP, TIFF or BMP"),
         ("--renders absent --truth a", "absent"),
         ("--renders a --truth b --masks masks", "mask"),
         ("--renders a --truth b --metric fid", "fid"),
@@ -65,8 +67,29 @@ fn weights_are_listed_and_bad_files_refused() {
     }
     fs::write(place.path("text.pth"), "no weights").unwrap();
     place.run("weights import text.pth").fails_with(&["text.pth"]);
+    // A backbone measures nothing without its linear heads.
+    zero_weights(&place.path("backbone.safetensors"), &LpipsConfig::alex().backbone_tensors());
+    zero_weights(&place.path("heads.safetensors"), &LpipsConfig::alex().head_tensors());
+    let import = |file: &str| place.run(&["weights", "import", file]).env("INFONERF_WEIGHTS", "kept").said();
+    let hint = "lpips-alex-heads is missing; `infonerf weights fetch lpips-alex-heads`";
+    assert!(import("backbone.safetensors").contains(hint));
+    import("heads.safetensors");
+    assert!(!import("backbone.safetensors").contains("missing"));
     place.run("weights import absent.pth").fails_with(&["absent.pth"]);
     place.run("weights fetch lpips-squeeze").fails_with(&["lpips-squeeze"]);
+}
+
+/// Writes a safetensors file of zeros.
+fn zero_weights(path: &Path, tensors: &[TensorShape]) {
+    let (mut header, mut end) = (Map::new(), 0);
+    for (name, shape) in tensors {
+        let start = end;
+        end += 4 * shape.iter().product::<usize>();
+        header.insert(name.clone(), json!({ "dtype": "F32", "shape": shape, "data_offsets": [start, end] }));
+    }
+    let header = Value::Object(header).to_string();
+    let bytes = [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), vec![0; end].as_slice()].concat();
+    fs::write(path, bytes).unwrap();
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Descriptions of experiments before they run: for `infonerf list NAME` and `infonerf config NAME`.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -8,6 +9,9 @@ use toml::{Table, Value};
 use crate::file::{Layers, Start};
 use crate::plan::assign;
 use crate::{Experiment, RunPlan, Selection};
+
+/// Keys of which a table in a config has one if it is a single value: a schedule, a choice of views or a mask.
+const VALUE_TAGS: [&str; 4] = ["from", "steps", "kind", "rule"];
 
 /// An experiment before it runs.
 #[derive(Clone, Debug)]
@@ -72,6 +76,39 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
         ConfigKey { key, value, origin: origin.unwrap_or_default() }
     };
     Ok(leaves(&whole).into_iter().map(described).collect())
+}
+
+/// Returns the dotted keys of the configs of the experiment called `name`, over all its variants, as `--set` takes them: a
+/// value that is a table itself, such as a schedule, has one key.
+///
+/// # Errors
+/// As [`Experiment::plan`].
+pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
+    let mut keys = BTreeSet::new();
+    for plan in describe(name)?.runs {
+        for (section, value) in Table::try_from(&plan.config)? {
+            add_keys(&section, value, &mut keys);
+        }
+    }
+    Ok(keys)
+}
+
+/// Adds the keys in `value`, which is a section of a config or a part of one, to `keys`.
+fn add_keys(key: &str, value: Value, keys: &mut BTreeSet<String>) {
+    let Value::Table(table) = value else {
+        keys.insert(key.to_owned());
+        return;
+    };
+    let is_whole = |table: &Table| VALUE_TAGS.iter().any(|tag| table.contains_key(*tag));
+    for (part, value) in table {
+        let key = format!("{key}.{part}");
+        match value {
+            Value::Table(table) if is_whole(&table) => {
+                keys.insert(key);
+            }
+            value => add_keys(&key, value, keys),
+        }
+    }
 }
 
 /// Returns every value of `table` that is no table, as TOML, with its dotted key.

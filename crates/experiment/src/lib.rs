@@ -41,7 +41,7 @@ pub mod sweep;
 #[cfg(test)]
 mod testing;
 
-pub use described::{ConfigKey, Description, config_origins, describe};
+pub use described::{ConfigKey, Description, config_keys, config_origins, describe};
 pub use device::{DeviceName, OpenDevice, networks, open};
 pub use export::SplatFidelity;
 pub use file::list;

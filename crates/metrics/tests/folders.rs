@@ -111,9 +111,25 @@ fn jpeg_is_read_and_partial_leaves_out_images_without_a_render() {
 }
 
 #[test]
+fn webp_tiff_and_bmp_are_read_as_png_is() {
+    let workspace = Workspace::new();
+    let (render, truth) = workspace.pair("a", 32, 32);
+    workspace.mask("a", 32, 32, |x, _| u8::from(x > 9));
+    let expected = workspace.compare(true, Protocol::default()).unwrap().measured;
+    for (extension, is_mask) in [("webp", false), ("tif", true), ("TIFF", true), ("bmp", true)] {
+        let other = Workspace::new();
+        other.write(&format!("renders/a.{extension}"), &render);
+        other.write(&format!("truth/a.{extension}"), &truth);
+        let mask = image::open(workspace.path("masks/a.png")).unwrap();
+        mask.save(other.path(&format!("masks/a.{}", if is_mask { extension } else { "png" }))).unwrap();
+        assert_eq!(other.compare(true, Protocol::default()).unwrap().measured, expected, "{extension}");
+    }
+}
+
+#[test]
 fn missing_partners_are_named() {
     let workspace = Workspace::new();
-    assert_eq!(workspace.fault(false), "renders: no PNG or JPEG images in it");
+    assert_eq!(workspace.fault(false), "renders: no PNG, JPEG, WebP, TIFF or BMP images in it");
     let (render, _) = workspace.pair("a", 12, 12);
     workspace.write("renders/b.png", &render);
     assert_eq!(workspace.fault(false), "renders/b.png has no truth in truth: expected an image called `b`");
@@ -145,7 +161,8 @@ fn unsuitable_sizes_and_masks_are_named() {
     assert_eq!(workspace.fault(true), "renders/a.png: the mask has 24×15 pixels, the render 24×16");
     std::fs::remove_file(workspace.path("masks/a.png")).unwrap();
     workspace.write("masks/a.jpg", &truth);
-    assert_eq!(workspace.fault(true), "masks/a.jpg: a mask is a PNG: JPEG does not keep black exactly");
+    let expected = "masks/a.jpg: a mask is a PNG, TIFF or BMP: JPEG and WebP need not keep black exactly";
+    assert_eq!(workspace.fault(true), expected);
 }
 
 #[test]

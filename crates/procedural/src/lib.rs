@@ -50,7 +50,7 @@ use scenes::SCENES;
 /// an object small in the image (chessman) or larger than it (facade), polished metal (kettle, orrery), varnish that
 /// mirrors (knot), dark matter (piano), white matter before white (porcelain). In alphabetical order the first, third,
 /// fifth, … of these are for tuning and the others for judging; the rule was written down before anything was trained on
-/// the scenes that are not castle, crane, knot and orrery. `docs/recipe.md` names the settings that others chose.
+/// the scenes that are not castle, crane, knot and orrery. `docs/limits.md` lists what was chosen on other scenes.
 pub const NAMES: [&str; SCENES.len()] = {
     let mut names = [""; SCENES.len()];
     let mut i = 0;

@@ -1,10 +1,12 @@
 //! Comparison of other programs' renders with the truth, as `infonerf eval --renders` writes it.
 
 use std::fs;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use askama::Template;
 use base64::prelude::{BASE64_STANDARD, Engine};
+use image::ImageFormat;
 use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
@@ -119,11 +121,18 @@ fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError
     Ok(rendered(&ComparisonPage { title, protocol, comparison, metrics: &metrics, sliders }))
 }
 
-/// Reads an image into a URL that holds it.
+/// Reads an image into a URL that holds it; a TIFF, which browsers do not show, as PNG of 8 bits.
 fn data(path: &Path) -> Result<String, ReportError> {
     let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
-    let kind = if bytes.starts_with(&[0x89, b'P']) { "png" } else { "jpeg" };
-    Ok(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(bytes)))
+    let format = image::guess_format(&bytes).map_err(ReportError::io("read", path))?;
+    if format != ImageFormat::Tiff {
+        return Ok(format!("data:{};base64,{}", format.to_mime_type(), BASE64_STANDARD.encode(bytes)));
+    }
+    let mut png = Cursor::new(Vec::new());
+    image::load_from_memory_with_format(&bytes, format)
+        .and_then(|image| image.to_rgba8().write_to(&mut png, ImageFormat::Png))
+        .map_err(ReportError::io("read", path))?;
+    Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())))
 }
 
 fn cell(metric: &Metric, values: &Values) -> String {

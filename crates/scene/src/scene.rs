@@ -90,6 +90,8 @@ pub struct Scene {
     pub origin: DVec3,
     /// Lines about the data for a person to read: changes that loading made, and doubts.
     pub warnings: Vec<String>,
+    /// Lines on what was done with the cameras that give no cause for doubt.
+    pub notes: Vec<String>,
 }
 
 impl Default for Scene {
@@ -108,6 +110,7 @@ impl Default for Scene {
             unrefined_cameras: None,
             origin: DVec3::ZERO,
             warnings: Vec::new(),
+            notes: Vec::new(),
         }
     }
 }

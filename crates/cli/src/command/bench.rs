@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::{Args, Subcommand};
 use infonerf_bench::{BenchOptions, Benchmark};
 
+use crate::completion;
 use crate::print::outln;
 use crate::selection::SelectionArgs;
 use crate::units::parse_time;
@@ -106,7 +107,7 @@ enum BenchCommand {
 #[derive(Clone, Debug, Args)]
 struct BenchRuns {
     /// Experiment to train; by default its first scene and variant `infonerf` (pareto: all variants)
-    #[arg(long, value_name = "NAME|FILE", default_value = "fast-losses")]
+    #[arg(long, value_name = "NAME|FILE", add = completion::experiments(), default_value = "fast-losses")]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,

@@ -19,7 +19,7 @@ use crate::reporter::summary;
 use crate::selection::{DeviceArgs, ExistingArgs, NetworkArgs};
 use crate::terminal::open_device;
 use crate::units::parse_time;
-use crate::{command_line, interrupt};
+use crate::{command_line, completion, interrupt};
 
 use super::{exp, render, scene};
 
@@ -54,7 +54,7 @@ pub(crate) struct CaptureArgs {
     #[command(flatten)]
     networks: NetworkArgs,
     /// Set a key of the config, such as scene.size=400; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", add = completion::keys())]
     set: Vec<String>,
 }
 

@@ -9,12 +9,12 @@ use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execut
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session};
 
-use crate::interrupt;
 use crate::print::outln;
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
+use crate::{completion, interrupt};
 
 const DEMO_EXAMPLES: &str = "\
 Examples:
@@ -28,7 +28,7 @@ Examples:
 #[command(after_help = DEMO_EXAMPLES)]
 pub(crate) struct DemoArgs {
     /// Built-in scene (see `infonerf scene list`)
-    #[arg(long, default_value = "crane")]
+    #[arg(long, default_value = "crane", add = completion::scenes())]
     scene: String,
     #[command(flatten)]
     device: DeviceArgs,

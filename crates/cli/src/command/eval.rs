@@ -25,7 +25,7 @@ Examples:
   infonerf eval runs/integration/castle/nerf/seed0 runs/integration/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
       compares two runs at smaller image sizes than they were trained at
   infonerf eval --renders their/renders --truth their/test --out compared
-      compares PNG or JPEG pictures of equal names: a table, compared/comparison.json and a page with sliders";
+      compares pictures of equal names (PNG, JPEG, WebP, TIFF, BMP): a table, compared/comparison.json and a page with sliders";
 
 /// Evaluate finished runs again, also at smaller image sizes, or pictures rendered by other programs.
 #[derive(Debug, Args)]
@@ -52,13 +52,13 @@ pub(crate) struct EvalArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Pictures of other programs")]
 struct PicturesArgs {
-    /// Folder of rendered pictures, PNG or JPEG
+    /// Folder of rendered pictures: PNG, JPEG, WebP, TIFF or BMP
     #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
     renders: Option<PathBuf>,
     /// Folder of photographs, named like the renders except for the extension
     #[arg(long, value_name = "DIR", requires = "renders")]
     truth: Option<PathBuf>,
-    /// Folder of masks for the masked metrics; black pixels are ignored
+    /// Folder of masks for the masked metrics, PNG, TIFF or BMP; black pixels are ignored
     #[arg(long, value_name = "DIR", requires = "renders")]
     masks: Option<PathBuf>,
     /// How pictures are measured: infonerf, regnerf or neural-body (see docs/protocol.md)

@@ -20,7 +20,7 @@ use crate::reporter::Reporter;
 use crate::selection::SelectionArgs;
 use crate::terminal::open_device;
 use crate::units::parse_time;
-use crate::{command_line, interrupt};
+use crate::{command_line, completion, interrupt};
 
 const EXP_EXAMPLES: &str = "\
 Examples:
@@ -42,6 +42,7 @@ capture --data . --scene my-photos` (or a built-in scene: --scene room)";
 #[command(after_help = EXP_EXAMPLES)]
 pub(crate) struct ExpArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file, such as the config.toml of a run
+    #[arg(add = completion::experiments())]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,

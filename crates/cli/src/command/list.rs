@@ -8,12 +8,14 @@ use indexmap::IndexSet;
 use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
 use infonerf_train::Preset;
 
+use crate::completion;
 use crate::print::outln;
 
 /// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
     /// Experiment to describe
+    #[arg(add = completion::experiments())]
     name: Option<String>,
 }
 
@@ -21,15 +23,16 @@ pub(crate) struct ListArgs {
 #[derive(Debug, Args)]
 pub(crate) struct ConfigArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
+    #[arg(add = completion::experiments())]
     experiment: String,
     /// Variant [default: the experiment's first]
-    #[arg(long, value_name = "V")]
+    #[arg(long, value_name = "V", add = completion::variants())]
     variant: Option<String>,
     /// Preset that the config starts from
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", add = completion::keys())]
     set: Vec<String>,
 }
 

@@ -9,11 +9,11 @@ use clap::Args;
 use infonerf_experiment::{Experiment, RunEvent, Session, pretrain};
 use infonerf_train::Event;
 
-use crate::interrupt;
 use crate::print::outln;
 use crate::progress::ProgressDisplay;
 use crate::selection::{ExistingArgs, SelectionArgs};
 use crate::terminal::open_device;
+use crate::{completion, interrupt};
 
 const PRETRAIN_EXAMPLES: &str = "\
 Examples:
@@ -29,6 +29,7 @@ Examples:
 #[command(after_help = PRETRAIN_EXAMPLES)]
 pub(crate) struct PretrainArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file with one variant, one seed and the scenes to learn from
+    #[arg(add = completion::experiments())]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,

@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::sweep::{PAPER_SPACE, Sweep};
 
+use crate::completion;
 use crate::launch::LaunchArgs;
 use crate::selection::SelectionArgs;
 use crate::units::parse_time;
@@ -29,9 +30,10 @@ The same command continues where it was interrupted.";
 #[command(after_help = SWEEP_EXAMPLES)]
 pub(crate) struct SweepArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
+    #[arg(add = completion::experiments())]
     experiment: String,
     /// Key of the config and its values; may be repeated, for every combination
-    #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present = "space")]
+    #[arg(long = "grid", value_name = "KEY=V1,V2,...", add = completion::keys(), required_unless_present = "space")]
     grids: Vec<String>,
     /// Predefined grids; `paper`: four values of λ1 times four of λ2
     #[arg(long, value_name = "NAME", value_parser = ["paper"], hide_possible_values = true)]

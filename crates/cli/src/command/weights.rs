@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use infonerf_pretrained::{DownloadProgress, Store};
+use infonerf_pretrained::{DownloadProgress, KnownWeights, Store};
 
 use crate::print::outln;
 use crate::selection::NetworkArgs;
@@ -89,8 +89,18 @@ fn fetch(store: &Store, names: &[String]) -> Result<()> {
 }
 
 fn import(store: &Store, file: &Path) -> Result<()> {
-    for (weights, path) in store.import(file)? {
+    let imported = store.import(file)?;
+    for (weights, path) in &imported {
         outln!("{}: {}", weights.name, path.display());
+    }
+    let companions =
+        imported.iter().flat_map(|(weights, _)| weights.companions.iter().map(move |name| (weights.name, name)));
+    for (backbone, name) in companions {
+        if KnownWeights::named(name).is_some_and(|weights| store.find(weights).is_none()) {
+            outln!(
+                "{backbone} alone measures nothing: {name} is missing; `infonerf weights fetch {name}` downloads it"
+            );
+        }
     }
     Ok(())
 }

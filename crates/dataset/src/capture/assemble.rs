@@ -201,6 +201,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
         unrefined_cameras: None,
         origin,
         warnings,
+        notes: Vec::new(),
     }
     .with_guessed_background())
 }

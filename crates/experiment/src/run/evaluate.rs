@@ -171,7 +171,7 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
 
 /// Notes for readers of the figures.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
-    let mut notes = scene.warnings.clone();
+    let mut notes = [scene.warnings.as_slice(), &scene.notes].concat();
     if plan.data.is_none() {
         notes.push("procedural scene, not a published data set".to_owned());
     }

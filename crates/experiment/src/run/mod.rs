@@ -87,6 +87,8 @@ pub enum RunEvent<'a> {
     },
     /// A warning for the user.
     Warning(String),
+    /// A line on what was done that gives no cause for doubt.
+    Note(String),
 }
 
 /// The watcher's answer to an event.
@@ -222,6 +224,9 @@ impl Session {
         let scene = loaded.map_or_else(|| self.load(plan, key), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
+        }
+        for note in &scene.notes {
+            watch(RunEvent::Note(format!("{}: {note}", plan.scene)));
         }
         let reading = start.elapsed().as_secs_f64();
         let mut first_steps = 0.0;

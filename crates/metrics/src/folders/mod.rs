@@ -1,4 +1,4 @@
-//! Comparison of images that another program rendered: folders of PNG and JPEG.
+//! Comparison of images that another program rendered: folders of PNG, JPEG, WebP, TIFF and BMP.
 
 mod read;
 
@@ -19,7 +19,7 @@ pub struct Folders<'a> {
     pub renders: &'a Path,
     /// Folder of true images.
     pub truth: &'a Path,
-    /// Folder of masks for the masked metrics: PNG, black outside.
+    /// Folder of masks for the masked metrics: PNG, TIFF or BMP, black outside.
     pub masks: Option<&'a Path>,
     /// Whether true images without a render are left out; otherwise they are an error.
     pub partial: bool,

@@ -8,7 +8,10 @@ use crate::mask::Mask;
 use crate::picture::Picture;
 use crate::protocol::Background;
 
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Extensions of the formats that are read, in lower case.
+const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
+/// Extensions of formats that keep black exactly.
+const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "bmp"];
 
 /// Lists the images in `folder` by their names without extension.
 pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, MetricError> {
@@ -16,9 +19,8 @@ pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Metri
     let mut pictures = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(of_folder)? {
         let path = entry.map_err(of_folder)?.path();
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let Some(name) = path.file_stem().map(|name| name.to_string_lossy().into_owned()) else { continue };
-        if !extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) || name.starts_with('.') {
+        if !has_extension(&path, &EXTENSIONS) || name.starts_with('.') {
             continue;
         }
         if let Some(other) = pictures.insert(name, path.clone()) {
@@ -27,7 +29,15 @@ pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Metri
             return Err(MetricError::Other(line));
         }
     }
-    if pictures.is_empty() { Err(MetricError::file(folder, "no PNG or JPEG images in it")) } else { Ok(pictures) }
+    if pictures.is_empty() {
+        return Err(MetricError::file(folder, "no PNG, JPEG, WebP, TIFF or BMP images in it"));
+    }
+    Ok(pictures)
+}
+
+/// Whether the file's name has one of `extensions`, in any case.
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension().is_some_and(|own| extensions.iter().any(|known| own.eq_ignore_ascii_case(known)))
 }
 
 /// Reads the image at `path` and composites it on `background`: `α c + (1 − α) b`.
@@ -45,8 +55,8 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Me
 
 /// Reads the mask at `path`: a pixel is inside unless it is black, so that images of class indices are masks, too.
 pub(super) fn mask(path: &Path) -> Result<Mask, MetricError> {
-    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        return Err(MetricError::file(path, "a mask is a PNG: JPEG does not keep black exactly"));
+    if !has_extension(path, &LOSSLESS) {
+        return Err(MetricError::file(path, "a mask is a PNG, TIFF or BMP: JPEG and WebP need not keep black exactly"));
     }
     let image = decoded(path)?.into_rgb16();
     let inside = image.pixels().map(|pixel| pixel.0 != [0; 3]).collect();
