@@ -2,13 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{
-    contents::ReportContents,
-    error::ReportError,
-    files::write_atomically,
-    html::{collection_page, report_page},
-    input::ReportInput,
-};
+use crate::contents::ReportContents;
+use crate::error::ReportError;
+use crate::files::write_atomically;
+use crate::html::{collection_page, report_page};
+use crate::input::ReportInput;
 
 /// Files of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -4,15 +4,11 @@ use std::sync::Once;
 
 use epaint_default_fonts::UBUNTU_LIGHT;
 use image::RgbImage;
-use plotters::{
-    chart::ChartContext,
-    coord::Shift,
-    prelude::*,
-    style::{
-        register_font,
-        text_anchor::{HPos, Pos, VPos},
-    },
-};
+use plotters::chart::ChartContext;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::register_font;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{ChartFrame, scale::Scale};
 use crate::{error::ReportError, text::plain};
