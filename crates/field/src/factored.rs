@@ -15,9 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_detail};
 use crate::detail::part_weights;
-use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Penalty};
 use crate::init::uniform;
-use crate::penalty::Penalty;
 use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`FactoredField`].

@@ -231,7 +231,7 @@ impl Session {
             for member in fields.clone() {
                 let folder = plan.member_folder(&run.folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-                let other = trainers.first().or_else(|| training.first().map(Training::trainer));
+                let other = trainers.first().or_else(|| training.first().map(|field| &field.trainer));
                 let mut trainer = match first_trainer.take() {
                     Some(trainer) => trainer,
                     None => plan.trainer(&scene, member, other, &self.device.device)?,
@@ -247,7 +247,7 @@ impl Session {
             if !training.iter().all(Training::is_over) {
                 return Ok(None);
             }
-            trainers.extend(training.into_iter().map(Training::into_trainer));
+            trainers.extend(training.into_iter().map(|field| field.trainer));
         }
         Ok(Some(trainers))
     }

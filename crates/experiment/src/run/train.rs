@@ -20,7 +20,7 @@ pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Op
 
 /// A field that is trained in a folder.
 pub(crate) struct Training {
-    trainer: Trainer,
+    pub(crate) trainer: Trainer,
     folder: PathBuf,
     log: Log,
     state: State,
@@ -42,16 +42,6 @@ impl Training {
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
         Ok(Self { trainer, folder, log, state: State::Running })
-    }
-
-    /// Returns the field.
-    pub(crate) fn trainer(&self) -> &Trainer {
-        &self.trainer
-    }
-
-    /// Returns the field.
-    pub(crate) fn into_trainer(self) -> Trainer {
-        self.trainer
     }
 
     /// Whether there is nothing more to train.

@@ -20,7 +20,6 @@ const PROGRAM: &str = env!("CARGO_PKG_VERSION");
 #[derive(Serialize, Deserialize)]
 struct Line {
     program: String,
-    /// The name of the run.
     run: String,
     /// The complete `config.toml` of the run.
     config: String,

@@ -21,11 +21,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
+use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Sources};
 use crate::init::{Init, normal};
 use crate::points::along_axes;
 use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
 use encoder::{EncoderSites, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).

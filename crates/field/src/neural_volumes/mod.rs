@@ -20,10 +20,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
-use crate::penalty::Penalty;
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, Sources};
 use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
 use code::{Code, Latent};
 use encoder::CodeEncoder;
 use template::Template;

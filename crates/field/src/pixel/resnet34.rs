@@ -42,19 +42,12 @@ fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, 
     Ok(encoder)
 }
 
-/// Fills a convolution with its weights and those of the batch normalisation behind it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
+/// Fills a convolution with its weights and, folded into them, those of the batch normalisation behind it.
 fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
     let shape = layer.weight.dims();
-    let mut weight = file.floats(&format!("{convolution}.weight"), &shape)?;
-    let statistic = |name: &str| file.floats(&format!("{normalisation}.{name}"), &shape[..1]);
-    let (gamma, mut bias) = (statistic("weight")?, statistic("bias")?);
-    let (mean, variance) = (statistic("running_mean")?, statistic("running_var")?);
-    let kernel = weight.len() / shape[0];
-    for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
-        let scale = gamma[channel] / (variance[channel] + EPSILON).sqrt();
-        weights.iter_mut().for_each(|w| *w *= scale);
-        bias[channel] -= scale * mean[channel];
-    }
+    let statistics = ["weight", "bias", "running_mean", "running_var"];
+    let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![shape[0]]));
+    let (weight, bias) = file.folded(&(format!("{convolution}.weight"), shape.to_vec()), &statistics, EPSILON)?;
     let device = layer.weight.val().device();
     layer.weight = Param::from_data(TensorData::new(weight, shape), &device);
     layer.bias = Some(Param::from_data(TensorData::new(bias, [shape[0]]), &device));

@@ -52,6 +52,29 @@ impl WeightFile {
         }
     }
 
+    /// Reads a convolution with the batch normalisation after it, of γ, β, μ and σ²: weights s W and biases β − s μ with
+    /// s = γ/√(σ² + ε), as γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ).
+    ///
+    /// # Errors
+    /// As [`Self::floats`].
+    pub fn folded(
+        &self,
+        (name, shape): &TensorShape,
+        normalisation: &[TensorShape; 4],
+        epsilon: f32,
+    ) -> Result<(Vec<f32>, Vec<f32>), String> {
+        let mut weight = self.floats(name, shape)?;
+        let [gamma, beta, mean, variance] = normalisation.each_ref().map(|(name, shape)| self.floats(name, shape));
+        let (gamma, mut bias, mean, variance) = (gamma?, beta?, mean?, variance?);
+        let kernel = weight.len() / bias.len();
+        for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
+            let scale = gamma[channel] / (variance[channel] + epsilon).sqrt();
+            weights.iter_mut().for_each(|weight| *weight *= scale);
+            bias[channel] -= scale * mean[channel];
+        }
+        Ok((weight, bias))
+    }
+
     fn entry(&self, name: &str, shape: &[usize]) -> Result<&WeightEntry, String> {
         let entry = self.tensors.get(name).ok_or_else(|| format!("no tensor `{name}`, expected F32 {shape:?}"))?;
         if entry.dtype != "F32" || entry.shape != shape {
@@ -64,7 +87,7 @@ impl WeightFile {
 /// Weight file whose path is part of every error.
 pub(crate) struct NamedFile<'a> {
     path: &'a Path,
-    file: WeightFile,
+    pub(crate) file: WeightFile,
 }
 
 impl<'a> NamedFile<'a> {
@@ -73,7 +96,12 @@ impl<'a> NamedFile<'a> {
         Ok(Self { path, file })
     }
 
+    /// Puts the path before a fault.
+    pub(crate) fn named<T>(&self, read: Result<T, String>) -> Result<T, String> {
+        read.map_err(|cause| format!("{}: {cause}", self.path.display()))
+    }
+
     pub(crate) fn floats(&self, (name, shape): &TensorShape) -> Result<Vec<f32>, String> {
-        self.file.floats(name, shape).map_err(|cause| format!("{}: {cause}", self.path.display()))
+        self.named(self.file.floats(name, shape))
     }
 }

@@ -58,7 +58,10 @@ impl Inception {
         let device = device.clone().inner();
         let file = NamedFile::open(path)?;
         let layers = inception(config.divisor);
-        let convolution = |unit: &UnitShape| Ok((unit.name.clone(), folded(unit, &file, &device)?));
+        let convolution = |unit: &UnitShape| {
+            let values = file.named(file.file.folded(&unit.weight(), &unit.normalisation(), EPSILON))?;
+            Ok((unit.name.clone(), Convolution::new(unit.window, unit.channels, values, &device)))
+        };
         let convolutions = units(&layers).into_iter().map(convolution).collect::<Result<_, String>>()?;
         Ok(Self { layers, convolutions, device })
     }
@@ -108,20 +111,6 @@ fn resized(picture: &Picture) -> Vec<f32> {
         }
     }
     values
-}
-
-/// Reads a convolution with the batch normalisation after it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
-fn folded(unit: &UnitShape, file: &NamedFile<'_>, device: &Device) -> Result<Convolution, String> {
-    let mut weight = file.floats(&unit.weight())?;
-    let [gamma, beta, mean, variance] = unit.normalisation().map(|tensor| file.floats(&tensor));
-    let (gamma, mut bias, mean, variance) = (gamma?, beta?, mean?, variance?);
-    let kernel = weight.len() / bias.len();
-    for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
-        let scale = gamma[channel] / (variance[channel] + EPSILON).sqrt();
-        weights.iter_mut().for_each(|weight| *weight *= scale);
-        bias[channel] -= scale * mean[channel];
-    }
-    Ok(Convolution::new(unit.window, unit.channels, (weight, bias), device))
 }
 
 #[cfg(test)]
