@@ -63,6 +63,12 @@ pub struct FieldSetup<'a> {
     pub body: Option<BodyVertices<'a>>,
 }
 
+impl FieldSetup<'_> {
+    pub(crate) fn longest_side(&self) -> f32 {
+        (0..3).map(|axis| self.bounds[1][axis] - self.bounds[0][axis]).fold(0.0, f32::max)
+    }
+}
+
 /// Vertices of a body, and its frame.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyVertices<'a> {

@@ -100,7 +100,7 @@ impl FieldSpec for NeuralVolumesConfig {
             decoded: None,
             resolution: self.resolution,
             middle: [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis])),
-            half_side: (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).fold(0.0, f32::max),
+            half_side: 0.5 * setup.longest_side(),
         })
     }
 

@@ -3,12 +3,11 @@
 use infonerf_schedule::Fault;
 use std::path::Path;
 
-use burn::module::Param;
 use burn::nn::conv::Conv2d;
-use burn::tensor::TensorData;
 use infonerf_pretrained::WeightFile;
 
 use super::encoder::{ImageEncoder, ResidualBlock};
+use crate::init::parameter;
 
 const EPSILON: f32 = 1e-5;
 
@@ -49,7 +48,7 @@ fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation:
     let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![shape[0]]));
     let (weight, bias) = file.folded(&(format!("{convolution}.weight"), shape.to_vec()), &statistics, EPSILON)?;
     let device = layer.weight.val().device();
-    layer.weight = Param::from_data(TensorData::new(weight, shape), &device);
-    layer.bias = Some(Param::from_data(TensorData::new(bias, [shape[0]]), &device));
+    layer.weight = parameter(weight, shape, &device);
+    layer.bias = Some(parameter(bias, [shape[0]], &device));
     Ok(())
 }
