@@ -20,7 +20,7 @@ pub(super) fn load(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, F
         Fault::new(
             "field.encoder.weights",
             "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
-            format!("{}: {cause}", path.display()),
+            cause,
         )
     })
 }

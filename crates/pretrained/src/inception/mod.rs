@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_metrics::Picture;
 use infonerf_ops::to_host;
 
-use crate::file::{NamedFile, TensorShape};
+use crate::file::{TensorShape, WeightFile};
 use crate::layers::{Convolution, maps_of_pixels, max_pool, mean_pool};
 use network::{InceptionLayer, UnitShape, inception, units};
 
@@ -56,10 +56,10 @@ impl Inception {
     /// One line that names the file, and the tensor which is missing or has another shape.
     pub fn read(path: &Path, config: InceptionConfig, device: &Device) -> Result<Self, String> {
         let device = device.clone().inner();
-        let file = NamedFile::open(path)?;
+        let file = WeightFile::read(path)?;
         let layers = inception(config.divisor);
         let convolution = |unit: &UnitShape| {
-            let values = file.named(file.file.folded(&unit.weight(), &unit.normalisation(), EPSILON))?;
+            let values = file.folded(&unit.weight(), &unit.normalisation(), EPSILON)?;
             Ok((unit.name.clone(), Convolution::new(unit.window, unit.channels, values, &device)))
         };
         let convolutions = units(&layers).into_iter().map(convolution).collect::<Result<_, String>>()?;
