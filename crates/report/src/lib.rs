@@ -67,7 +67,7 @@ pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 pub use record::{CameraErrors, Record, Setting, TestViews, VIEWER_PAGE, run_directory};
-pub use report::{ReportFiles, write_collection, write_report};
+pub use report::{write_collection, write_report};
 pub use table::format::Emphasis;
 pub use table::{Cell, Column, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
