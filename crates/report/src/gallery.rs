@@ -165,7 +165,6 @@ fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     (0..count).filter_map(|i| names.get((2 * i + 1) * names.len() / (2 * count)).cloned()).collect()
 }
 
-/// Returns a path with forward slashes.
 pub(crate) fn slashed(path: &Path) -> String {
     path.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }

@@ -51,7 +51,6 @@ impl DecodedPackage {
         numbers.split(", ").map(|number| number.parse().unwrap()).collect()
     }
 
-    /// Returns the line of the shader that first names `name`.
     fn line(&self, name: &str) -> &str {
         let shader = self.package["shader"].as_str().unwrap();
         shader.lines().find(|line| line.split([' ', '=']).any(|word| word == name)).unwrap()

@@ -259,7 +259,6 @@ impl Session {
         last.as_ref().map(|(_, scene)| scene.clone())
     }
 
-    /// Loads the scene of `plan`, and keeps it for the next run.
     fn load(&self, plan: &RunPlan, key: String) -> Result<Arc<Scene>> {
         let scene = Arc::new(plan.load()?);
         *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));

@@ -35,7 +35,6 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
     }
 }
 
-/// Returns the experiment's variants, in the order of the sweep.
 fn variants(sweep: &Sweep) -> Vec<String> {
     let variants: IndexSet<&String> = sweep.items.iter().map(|item| &item.variant).collect();
     variants.into_iter().cloned().collect()

@@ -65,7 +65,6 @@ pub(super) fn write<'a>(path: &Path, runs: impl Iterator<Item = &'a RunPlan>) ->
     Ok(infonerf_report::write_atomically(path, lines.concat().as_bytes())?)
 }
 
-/// Refuses a manifest of another version of the program, if there is one.
 pub(super) fn refuse_another_version(path: &Path) -> Result<()> {
     if path.exists() {
         read_line(path, 0).context("a sweep is there already")?;

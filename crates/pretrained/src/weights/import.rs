@@ -19,7 +19,6 @@ impl Store {
         found.into_iter().map(|weights| Ok((weights, self.keep(weights, &tensors)?))).collect()
     }
 
-    /// Writes the tensors of `weights` from `tensors`.
     pub(super) fn keep(&self, weights: &KnownWeights, tensors: &WeightFile) -> Result<PathBuf, WeightsError> {
         let read = |(name, shape): (String, Vec<usize>)| {
             let values = tensors.floats(&name, &shape)?;

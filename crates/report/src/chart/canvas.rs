@@ -120,7 +120,6 @@ pub(super) fn plot<'a, 's>(
     Ok(plot)
 }
 
-/// Returns whether a label fits below one of `places` bars.
 pub(super) fn fits_below(label: &str, places: usize) -> bool {
     text_width(label, 11.0) < f64::from(WIDTH - 58 - 26) / places.max(1) as f64
 }
