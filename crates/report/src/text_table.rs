@@ -69,8 +69,10 @@ mod tests {
     #[test]
     fn tables_align_columns_and_quote_csv() {
         let rows = [("a, b", 3), ("c", 12)];
-        let what = |row: &(&str, i32)| row.0.to_owned();
-        let table = TextTable::new(&rows, &[("what", what), ("how many", |row| row.1.to_string())]);
+        let table = TextTable::new(
+            &rows,
+            &[("what", |row: &(&str, i32)| row.0.to_owned()), ("how many", |row| row.1.to_string())],
+        );
         assert_eq!(table.to_text(), "what  how many\na, b         3\nc           12\n");
         assert_eq!(table.to_csv(), "what,how many\n\"a, b\",3\nc,12\n");
     }
