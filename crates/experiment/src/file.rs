@@ -42,9 +42,7 @@ pub(crate) struct File {
     pub(crate) name: Option<String>,
     /// Folder of scenes.
     pub(crate) data: Option<PathBuf>,
-    /// Scenes to run on.
     pub(crate) scenes: Option<Vec<String>>,
-    /// Seeds to run.
     pub(crate) seeds: Option<Vec<u64>>,
     /// Preset to start from; without one each scene's own: `capture` for photographs, else `fast`. `capture` gives way to
     /// `dense` where there are many photographs.
@@ -62,7 +60,6 @@ pub(crate) struct File {
     pub(crate) paper: Option<Paper>,
     /// Statements on the order of the variants, to be tested.
     pub(crate) claims: Option<Vec<Claim>>,
-    /// A chart for its report.
     pub(crate) plot: Option<Plot>,
 }
 
@@ -70,7 +67,6 @@ pub(crate) struct File {
 pub(crate) struct Layers {
     /// The file's own name, without extension.
     pub(crate) name: String,
-    /// The file's text.
     pub(crate) text: String,
     /// Each with the name that it was read by; the furthest first.
     files: Vec<(String, File)>,

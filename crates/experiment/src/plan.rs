@@ -46,9 +46,7 @@ pub struct About {
     pub title: String,
     /// Folder of scenes; none for the built-in ones.
     pub data: Option<PathBuf>,
-    /// A paper's published figures.
     pub(crate) paper: Option<Paper>,
-    /// Statements on the order of the variants.
     pub(crate) claims: Vec<Claim>,
     pub(crate) plot: Option<Plot>,
 }

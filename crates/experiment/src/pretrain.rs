@@ -53,7 +53,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     train(&mut training, plan.config.train.checkpoint_every, watch)?;
     watch(RunEvent::Ended);
     let [field] = training;
-    Ok(Pretrained { folder, progress: field.trainer().progress().clone(), finished: field.is_over() })
+    Ok(Pretrained { folder, progress: field.trainer.progress().clone(), finished: field.is_over() })
 }
 
 /// Returns how far the model in `folder` is, if there is nothing more to train.

@@ -157,7 +157,7 @@ fn priors(runs: &[&RunPlan]) -> String {
 }
 
 /// Returns the values of `key`, each once, in order of appearance.
-pub(crate) fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
+fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
     runs.iter().map(|plan| key(plan)).collect::<IndexSet<String>>().into_iter().collect()
 }
 

@@ -124,7 +124,7 @@ pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
          code's regime on small networks and small images, but for the chapter of this program's fast field. The captures \
          are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes name every difference of \
          protocol: the absolute figures are not comparable, the order of the variants is.";
-    Ok(write_collection(title, introduction, inputs, out)?.html)
+    Ok(write_collection(title, introduction, inputs, out)?)
 }
 
 #[cfg(test)]

@@ -90,11 +90,6 @@ impl RunPlan {
         if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
     }
 
-    /// Returns the training time of each field in seconds, if the clock decides.
-    pub fn member_budget(&self) -> Option<f64> {
-        self.budget.map(|budget| budget / self.members() as f64)
-    }
-
     /// Returns the `index`th field before its first step. `other`, if there is another field of the plan already,
     /// shares what training makes of the scene.
     ///
@@ -112,7 +107,8 @@ impl RunPlan {
             return Ok(other.with_seed(seed)?);
         }
         let config = Config { train: self.config.train.of_member(self.members()), ..self.config.clone() };
-        Ok(Trainer::new(&config, scene.clone(), seed, self.member_budget(), device)?)
+        let budget = self.budget.map(|budget| budget / self.members() as f64);
+        Ok(Trainer::new(&config, scene.clone(), seed, budget, device)?)
     }
 
     /// Loads the scene, its training cameras disturbed and refined as the config asks.

@@ -6,10 +6,11 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
 use infonerf_procedural as procedural;
-use infonerf_report::folder_name_fault;
 
 /// Seeds of one range, at most.
 const MAX_SEEDS: u64 = 10_000;
+/// Maximum length of a folder's name in bytes that file systems allow.
+const MAX_BYTES: usize = 255;
 
 /// Parses a seed, or a range of seeds such as `0..4`, both ends included.
 ///
@@ -23,12 +24,21 @@ pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     if first <= last && last - first < MAX_SEEDS { Ok(first..=last) } else { Err(fault()) }
 }
 
-/// Refuses a name that cannot be a folder's.
+/// Refuses a name that some file system refuses for a folder: it is empty, a path, `.` or `..`, has control characters or
+/// one of `<>:"|?*`, ends with a dot or space, or is too long.
 pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
-    match folder_name_fault(name) {
-        Some(fault) => bail!("{what} {name:?}: expected a name that can be a folder's: {fault}"),
-        None => Ok(()),
-    }
+    let reserved = |c: &char| c.is_control() || r#"/\<>:"|?*"#.contains(*c);
+    let fault = match name {
+        "" => "it is empty".to_owned(),
+        "." | ".." => "it means another folder".to_owned(),
+        _ => match name.chars().find(reserved) {
+            Some(c) => format!("it holds {c:?}"),
+            None if name.ends_with(['.', ' ']) => "it ends with a dot or a space".to_owned(),
+            None if name.len() > MAX_BYTES => format!("it has {} bytes, more than {MAX_BYTES}", name.len()),
+            None => return Ok(()),
+        },
+    };
+    bail!("{what} {name:?}: expected a name that can be a folder's: {fault}")
 }
 
 /// Finds the scenes called `names`, or all that there are: below `data`, or built in if that is `None`.
@@ -98,6 +108,18 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_that_a_file_system_refuses_have_a_fault() {
+        for name in ["lego", "my scene", "nerf+key", "my exp", "λ₁=1e-3", "a.b", ".hidden", "(1)"] {
+            assert!(check_name("scene", name).is_ok(), "{name}");
+        }
+        let long = "x".repeat(256);
+        for name in ["", ".", "..", "a/b", "a\\b", "a\nb", "a:b", "what?", "end.", "end ", &long] {
+            let fault = check_name("scene", name).expect_err(name).to_string();
+            assert_eq!(fault.lines().count(), 1, "{fault}");
+        }
+    }
 
     /// Photographs, or the files of a scene, where a folder of scenes is expected.
     #[test]

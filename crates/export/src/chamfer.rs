@@ -24,7 +24,6 @@ pub fn chamfer(found: &[Vec3], truth: &[Vec3]) -> Option<Chamfer> {
     Some(Chamfer { accuracy: mean_distance(found, truth)?, completeness: mean_distance(truth, found)? })
 }
 
-/// Returns the mean distance from each of `points` to the nearest of `targets`.
 fn mean_distance(points: &[Vec3], targets: &[Vec3]) -> Option<f64> {
     let targets = targets.iter().map(|p| p.to_array()).collect();
     let tree: KdTree<[f32; 3]> = KdTree::build_by_ordered_float(targets);

@@ -45,7 +45,6 @@ pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (
 mod tests {
     use super::*;
 
-    /// Returns a triangle of legs `size` at `x`.
     fn triangle(x: f32, size: f32) -> [Vec3; 3] {
         [Vec3::X * x, Vec3::X * x + Vec3::Y * size, Vec3::X * x + Vec3::Z * size]
     }

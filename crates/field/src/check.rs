@@ -16,6 +16,12 @@ pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(
     check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
+/// Checks s and b in σ = s·softplus(x + b).
+pub(crate) fn check_density(scale: f32, bias: f32) -> Result<(), Fault> {
+    check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
+    check("density_bias", "-50 to 50", bias, (-50.0..=50.0).contains(&bias))
+}
+
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {
     let range = format!("{} to {}", detail.least(), detail.largest());
     check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)

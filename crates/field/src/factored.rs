@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::HostField;
 use infonerf_ops::factored::{FactoredLayout, Query, density_and_color, on_host, plane_variation};
 use infonerf_ops::unit_box::{share_of_box, unit_box};
@@ -13,11 +13,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail};
+use crate::check::{check, check_density, check_detail};
 use crate::detail::part_weights;
-use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
-use crate::init::uniform;
-use crate::penalty::Penalty;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Penalty};
+use crate::init::{parameter, uniform};
 use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`FactoredField`].
@@ -69,9 +68,7 @@ impl FieldSpec for FactoredConfig {
         check("layers", "0 to 8", self.layers, self.layers <= 8)?;
         check("width", "1 to 256", self.width, (1..=256).contains(&self.width))?;
         check("view_dependence", "0 to 1", self.view_dependence, (0.0..=1.0).contains(&self.view_dependence))?;
-        let scale = self.density_scale;
-        check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
-        check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
+        check_density(self.density_scale, self.density_bias)?;
         check("negligible", "0 to 0.1", self.negligible, (0.0..=0.1).contains(&self.negligible))?;
         check_detail(&self.detail)
     }
@@ -108,8 +105,7 @@ impl FactoredField {
         let &FieldSetup { bounds, seed, device, .. } = setup;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
-        let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);
-        let density = (config.density_scale / longest, config.density_bias);
+        let density = (config.density_scale / setup.longest_side(), config.density_bias);
         let mlp = (config.layers, config.width);
         let layout = FactoredLayout::new(config.frequencies, &levels, mlp, config.view_dependence > 0.0, density);
         let mut tables = Vec::with_capacity(layout.table_len());
@@ -128,13 +124,9 @@ impl FactoredField {
             weights.extend(matrix);
             weights.extend(std::iter::repeat_n(0.0, layer.outputs));
         }
-        let parameter = |values: Vec<f32>| {
-            let length = values.len();
-            Param::from_data(TensorData::new(values, [length]), device)
-        };
         Self {
-            tables: parameter(tables),
-            weights: parameter(weights),
+            tables: parameter(tables, [layout.table_len()], device),
+            weights: parameter(weights, [layout.weight_len()], device),
             layout: Arc::new(layout),
             config: config.clone(),
             bounds,

@@ -1,14 +1,13 @@
 use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use burn::module::{Module, ModuleDisplay};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 
-use crate::penalty::Penalty;
 use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
 
 /// A learnable function from position and view direction to density and colour.
 ///
@@ -62,6 +61,12 @@ pub struct FieldSetup<'a> {
     pub device: &'a Device,
     /// The body in the scene, if known.
     pub body: Option<BodyVertices<'a>>,
+}
+
+impl FieldSetup<'_> {
+    pub(crate) fn longest_side(&self) -> f32 {
+        (0..3).map(|axis| self.bounds[1][axis] - self.bounds[0][axis]).fold(0.0, f32::max)
+    }
 }
 
 /// Vertices of a body, and its frame.
@@ -180,4 +185,45 @@ impl Footprint {
         let (layers, width) = (layers as u64, width as u64);
         Self { parameters: layers * width * width, per_sample: layers * width }
     }
+}
+
+/// The name of a penalty on a field's own parameters, such as the total variation of its tables.
+///
+/// A term of the objective requests it by name from [`Field::penalty`]. The set of names is open: a
+/// penalty of a single field is defined next to that field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Penalty(pub &'static str);
+
+impl Penalty {
+    /// Total variation of a field's tables (planes and lines, voxels), a mean that each field defines.
+    pub const TOTAL_VARIATION: Self = Self("total variation");
+}
+
+/// An image that a field is conditioned on, with its camera.
+///
+/// The camera looks along its −z axis, y up: a point `(X, Y, Z)` of its space, Z < 0, is at the pixel position
+/// `(cx − fx·X/Z, cy + fy·Y/Z)`, in which pixel centres are at + 0.5.
+#[derive(Clone, Debug)]
+pub struct SourceView {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Colours in [0, 1], row-major.
+    pub rgb: Arc<[[f32; 3]]>,
+    /// Focal lengths fx and fy in pixels.
+    pub focal: [f32; 2],
+    /// Principal point cx, cy in pixels.
+    pub centre: [f32; 2],
+    /// World to camera: rows of `[R | t]`.
+    pub to_camera: [[f32; 4]; 3],
+}
+
+/// Images that a field is conditioned on.
+#[derive(Clone, Debug)]
+pub struct Sources {
+    /// Images, at least one, all of one size.
+    pub views: Arc<[SourceView]>,
+    /// The middle of the scene's box: the origin of positions in a view's axes.
+    pub middle: [f32; 3],
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::softplus;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{to_host, unit_box, upload};
 use infonerf_schedule::{Fault, Moment, Schedule};
@@ -13,10 +13,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail};
+use crate::check::{check, check_density, check_detail};
 use crate::detail::part_weights;
 use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
-use crate::init::{Init, uniform};
+use crate::init::{Init, parameter, uniform};
 use crate::mlp::{Mlp, MlpSize};
 use crate::points::{FieldOutput, Points};
 
@@ -93,9 +93,7 @@ impl FieldSpec for HashConfig {
         let width = (2..=256).contains(&self.width) && self.width.is_multiple_of(2);
         check("width", "an even number from 2 to 256", self.width, width)?;
         check("direction_frequencies", "0 to 20", self.direction_frequencies, self.direction_frequencies <= 20)?;
-        let scale = self.density_scale;
-        check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
-        check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
+        check_density(self.density_scale, self.density_bias)?;
         check_detail(&self.detail)
     }
 
@@ -112,13 +110,11 @@ impl FieldSpec for HashConfig {
             direction_frequencies: self.direction_frequencies,
             precision: Precision::F32,
         };
-        let [low, high] = setup.bounds;
-        let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
         Ok(HashGrid {
-            tables: Param::from_data(TensorData::new(values, [entries, self.features]), setup.device),
+            tables: parameter(values, [entries, self.features], setup.device),
             mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device),
             levels,
-            density_scale: self.density_scale / longest,
+            density_scale: self.density_scale / setup.longest_side(),
             config: self.clone(),
             bounds: setup.bounds,
         })

@@ -3,9 +3,14 @@
 use burn::module::Param;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{Linear, LinearConfig, PaddingConfig2d};
-use burn::tensor::{Device, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use rand_distr::StandardNormal;
+
+/// Uploads the initial values of a parameter, row-major.
+pub(crate) fn parameter<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
+    Param::from_data(TensorData::new(values, shape), device)
+}
 
 /// Draws values uniform in [−bound, bound].
 pub(crate) fn uniform(rng: &mut impl Rng, count: usize, bound: f32) -> Vec<f32> {
@@ -39,8 +44,8 @@ impl Init {
 fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     let (fan_in, fan_out) = (weight.len() / bias.len(), bias.len());
     let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
-    layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(bias, [fan_out]), device));
+    layer.weight = parameter(weight, [fan_in, fan_out], device);
+    layer.bias = Some(parameter(bias, [fan_out], device));
     layer
 }
 
@@ -68,7 +73,7 @@ pub(crate) fn convolution(
         .with_padding(PaddingConfig2d::Explicit(padding, padding, padding, padding))
         .init(device);
     let weight = uniform(rng, inputs * outputs * kernel * kernel, bound);
-    layer.weight = Param::from_data(TensorData::new(weight, [outputs, inputs, kernel, kernel]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
+    layer.weight = parameter(weight, [outputs, inputs, kernel, kernel], device);
+    layer.bias = Some(parameter(vec![0.0; outputs], [outputs], device));
     layer
 }

@@ -43,22 +43,21 @@ mod mlp;
 mod nerf;
 mod neural_body;
 mod neural_volumes;
-mod penalty;
 mod pixel;
 mod points;
-mod sources;
 
 pub use activation::DensityActivation;
 pub use density_gradient::density_gradient;
 pub use factored::{FactoredConfig, FactoredField};
-pub use field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
+pub use field::{
+    BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, SourceView,
+    Sources,
+};
 pub use hash::{HashConfig, HashGrid};
 pub use list::{FieldConfig, RadianceField};
 pub use mip::{MipConfig, MipNerf};
 pub use nerf::{NerfConfig, NerfMlp};
 pub use neural_body::{NeuralBody, NeuralBodyConfig};
 pub use neural_volumes::{CodeEncoderConfig, NeuralVolumes, NeuralVolumesConfig};
-pub use penalty::Penalty;
 pub use pixel::{EncoderConfig, PixelNerf, PixelNerfConfig};
 pub use points::{Extent, FieldOutput, Points};
-pub use sources::{SourceView, Sources};

@@ -24,7 +24,6 @@ pub(crate) struct MlpSize {
     pub(crate) width: usize,
     /// Index of the trunk layer that the encoded position is concatenated to.
     pub(crate) skip: usize,
-    /// Frequencies of the direction's encoding.
     pub(crate) direction_frequencies: usize,
     pub(crate) precision: Precision,
 }

@@ -15,11 +15,10 @@ use serde::{Deserialize, Serialize};
 use crate::activation::DensityActivation;
 use crate::check::{check, check_detail};
 use crate::detail::frequency_window;
-use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Sources};
 use crate::init::{Init, normal};
 use crate::mlp::{Mlp, MlpSize};
 use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

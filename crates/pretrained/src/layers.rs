@@ -77,16 +77,3 @@ pub(crate) fn maps_of_pixels(values: Vec<f32>, [n, height, width]: [usize; 3], d
     let data = TensorData::new(values, [n, height, width, 3]);
     Tensor::<4>::from_data(data, device).permute([0, 3, 1, 2])
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn output_sizes_agree_with_pytorch() {
-        assert_eq!(Window::square(11, 4, 2).output([400, 64]), Some([99, 15]));
-        assert_eq!(Window::square(3, 2, 0).output([3, 8]), Some([1, 3]));
-        assert_eq!(Window { kernel: [1, 7], stride: 1, padding: [0, 3] }.output([17, 17]), Some([17, 17]));
-        assert_eq!(Window::square(3, 2, 0).output([2, 8]), None);
-    }
-}

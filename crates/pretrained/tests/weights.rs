@@ -1,10 +1,8 @@
 //! Weight files: both of PyTorch's formats, broken files, and importing.
 
-use std::path::Path;
-
 use crate::common::{values_of, write_weights};
 use infonerf_metrics::{METRICS, select};
-use infonerf_pretrained::{ClipConfig, ClipVision, InceptionConfig, KnownWeights, LpipsConfig, Store, WeightFile};
+use infonerf_pretrained::{InceptionConfig, KnownWeights, LpipsConfig, Store, WeightFile};
 
 /// Files in PyTorch's formats since and before version 1.6; `files.py` made both.
 const HEADS: [(&str, &[u8]); 2] =
@@ -40,8 +38,8 @@ fn errors_of_broken_files_are_one_line() {
             }
         }
     }
-    assert!(fault(b"some text").unwrap_err().starts_with("no safetensors file, and no PyTorch file either: "));
-    assert!(fault(b"12345678{").unwrap_err().starts_with("no safetensors file: "));
+    assert!(fault(b"some text").unwrap_err().contains(": no safetensors file, and no PyTorch file either: "));
+    assert!(fault(b"12345678{").unwrap_err().contains(": no safetensors file: "));
 }
 
 #[test]
@@ -55,7 +53,7 @@ fn values_that_are_not_finite_are_refused() {
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
     std::fs::write(&path, bytes).unwrap();
     let fault = WeightFile::read(&path).unwrap().floats("a", &[4]);
-    assert_eq!(fault, Err("`a` is not finite at index 3".to_owned()));
+    assert_eq!(fault, Err(format!("{}: `a` is not finite at index 3", path.display())));
 }
 
 #[test]
@@ -163,21 +161,4 @@ fn explicit_files_and_folders_are_searched() {
     std::fs::rename(&path, &published).unwrap();
     assert_eq!(Store::new(Some(folder.path())).unwrap().find(heads), Some(published));
     assert!(Store::new(Some(&path)).unwrap_err().to_string().contains("anything.bin: No such file"));
-}
-
-#[test]
-fn clip_needs_every_tensor_of_its_list() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("clip");
-    let config = ClipConfig { image: 8, patch: 4, width: 6, layers: 2, heads: 2, hidden: 10, embedding: 5 };
-    let tensors = config.tensors();
-    let read = |path: &Path| ClipVision::read(path, config, &burn::tensor::Device::flex()).map(|_| ());
-    write_weights(&path, &tensors);
-    assert_eq!(read(&path), Ok(()));
-    for index in 0..tensors.len() {
-        let mut lacking = tensors.clone();
-        let (name, shape) = lacking.remove(index);
-        write_weights(&path, &lacking);
-        assert_eq!(read(&path), Err(format!("no tensor `{name}`, expected F32 {shape:?}")));
-    }
 }

@@ -7,12 +7,10 @@ use indexmap::IndexMap;
 use infonerf_metrics::Better;
 use serde::Deserialize;
 
-use crate::{
-    interval::Interval,
-    published::Published,
-    quantity::Quantity,
-    record::{Record, distinct},
-};
+use crate::interval::Interval;
+use crate::published::Published;
+use crate::quantity::Quantity;
+use crate::record::{Record, distinct};
 
 /// Statement on the order of variants, which holds if all of its comparisons do.
 #[derive(Debug, Clone, PartialEq, Deserialize)]

@@ -115,7 +115,6 @@ fn drawn<A, B>(
     Ok(RgbImage::from_raw(width, height, pixels.collect()).expect("there is a colour for each pixel"))
 }
 
-/// Fades a colour to white by 1 − `acc`.
 fn faded(colour: [f32; 3], acc: f32) -> [f32; 3] {
     let acc = acc.clamp(0.0, 1.0);
     colour.map(|channel| acc * channel + 1.0 - acc)

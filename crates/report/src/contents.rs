@@ -1,27 +1,23 @@
-use std::{
-    collections::BTreeMap,
-    io::Cursor,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
 
 use image::ImageFormat;
 use indexmap::IndexMap;
 
-use crate::{
-    chart::standalone,
-    claim::TestedClaim,
-    error::ReportError,
-    events::Events,
-    figures::{Figure, comparison_figures, curve_figures},
-    files::write_atomically,
-    gallery::{Choice, MAX_PICTURED, SceneGallery, pictured, slashed},
-    input::ReportInput,
-    panel::compose,
-    protocol::protocol_lines,
-    quantity::Quantity,
-    record::{Record, VIEWER_PAGE, distinct},
-    table::{Table, groups, measured, overview_table, scene_table},
-};
+use crate::chart::standalone;
+use crate::claim::TestedClaim;
+use crate::error::ReportError;
+use crate::events::Events;
+use crate::figures::{Figure, comparison_figures, curve_figures};
+use crate::files::write_atomically;
+use crate::gallery::{Choice, MAX_PICTURED, SceneGallery, pictured, slashed};
+use crate::input::ReportInput;
+use crate::panel::compose;
+use crate::protocol::protocol_lines;
+use crate::quantity::Quantity;
+use crate::record::{Record, VIEWER_PAGE, distinct};
+use crate::table::{Table, groups, measured, overview_table, scene_table};
 
 const MAX_IMAGES: usize = 400;
 /// Maximum number of test views shown of each scene.

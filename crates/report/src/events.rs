@@ -20,26 +20,11 @@ pub struct StepEvent {
     pub psnr: Option<f64>,
 }
 
-/// Evaluation on test views during training, `"event": "eval"`.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
-pub struct EvaluationEvent {
-    /// Optimizer step.
-    pub step: f64,
-    /// Training time so far, in seconds.
-    pub seconds: Option<f64>,
-    /// Test PSNR in decibels.
-    pub psnr: Option<f64>,
-    /// Test SSIM.
-    pub ssim: Option<f64>,
-}
-
 /// Events of a run, from its `metrics.jsonl`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Events {
     /// Training steps, in the order of the file.
     pub steps: Vec<StepEvent>,
-    /// Evaluations, in the order of the file.
-    pub evaluations: Vec<EvaluationEvent>,
     /// Number of lines that are not JSON, of an unknown event, or without a `step`, as the last line of a run
     /// that was killed often is.
     pub skipped: usize,
@@ -62,8 +47,7 @@ impl Events {
         for line in text.lines().filter(|line| !line.trim().is_empty()) {
             match serde_json::from_str(line) {
                 Ok(EventLine::Step(step)) => events.steps.push(step),
-                Ok(EventLine::Eval(evaluation)) => events.evaluations.push(evaluation),
-                Ok(EventLine::Collapse | EventLine::Plateau) => {}
+                Ok(EventLine::Collapse) => {}
                 Err(_) => events.skipped += 1,
             }
         }
@@ -75,9 +59,7 @@ impl Events {
 #[serde(tag = "event", rename_all = "lowercase")]
 enum EventLine {
     Step(StepEvent),
-    Eval(EvaluationEvent),
     Collapse,
-    Plateau,
 }
 
 /// Reads the values that are numbers: a loss that is not finite is written as `null`.
@@ -94,7 +76,7 @@ mod tests {
     fn known_lines_are_read_and_others_counted() {
         let text = r#"{"event":"step","step":120,"seconds":3.2,"loss":0.012,"losses":{"rgb":0.01,"kl":null},"rays_per_second":1e5}
 
-{"event":"eval","step":1000,"psnr":18.2,"ssim":null}
+{"event":"collapse","step":1000,"restarted":true}
 {"event":"checkpoint","step":1000}
 [1, 2]
 {"event":"step","loss":0.1}
@@ -104,10 +86,6 @@ mod tests {
         assert_eq!(
             events.steps,
             [StepEvent { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None }]
-        );
-        assert_eq!(
-            events.evaluations,
-            [EvaluationEvent { step: 1000.0, psnr: Some(18.2), ..EvaluationEvent::default() }]
         );
         assert_eq!(events.skipped, 4);
     }

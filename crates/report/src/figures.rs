@@ -2,14 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use crate::{
-    chart::{Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart},
-    error::ReportError,
-    events::{Events, StepEvent},
-    quantity::Quantity,
-    record::{Record, distinct},
-    table::{VariantGroup, groups},
-};
+use crate::chart::{Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart};
+use crate::error::ReportError;
+use crate::events::{Events, StepEvent};
+use crate::quantity::Quantity;
+use crate::record::{Record, distinct};
+use crate::table::{VariantGroup, groups};
 
 const CURVE_POINTS: usize = 200;
 
@@ -79,17 +77,11 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
         let one = |(name, events): &(String, Events)| Series { name: name.clone(), points: averaged(&points(events)) };
         runs.iter().map(one).filter(|series| series.points.len() > 1).collect()
     };
-    let tested = series(&|events| events.evaluations.iter().filter_map(|e| Some((e.seconds?, e.psnr?))).collect());
-    let trained = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
-    let (psnr, what, caption) = if tested.is_empty() {
-        let caption = "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.";
-        (trained, "training rays", caption)
-    } else {
-        (tested, "test views", "")
-    };
+    let psnr = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
     let mut figures = Vec::new();
     if !psnr.is_empty() {
-        let frame = ChartFrame::new(&format!("{scene}: PSNR on {what}"), "training (s)", "PSNR (dB)");
+        let frame = ChartFrame::new(&format!("{scene}: PSNR on training rays"), "training (s)", "PSNR (dB)");
+        let caption = "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.";
         figures.push(Figure::new(format!("{scene}-psnr"), frame.clone(), line_chart(&frame, &psnr)?, caption));
     }
     let mut by_step =
@@ -171,14 +163,5 @@ mod tests {
         // Markers: four of rgb, and three of tv, which is not on in the first step.
         assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);
         assert!(figure.svg.contains("-1.5") && figure.svg.contains("tv"), "{}", figure.svg);
-    }
-
-    #[test]
-    fn test_views_are_preferred_to_training_rays() {
-        let text = |psnr: f64| format!("{{\"event\":\"eval\",\"step\":1,\"seconds\":{psnr},\"psnr\":{psnr}}}\n");
-        let events = Events::parse(&(text(1.0) + &text(2.0)));
-        let figures = curve_figures("lego", &[("nerf".into(), events)]).unwrap();
-        assert_eq!(figures.len(), 1);
-        assert_eq!(figures[0].title, "lego: PSNR on test views");
     }
 }

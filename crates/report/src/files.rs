@@ -1,12 +1,10 @@
 //! Files that are complete or not there.
 
-use std::{
-    fs::{self, File},
-    io::Write,
-    path::Path,
-    process,
-    sync::atomic::{AtomicU64, Ordering},
-};
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::Path;
+use std::process;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::ReportError;
 

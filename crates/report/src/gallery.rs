@@ -1,20 +1,16 @@
 //! Images of the runs, next to each other.
 
-use std::{
-    collections::{BTreeSet, HashSet},
-    fs,
-    io::Cursor,
-    path::{Path, PathBuf},
-};
+use std::collections::{BTreeSet, HashSet};
+use std::fs;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use image::{ImageFormat, imageops::FilterType};
 
-use crate::{
-    quantity::Quantity,
-    record::{Record, distinct},
-    table::{VariantGroup, groups},
-};
+use crate::quantity::Quantity;
+use crate::record::{Record, distinct};
+use crate::table::{VariantGroup, groups};
 
 /// Maximum number of variants whose images and curves are shown.
 pub(crate) const MAX_PICTURED: usize = 12;
@@ -169,7 +165,6 @@ fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     (0..count).filter_map(|i| names.get((2 * i + 1) * names.len() / (2 * count)).cloned()).collect()
 }
 
-/// Returns a path with forward slashes.
 pub(crate) fn slashed(path: &Path) -> String {
     path.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }

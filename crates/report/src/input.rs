@@ -1,12 +1,10 @@
 use indexmap::IndexMap;
 
-use crate::{
-    claim::{Claim, TestedClaim},
-    figures::Figure,
-    published::Published,
-    quantity::Quantity,
-    record::{Record, short_key},
-};
+use crate::claim::{Claim, TestedClaim};
+use crate::figures::Figure;
+use crate::published::Published;
+use crate::quantity::Quantity;
+use crate::record::{Record, short_key};
 
 const MAX_VARIANTS: usize = 64;
 

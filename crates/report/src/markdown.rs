@@ -2,14 +2,12 @@
 
 use indexmap::IndexSet;
 
-use crate::{
-    claim::{Finding, TestedClaim},
-    input::ReportInput,
-    protocol::protocol_lines,
-    quantity::Quantity,
-    table::{Table, overview_table, scene_table},
-    text::escape_markdown,
-};
+use crate::claim::{Finding, TestedClaim};
+use crate::input::ReportInput;
+use crate::protocol::protocol_lines;
+use crate::quantity::Quantity;
+use crate::table::{Table, overview_table, scene_table};
+use crate::text::escape_markdown;
 
 /// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand: for
 /// each its command and protocol, the notes of its records, the means over scenes, each scene's PSNR, and its claims.

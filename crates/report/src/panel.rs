@@ -5,12 +5,10 @@ use std::path::Path;
 use image::{RgbImage, imageops};
 use indexmap::IndexSet;
 
-use crate::{
-    chart::{LABEL, text_width, write_text},
-    error::ReportError,
-    gallery::{Choice, GalleryImage, GalleryView, SceneGallery, pictured},
-    record::{Record, distinct},
-};
+use crate::chart::{LABEL, text_width, write_text};
+use crate::error::ReportError;
+use crate::gallery::{Choice, GalleryImage, GalleryView, SceneGallery, pictured};
+use crate::record::{Record, distinct};
 
 const HEIGHT: u32 = 240;
 const GAP: u32 = 8;

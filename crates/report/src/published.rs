@@ -2,11 +2,9 @@
 
 use infonerf_metrics::Summary;
 
-use crate::{
-    quantity::Quantity,
-    record::{Record, distinct},
-    table::{Cell, Column, Table, TableRow, VariantGroup, groups, measured},
-};
+use crate::quantity::Quantity;
+use crate::record::{Record, distinct};
+use crate::table::{Cell, Column, Table, TableRow, VariantGroup, groups, measured};
 
 /// Published figures of a paper.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -2,39 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{
-    contents::ReportContents,
-    error::ReportError,
-    files::write_atomically,
-    html::{collection_page, report_page},
-    input::ReportInput,
-};
+use crate::contents::ReportContents;
+use crate::error::ReportError;
+use crate::files::write_atomically;
+use crate::html::{collection_page, report_page};
+use crate::input::ReportInput;
 
-/// Files of a report.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ReportFiles {
-    /// `report.html`, which needs no other file.
-    pub html: PathBuf,
-    /// Images and events that were left out, with the reason, a line each; the report lists them as well.
-    pub missing: Vec<String>,
-}
-
-/// Writes `report.html`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs lie.
+/// Writes `report.html`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs lie, and
+/// returns the path of the page, which needs no other file.
 ///
 /// Images and events that are missing or cannot be read are left out and named in the report.
 ///
 /// # Errors
 /// If a file cannot be written, or a chart cannot be drawn.
-pub fn write_report(input: &ReportInput, root: &Path) -> Result<ReportFiles, ReportError> {
+pub fn write_report(input: &ReportInput, root: &Path) -> Result<PathBuf, ReportError> {
     let contents = ReportContents::gather(input, root)?;
     contents.write_plots(root)?;
     let html = root.join("report.html");
     write_atomically(&html, report_page(&contents).as_bytes())?;
-    Ok(ReportFiles { html, missing: contents.missing })
+    Ok(html)
 }
 
 /// Writes the `report.html` of several experiments into `root`, below which each has a folder of its name with its own
-/// report: the claims of all, then tables, charts and a test view of each experiment.
+/// report: the claims of all, then tables, charts and a test view of each experiment. Returns its path.
 ///
 /// # Errors
 /// As [`write_report`].
@@ -43,10 +33,10 @@ pub fn write_collection(
     introduction: &str,
     experiments: &[ReportInput],
     root: &Path,
-) -> Result<ReportFiles, ReportError> {
+) -> Result<PathBuf, ReportError> {
     let gathered = experiments.iter().map(|input| ReportContents::gather(input, &root.join(&input.experiment)));
     let chapters: Vec<ReportContents> = gathered.collect::<Result<_, _>>()?;
     let html = root.join("report.html");
     write_atomically(&html, collection_page(title, introduction, &chapters).as_bytes())?;
-    Ok(ReportFiles { html, missing: chapters.into_iter().flat_map(|chapter| chapter.missing).collect() })
+    Ok(html)
 }

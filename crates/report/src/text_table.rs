@@ -15,12 +15,6 @@ impl TextTable {
         Self(std::iter::once(headings).chain(rows.into_iter().map(cells)).collect())
     }
 
-    /// Appends a column with the cell of each row.
-    pub fn push_column(&mut self, heading: &str, cells: impl IntoIterator<Item = String>) {
-        let cells = std::iter::once(heading.to_owned()).chain(cells);
-        self.0.iter_mut().zip(cells).for_each(|(line, cell)| line.push(cell));
-    }
-
     /// Returns the number of characters of each column, without the codes of bold text.
     pub(crate) fn widths(&self) -> Vec<usize> {
         let width = |column: usize| self.0.iter().filter_map(|line| line.get(column)).map(|text| length(text)).max();
@@ -75,8 +69,10 @@ mod tests {
     #[test]
     fn tables_align_columns_and_quote_csv() {
         let rows = [("a, b", 3), ("c", 12)];
-        let mut table = TextTable::new(&rows, &[("what", |row: &(&str, i32)| row.0.to_owned())]);
-        table.push_column("how many", rows.map(|row| row.1.to_string()));
+        let table = TextTable::new(
+            &rows,
+            &[("what", |row: &(&str, i32)| row.0.to_owned()), ("how many", |row| row.1.to_string())],
+        );
         assert_eq!(table.to_text(), "what  how many\na, b         3\nc           12\n");
         assert_eq!(table.to_csv(), "what,how many\n\"a, b\",3\nc,12\n");
     }

@@ -31,9 +31,9 @@ fn nothing_is_cut_at_any_width() {
         record.notes.push("`render.residuals` with a-very-long-name-that-no-line-of-a-narrow-screen-can-hold".into());
     }
     let input = ReportInput::new("synthetic-4view", "Few-shot-radiance-fields-of-procedural-scenes", records);
-    let files = write_report(&input, root.path()).unwrap();
-    let page = fs::read_to_string(&files.html).unwrap().replace("</body>", &format!("{CUT}</body>"));
-    fs::write(&files.html, page).unwrap();
+    let report = write_report(&input, root.path()).unwrap();
+    let page = fs::read_to_string(&report).unwrap().replace("</body>", &format!("{CUT}</body>"));
+    fs::write(&report, page).unwrap();
     for width in [390, 1000, 1400] {
         let wrapper = format!(
             "<script>addEventListener('message', (event) => document.body.dataset.found = JSON.stringify(event.data));</script>

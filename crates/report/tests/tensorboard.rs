@@ -1,10 +1,8 @@
 //! Event files for TensorBoard, whose own reader `tensorboard/check.py` holds against the same log.
 
-use std::{
-    fs,
-    path::Path,
-    time::{Duration, UNIX_EPOCH},
-};
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, UNIX_EPOCH};
 
 use infonerf_report::{tensorboard_events, write_tensorboard};
 

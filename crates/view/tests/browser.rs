@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use crate::common::{device, plan, plan_of, plan_on, read, train};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use glam::DVec3;
-use infonerf_experiment::{Existing, Trained};
+use infonerf_experiment::Trained;
 use infonerf_render::{RenderedImage, render_image};
 use infonerf_view::{Server, TrainingControl, page};
 
@@ -53,7 +53,7 @@ fn json_attribute(document: &str, name: &str) -> serde_json::Value {
 fn scripted_page(scene: &str, place: &str, script: &str) -> (tempfile::TempDir, Trained, String) {
     let out = tempfile::tempdir().unwrap();
     let plan = plan_on(scene, "fast-losses", "infonerf", common::TINY);
-    let folder = train(out.path(), &plan, Existing::Continue, None);
+    let folder = train(out.path(), &plan, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     let text = page(&run, &folder, None).unwrap();
@@ -105,7 +105,7 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 fn page_draws_the_programs_renders() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Continue, None);
+    let folder = train(out.path(), &plan("infonerf+", &set), None);
     let run = read(&folder);
     let file = folder.join("page.html");
     fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
@@ -134,7 +134,7 @@ fn page_draws_baked_fields() {
     {
         let out = tempfile::tempdir().unwrap();
         let set = ["train.iterations=300", "eval.test=first-1"];
-        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Continue, None);
+        let folder = train(out.path(), &plan_of(experiment, variant, &set), None);
         let run = read(&folder);
         let file = folder.join("page.html");
         let start = Instant::now();
@@ -324,7 +324,7 @@ fn serve(root: &Path, training: Option<TrainingControl>) -> String {
 #[ignore = "needs a browser: just test-view"]
 fn live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), None);
     // Losses of 0 and less are drawn like others.
     let log = folder.join("metrics.jsonl");
     let step = |step: usize, value: f64| {
@@ -353,9 +353,8 @@ fn live_page_shows_a_run() {
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact =
-        train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
-    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Continue, None);
+    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), None);
+    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), None);
     let url = serve(out.path(), None);
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));

@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 
 use crate::common::{TINY, device, plan, train};
 use http::Response;
-use infonerf_experiment::Existing;
 use infonerf_view::{Server, TrainingControl};
 use serde_json::Value;
 
@@ -129,7 +128,7 @@ fn other_pages_neither_read_nor_frame_the_page() {
 fn run_is_followed_while_it_trains() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan("infonerf", TINY);
-    train(out.path(), &plan, Existing::Continue, Some(2));
+    train(out.path(), &plan, Some(2));
     let address = serve(out.path());
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
@@ -142,7 +141,7 @@ fn run_is_followed_while_it_trains() {
     assert_eq!(field["cameras"].as_array().unwrap().len(), 4);
     assert_eq!(json(address, &format!("/progress?run={run}"))["steps"].as_array().unwrap().len(), 2);
 
-    train(out.path(), &plan, Existing::Continue, None);
+    train(out.path(), &plan, None);
     let after = json(address, "/runs");
     assert_eq!(after[0]["state"], "finished");
     assert_ne!(after[0]["stamp"], before[0]["stamp"]);
@@ -158,7 +157,7 @@ fn run_is_followed_while_it_trains() {
 #[test]
 fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", TINY), Existing::Continue, None);
+    let folder = train(out.path(), &plan("infonerf", TINY), None);
     let made = json(serve(&folder), "/field?run=0/.");
     let file = folder.join("viewer.json");
     let text = fs::read_to_string(&file).unwrap();
@@ -177,7 +176,7 @@ fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
 fn runs_are_packed_independently() {
     let out = tempfile::tempdir().unwrap();
     let [slow, quick] = ["factored", "infonerf"].map(|variant| {
-        let folder = train(out.path(), &plan(variant, TINY), Existing::Continue, None);
+        let folder = train(out.path(), &plan(variant, TINY), None);
         (format!("0/{}", folder.strip_prefix(out.path()).unwrap().display()), folder)
     });
     let manifest = slow.1.join("checkpoint/manifest.json");
@@ -207,13 +206,13 @@ fn fields_of_other_kinds_are_baked() {
     let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
     let plan = plan("factored", &set);
     // Coarsely while it trains.
-    let folder = train(out.path(), &plan, Existing::Continue, Some(2));
+    let folder = train(out.path(), &plan, Some(2));
     let address = serve(&folder);
     let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
     assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
     assert_eq!(live["cameras"].as_array().unwrap().len(), 4);
-    train(out.path(), &plan, Existing::Continue, None);
+    train(out.path(), &plan, None);
     let finished = json(address, "/field?run=0/.");
     assert!(finished["voxels"].as_u64().unwrap() > 96 && finished["note"].as_str().unwrap().starts_with("4 steps"));
 }

@@ -29,25 +29,22 @@ impl Errors {
 
     /// Counts gradients that should be `want`; where `undefined`, they need only be finite.
     pub(super) fn gradient(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) {
-        self.numbers += got.len() as u64;
-        self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
-        let defined = || got.iter().zip(want).enumerate().filter(|(i, (got, _))| got.is_finite() && !undefined(*i));
-        let largest = defined().map(|(_, (_, want))| want.abs()).fold(0.0, f64::max);
-        if largest > FLOOR {
-            let error = |(_, (got, want)): (usize, (&f32, &f64))| (f64::from(*got) - want).abs() / largest;
-            self.gradient = defined().map(error).fold(self.gradient, f64::max);
-        }
+        self.gradient = self.gradient.max(self.relative(got, want, undefined));
     }
 
     /// Counts values that should be `want`, with errors relative to the largest of them: some are differences of large ones.
     pub(super) fn values(&mut self, got: &[f32], want: &[f64]) {
+        self.value = self.value.max(self.relative(got, want, |_| false));
+    }
+
+    /// Counts numbers that should be `want`, and returns the largest error of the defined ones over the largest of them.
+    fn relative(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) -> f64 {
         self.numbers += got.len() as u64;
         self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
-        let largest = want.iter().map(|want| want.abs()).fold(0.0, f64::max);
-        if largest > FLOOR {
-            let finite = got.iter().zip(want).filter(|(got, _)| got.is_finite());
-            self.value = finite.map(|(got, want)| (f64::from(*got) - want).abs() / largest).fold(self.value, f64::max);
-        }
+        let defined = || got.iter().zip(want).enumerate().filter(|(i, (got, _))| got.is_finite() && !undefined(*i));
+        let largest = defined().map(|(_, (_, want))| want.abs()).fold(0.0, f64::max);
+        let error = |(_, (got, want)): (usize, (&f32, &f64))| (f64::from(*got) - want).abs() / largest;
+        if largest > FLOOR { defined().map(error).fold(0.0, f64::max) } else { 0.0 }
     }
 
     pub(super) fn merge(&mut self, other: &Self) {

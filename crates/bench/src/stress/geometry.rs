@@ -18,7 +18,7 @@ type Draw = fn(&mut Rng) -> ([f32; 3], [f32; 3]);
 
 /// Kinds of rays, in halves of the box's edge.
 pub(super) const WAYS: [(&str, Draw); 7] = [
-    ("from outside", |rng| (on_sphere(rng, 3.0), toward(rng))),
+    ("from outside", |rng| (on_sphere(rng, 3.0), on_sphere(rng, 1.0))),
     ("missing the box", |rng| {
         let origin = on_sphere(rng, 3.0);
         (origin, origin)
@@ -44,10 +44,6 @@ fn on_sphere(rng: &mut Rng, radius: f32) -> [f32; 3] {
     let p = [signed(rng), signed(rng), signed(rng) + 1e-3];
     let length = p.iter().map(|x| x * x).sum::<f32>().sqrt();
     p.map(|x| radius * x / length)
-}
-
-fn toward(rng: &mut Rng) -> [f32; 3] {
-    on_sphere(rng, 1.0)
 }
 
 fn rays(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Vec<Ray> {

@@ -121,7 +121,6 @@ impl Workers {
     }
 }
 
-/// Returns the number of processor cores of this machine.
 fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }

@@ -199,7 +199,7 @@ impl Jobs {
 
     /// Returns the command that cancels the jobs.
     pub fn cancel(&self) -> String {
-        cancel(&self.ids)
+        format!("scancel {}", self.ids.join(" "))
     }
 }
 
@@ -217,9 +217,9 @@ pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
     })?;
     if waiting + running > 0 {
         bail!(
-            "{}: a launch is under way: {waiting} of its tasks wait and {running} run: wait for them, or `{}`",
+            "{}: a launch is under way: {waiting} of its tasks wait and {running} run: wait for them, or `scancel {}`",
             folder.display(),
-            cancel(&ids)
+            ids.join(" ")
         );
     }
     Ok(())
@@ -227,10 +227,6 @@ pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
 
 fn write_jobs(folder: &Path, ids: &[String]) -> Result<()> {
     Ok(write_atomically(&folder.join(LAUNCH).join(JOBS), &serde_json::to_vec(ids)?)?)
-}
-
-fn cancel(ids: &[String]) -> String {
-    format!("scancel {}", ids.join(" "))
 }
 
 /// Returns how many tasks of jobs wait, and how many run.

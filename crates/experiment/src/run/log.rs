@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use infonerf_train::{Event, Progress};
 
-/// The log of one field.
 pub(super) struct Log {
     file: BufWriter<File>,
     path: PathBuf,

@@ -240,7 +240,7 @@ impl Session {
             for member in fields.clone() {
                 let folder = plan.member_folder(&run.folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-                let other = trainers.first().or_else(|| training.first().map(Training::trainer));
+                let other = trainers.first().or_else(|| training.first().map(|field| &field.trainer));
                 let mut trainer = match first_trainer.take() {
                     Some(trainer) => trainer,
                     None => plan.trainer(&scene, member, other, &self.device.device)?,
@@ -256,8 +256,8 @@ impl Session {
             if !training.iter().all(Training::is_over) {
                 return Ok(None);
             }
-            first_steps += training.iter().map(Training::first_step_seconds).sum::<f64>();
-            trainers.extend(training.into_iter().map(Training::into_trainer));
+            first_steps += training.iter().map(|field| field.first_step_seconds).sum::<f64>();
+            trainers.extend(training.into_iter().map(|field| field.trainer));
         }
         let steps = (total_progress(&trainers).step, plan.config.train.iterations);
         let stages = Stages { reading, first_steps, steps };
@@ -274,7 +274,6 @@ impl Session {
         last.as_ref().map(|(_, scene)| scene.clone())
     }
 
-    /// Loads the scene of `plan`, and keeps it for the next run.
     fn load(&self, plan: &RunPlan, key: String) -> Result<Arc<Scene>> {
         let scene = Arc::new(plan.load()?);
         *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));

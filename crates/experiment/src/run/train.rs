@@ -20,7 +20,7 @@ pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Op
 
 /// A field that is trained in a folder.
 pub(crate) struct Training {
-    trainer: Trainer,
+    pub(crate) trainer: Trainer,
     folder: PathBuf,
     log: Log,
     state: State,
@@ -47,21 +47,6 @@ impl Training {
         let log = Log::open(&folder, trainer.progress())?;
         let before = (trainer.progress().step, trainer.progress().seconds);
         Ok(Self { trainer, folder, log, state: State::Running, before, first_step_seconds: 0.0 })
-    }
-
-    /// Returns the field.
-    pub(crate) fn trainer(&self) -> &Trainer {
-        &self.trainer
-    }
-
-    /// Returns the field.
-    pub(crate) fn into_trainer(self) -> Trainer {
-        self.trainer
-    }
-
-    /// Returns the seconds of this process's first step.
-    pub(crate) fn first_step_seconds(&self) -> f64 {
-        self.first_step_seconds
     }
 
     /// Whether there is nothing more to train.

@@ -35,7 +35,6 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
     }
 }
 
-/// Returns the experiment's variants, in the order of the sweep.
 fn variants(sweep: &Sweep) -> Vec<String> {
     let variants: IndexSet<&String> = sweep.items.iter().map(|item| &item.variant).collect();
     variants.into_iter().cloned().collect()
@@ -57,17 +56,27 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
     let series = variants(sweep).into_iter().map(|name| {
         let means = by_choice(sweep, means, &name);
         let point = |(i, value): (usize, &f64)| Some((place(*value), *means.get(&[i][..])?));
-        let mut points: Vec<(f64, f64)> = values.iter().enumerate().filter_map(point).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Series { name, points }
+        Series { name, points: values.iter().enumerate().filter_map(point).collect() }
     });
-    let title = format!("{} by {}", Quantity::PSNR.heading(), grid.key());
-    let key = grid.key();
-    let axis = if log { Axis::log(&key) } else { Axis::linear(&key) };
-    let frame = ChartFrame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
-    let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
     let caption = if log && values.contains(&0.0) { "The leftmost point is 0." } else { "" };
-    Ok(Figure { name: "sweep-psnr".into(), title, svg, caption: caption.into() })
+    Ok(psnr_lines("sweep-psnr", &grid.key(), log, series, caption)?)
+}
+
+/// Draws PSNR by `x`, on a logarithmic axis if `log`, as a line through the points of each series from left to right.
+fn psnr_lines(
+    name: &str,
+    x: &str,
+    log: bool,
+    series: impl Iterator<Item = Series>,
+    caption: &str,
+) -> Result<Figure, ReportError> {
+    let mut series: Vec<Series> = series.collect();
+    series.iter_mut().for_each(|series| series.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
+    let axis = if log { Axis::log(x) } else { Axis::linear(x) };
+    let title = format!("{} by {x}", Quantity::PSNR.heading());
+    let frame = ChartFrame { title, x: axis, y: Axis::linear("PSNR (dB)") };
+    let svg = line_chart(&frame, &series)?;
+    Ok(Figure::new(name, frame, svg, caption))
 }
 
 fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figure> {
@@ -76,8 +85,9 @@ fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figu
         |(i, label): (usize, &String)| Some(Bar { label: label.clone(), value: *means.get(&[i][..])?, spread: None });
     let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
     let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key());
-    let svg = bar_chart(&ChartFrame::new(&title, &grid.key(), "PSNR (dB)"), &bars)?;
-    Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: String::new() })
+    let frame = ChartFrame::new(&title, &grid.key(), "PSNR (dB)");
+    let svg = bar_chart(&frame, &bars)?;
+    Ok(Figure::new(format!("sweep-psnr-{variant}"), frame, svg, ""))
 }
 
 fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means) -> Result<Figure> {
@@ -85,9 +95,9 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let cell = |row, column| means.get(&[row, column][..]).copied();
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
-    let title = format!("{variant}: {}", Quantity::PSNR.heading());
-    let svg = heat_map(&ChartFrame::new(&title, &columns.key(), &rows.key()), &columns.values, &rows.values, &values)?;
-    Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
+    let frame = ChartFrame::new(&format!("{variant}: {}", Quantity::PSNR.heading()), &columns.key(), &rows.key());
+    let svg = heat_map(&frame, &columns.values, &rows.values, &values)?;
+    Ok(Figure::new(format!("sweep-psnr-{variant}"), frame, svg, "Mean over scenes and seeds."))
 }
 
 /// The `[plot]` of an experiment file: lines through the mean PSNR of variants, each of which stands for a number.
@@ -109,15 +119,9 @@ impl Plot {
         let means = means(records);
         let series = self.series.iter().map(|(name, variants)| {
             let point = |(variant, x): (&String, &f64)| Some((*x, *means.get(variant)?));
-            let mut points: Vec<(f64, f64)> = variants.iter().filter_map(point).collect();
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            Series { name: name.clone(), points }
+            Series { name: name.clone(), points: variants.iter().filter_map(point).collect() }
         });
-        let x = if self.log { Axis::log(&self.x) } else { Axis::linear(&self.x) };
-        let title = format!("{} by {}", Quantity::PSNR.heading(), self.x);
-        let frame = ChartFrame { title: title.clone(), x, y: Axis::linear("PSNR (dB)") };
-        let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
-        Ok(Figure { name: "psnr-by".into(), title, svg, caption: "Means over scenes and seeds.".into() })
+        psnr_lines("psnr-by", &self.x, self.log, series, "Means over scenes and seeds.")
     }
 }
 

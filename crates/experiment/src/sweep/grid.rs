@@ -56,7 +56,6 @@ impl Grid {
         Ok(Self { path, values })
     }
 
-    /// Returns the dotted key.
     pub(super) fn key(&self) -> String {
         self.path.join(".")
     }

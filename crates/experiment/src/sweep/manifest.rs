@@ -20,7 +20,6 @@ const PROGRAM: &str = env!("CARGO_PKG_VERSION");
 #[derive(Serialize, Deserialize)]
 struct Line {
     program: String,
-    /// The name of the run.
     run: String,
     /// The complete `config.toml` of the run.
     config: String,
@@ -66,7 +65,6 @@ pub(super) fn write<'a>(path: &Path, runs: impl Iterator<Item = &'a RunPlan>) ->
     Ok(infonerf_report::write_atomically(path, lines.concat().as_bytes())?)
 }
 
-/// Refuses a manifest of another version of the program, if there is one.
 pub(super) fn refuse_another_version(path: &Path) -> Result<()> {
     if path.exists() {
         read_line(path, 0).context("a sweep is there already")?;

@@ -106,7 +106,6 @@ impl Sweep {
         self.items.is_empty()
     }
 
-    /// Returns the run at `index`.
     pub(crate) fn run(&self, index: usize) -> &RunPlan {
         &self.items[index].plan
     }

@@ -70,9 +70,9 @@ impl Sweep {
         let runs: Vec<&RunPlan> = self.runs().collect();
         let mut input = self.about.report_input(records, &runs)?;
         input.figures.extend(figures);
-        let files = write_report(&input, folder)?;
+        let report = write_report(&input, folder)?;
         let table = overview_table(&input.shown_records(), &Quantity::all());
-        Ok(Some(SweepFiles { table, input, report: files.html, results: folder.join(LIST) }))
+        Ok(Some(SweepFiles { table, input, report, results: folder.join(LIST) }))
     }
 
     /// Returns the names and values that the sweep set in a run; `None` if it sets nothing.

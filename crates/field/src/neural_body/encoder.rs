@@ -1,11 +1,11 @@
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
-use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor};
 use infonerf_ops::upload;
 use rand::Rng;
 
 use super::sites::{REACH, Sites};
-use crate::init::uniform;
+use crate::init::{parameter, uniform};
 
 /// ε of the batch normalisation.
 const EPSILON: f32 = 1e-3;
@@ -29,9 +29,8 @@ impl SparseConvolution {
     fn new([inputs, outputs]: [usize; 2], rng: &mut impl Rng, device: &Device) -> Self {
         let fan_in = REACH * inputs;
         let weight = uniform(rng, fan_in * outputs, (1.0 / fan_in as f32).sqrt());
-        let vector = |value: f32| Param::from_data(TensorData::new(vec![value; outputs], [outputs]), device);
-        let weight = Param::from_data(TensorData::new(weight, [fan_in, outputs]), device);
-        Self { weight, scale: vector(1.0), shift: vector(0.0) }
+        let vector = |value: f32| parameter(vec![value; outputs], [outputs], device);
+        Self { weight: parameter(weight, [fan_in, outputs], device), scale: vector(1.0), shift: vector(0.0) }
     }
 
     /// Maps `[sites, inputs]` to `[neighbours/27, outputs]`.

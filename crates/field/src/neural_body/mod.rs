@@ -11,7 +11,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::activation::{relu, sigmoid};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
 use infonerf_ops::upload;
@@ -21,11 +21,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
-use crate::init::{Init, normal};
-use crate::points::along_axes;
-use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
+use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Sources};
+use crate::init::{Init, normal, parameter};
+use crate::points::{FieldOutput, Points, along_axes};
 use encoder::{EncoderSites, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
@@ -99,14 +97,13 @@ impl FieldSpec for NeuralBodyConfig {
         let cells: Vec<[usize; 3]> = body.vertices.iter().map(|&vertex| grid.cell(vertex)).collect();
         let rng = &mut ChaCha8Rng::seed_from_u64(setup.seed);
         let device = setup.device;
-        let parameter = |values: Vec<f32>, rows| Param::from_data(TensorData::new(values, [rows, self.code]), device);
         let features = channels(self.channels).iter().sum();
         let trunk = |layer: usize| if layer == 0 { features } else { self.width };
         let seen =
             self.width + encoded_width(3, self.direction_frequencies) + encoded_width(3, self.position_frequencies);
         Ok(NeuralBody {
-            codes: parameter(normal(rng, cells.len() * self.code), cells.len()),
-            appearance: Param::from_data(TensorData::new(normal(rng, self.appearance), [1, self.appearance]), device),
+            codes: parameter(normal(rng, cells.len() * self.code), [cells.len(), self.code], device),
+            appearance: parameter(normal(rng, self.appearance), [1, self.appearance], device),
             encoder: SparseEncoder::new(self.code, self.channels, rng, device),
             trunk: (0..TRUNK).map(|layer| Init::FanIn.linear(rng, trunk(layer), self.width, device)).collect(),
             sigma: Init::FanIn.linear(rng, self.width, 1, device),

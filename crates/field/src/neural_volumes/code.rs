@@ -4,8 +4,8 @@ use infonerf_ops::upload;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::field::Penalty;
 use crate::init::normal;
-use crate::penalty::Penalty;
 
 impl Penalty {
     /// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019), in nats:

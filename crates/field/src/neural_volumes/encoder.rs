@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use super::code::Code;
 use super::{COLOR, LEAKY_GAIN, LEAKY_SLOPE};
 use crate::check::check;
+use crate::field::SourceView;
 use crate::init::{self, glorot_linear};
-use crate::sources::SourceView;
 
 /// Kernel of the convolutions, whose stride is 2 and whose padding is 1: each halves the resolution.
 const KERNEL: usize = 4;

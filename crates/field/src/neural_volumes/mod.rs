@@ -20,10 +20,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
-use crate::penalty::Penalty;
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, Sources};
 use crate::points::{FieldOutput, Points};
-use crate::sources::Sources;
 use code::{Code, Latent};
 use encoder::CodeEncoder;
 use template::Template;
@@ -102,7 +100,7 @@ impl FieldSpec for NeuralVolumesConfig {
             decoded: None,
             resolution: self.resolution,
             middle: [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis])),
-            half_side: (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).fold(0.0, f32::max),
+            half_side: 0.5 * setup.longest_side(),
         })
     }
 

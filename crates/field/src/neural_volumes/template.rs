@@ -1,12 +1,12 @@
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::nn::Linear;
 use burn::nn::conv::{ConvTranspose3d, ConvTranspose3dConfig};
 use burn::tensor::activation::leaky_relu;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
 use super::{LEAKY_GAIN, LEAKY_SLOPE};
-use crate::init::{glorot_linear, uniform};
+use crate::init::{glorot_linear, parameter, uniform};
 
 /// Kernel of the transposed convolutions, whose stride is 2 and whose padding is 1: each doubles the resolution.
 const KERNEL: usize = 4;
@@ -69,8 +69,7 @@ fn transposed_convolution(rng: &mut impl Rng, channels: [usize; 2], gain: f32, d
         (0..KERNEL.pow(3)).map(|i| block[along(i / 16) * 4 + along(i / 4 % 4) * 2 + along(i % 4)]).collect::<Vec<f32>>()
     };
     let weight: Vec<f32> = blocks.chunks_exact(8).flat_map(of_kernel).collect();
-    let shape = [inputs, outputs, KERNEL, KERNEL, KERNEL];
-    layer.weight = Param::from_data(TensorData::new(weight, shape), device);
-    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
+    layer.weight = parameter(weight, [inputs, outputs, KERNEL, KERNEL, KERNEL], device);
+    layer.bias = Some(parameter(vec![0.0; outputs], [outputs], device));
     layer
 }

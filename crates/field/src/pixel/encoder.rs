@@ -9,8 +9,8 @@ use infonerf_ops::upload;
 use rand::Rng;
 
 use super::EncoderConfig;
+use crate::field::SourceView;
 use crate::init;
-use crate::sources::SourceView;
 
 /// Factor by which the stem makes images smaller.
 pub(super) const STEM_STRIDE: usize = 2;

@@ -20,9 +20,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::activation::DensityActivation;
 use crate::check::check;
-use crate::field::{Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
+use crate::field::{
+    Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages, SourceView, Sources,
+};
 use crate::points::{FieldOutput, Points};
-use crate::sources::{SourceView, Sources};
 use encoder::ImageEncoder;
 use mlp::ResnetMlp;
 use project::view_points;

@@ -3,12 +3,11 @@
 use infonerf_schedule::Fault;
 use std::path::Path;
 
-use burn::module::Param;
 use burn::nn::conv::Conv2d;
-use burn::tensor::TensorData;
 use infonerf_pretrained::WeightFile;
 
 use super::encoder::{ImageEncoder, ResidualBlock};
+use crate::init::parameter;
 
 const EPSILON: f32 = 1e-5;
 
@@ -21,7 +20,7 @@ pub(super) fn load(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, F
         Fault::new(
             "field.encoder.weights",
             "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
-            format!("{}: {cause}", path.display()),
+            cause,
         )
     })
 }
@@ -42,21 +41,14 @@ fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, 
     Ok(encoder)
 }
 
-/// Fills a convolution with its weights and those of the batch normalisation behind it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
+/// Fills a convolution with its weights and, folded into them, those of the batch normalisation behind it.
 fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
     let shape = layer.weight.dims();
-    let mut weight = file.floats(&format!("{convolution}.weight"), &shape)?;
-    let statistic = |name: &str| file.floats(&format!("{normalisation}.{name}"), &shape[..1]);
-    let (gamma, mut bias) = (statistic("weight")?, statistic("bias")?);
-    let (mean, variance) = (statistic("running_mean")?, statistic("running_var")?);
-    let kernel = weight.len() / shape[0];
-    for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
-        let scale = gamma[channel] / (variance[channel] + EPSILON).sqrt();
-        weights.iter_mut().for_each(|w| *w *= scale);
-        bias[channel] -= scale * mean[channel];
-    }
+    let statistics = ["weight", "bias", "running_mean", "running_var"];
+    let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![shape[0]]));
+    let (weight, bias) = file.folded(&(format!("{convolution}.weight"), shape.to_vec()), &statistics, EPSILON)?;
     let device = layer.weight.val().device();
-    layer.weight = Param::from_data(TensorData::new(weight, shape), &device);
-    layer.bias = Some(Param::from_data(TensorData::new(bias, [shape[0]]), &device));
+    layer.weight = parameter(weight, shape, &device);
+    layer.bias = Some(parameter(bias, [shape[0]], &device));
     Ok(())
 }

@@ -38,7 +38,7 @@ impl TermSpec for SemanticConfig {
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         let clip = ClipVision::read(&self.weights, ClipConfig::VIT_B_32, setup.device).map_err(|cause| {
             let expected = "the tensors of openai/clip-vit-base-patch32, as safetensors or PyTorch's";
-            Fault::new("weights", expected, format!("{}: {cause}", self.weights.display()))
+            Fault::new("weights", expected, cause)
         })?;
         let embed = |view: &View| {
             let image = &view.image;

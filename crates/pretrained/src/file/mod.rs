@@ -2,14 +2,15 @@ mod pytorch;
 mod safetensors;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Name and shape of a tensor.
 pub type TensorShape = (String, Vec<usize>);
 
 /// File of named tensors: safetensors, or PyTorch's (`.pth`, `.pt`, `.bin`, of any version), whose pickles are not executed.
-/// Errors are one line each, without the file's name.
+/// Errors are one line each that begins with the file's path, but for those of [`WeightFile::check`].
 pub struct WeightFile {
+    path: PathBuf,
     tensors: BTreeMap<String, WeightEntry>,
 }
 
@@ -27,9 +28,12 @@ impl WeightFile {
     /// # Errors
     /// If it cannot be read, or is of neither format.
     pub fn read(path: &Path) -> Result<Self, String> {
-        let is_safetensors = safetensors::is_safetensors(path).map_err(|error| error.to_string())?;
-        let tensors = if is_safetensors { safetensors::entries(path)? } else { pytorch::entries(path)? };
-        Ok(Self { tensors })
+        let entries = || match safetensors::is_safetensors(path).map_err(|error| error.to_string())? {
+            true => safetensors::entries(path),
+            false => pytorch::entries(path),
+        };
+        let tensors = entries().map_err(|cause| format!("{}: {cause}", path.display()))?;
+        Ok(Self { path: path.to_owned(), tensors })
     }
 
     /// Checks that there is a tensor `name` of that `shape` in single precision.
@@ -45,11 +49,37 @@ impl WeightFile {
     /// # Errors
     /// As [`Self::check`], or if a value is not finite.
     pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
-        let values = (self.entry(name, shape)?.read)()?;
-        match values.iter().position(|value| !value.is_finite()) {
-            Some(index) => Err(format!("`{name}` is not finite at index {index}")),
-            None => Ok(values),
+        let read = || {
+            let values = (self.entry(name, shape)?.read)()?;
+            match values.iter().position(|value| !value.is_finite()) {
+                Some(index) => Err(format!("`{name}` is not finite at index {index}")),
+                None => Ok(values),
+            }
+        };
+        read().map_err(|cause: String| format!("{}: {cause}", self.path.display()))
+    }
+
+    /// Reads a convolution with the batch normalisation after it, of γ, β, μ and σ²: weights s W and biases β − s μ with
+    /// s = γ/√(σ² + ε), as γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ).
+    ///
+    /// # Errors
+    /// As [`Self::floats`].
+    pub fn folded(
+        &self,
+        (name, shape): &TensorShape,
+        normalisation: &[TensorShape; 4],
+        epsilon: f32,
+    ) -> Result<(Vec<f32>, Vec<f32>), String> {
+        let mut weight = self.floats(name, shape)?;
+        let [gamma, beta, mean, variance] = normalisation.each_ref().map(|(name, shape)| self.floats(name, shape));
+        let (gamma, mut bias, mean, variance) = (gamma?, beta?, mean?, variance?);
+        let kernel = weight.len() / bias.len();
+        for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
+            let scale = gamma[channel] / (variance[channel] + epsilon).sqrt();
+            weights.iter_mut().for_each(|weight| *weight *= scale);
+            bias[channel] -= scale * mean[channel];
         }
+        Ok((weight, bias))
     }
 
     fn entry(&self, name: &str, shape: &[usize]) -> Result<&WeightEntry, String> {
@@ -58,22 +88,5 @@ impl WeightFile {
             return Err(format!("`{name}` is {} {:?}, not F32 {shape:?}", entry.dtype, entry.shape));
         }
         Ok(entry)
-    }
-}
-
-/// Weight file whose path is part of every error.
-pub(crate) struct NamedFile<'a> {
-    path: &'a Path,
-    file: WeightFile,
-}
-
-impl<'a> NamedFile<'a> {
-    pub(crate) fn open(path: &'a Path) -> Result<Self, String> {
-        let file = WeightFile::read(path).map_err(|cause| format!("{}: {cause}", path.display()))?;
-        Ok(Self { path, file })
-    }
-
-    pub(crate) fn floats(&self, (name, shape): &TensorShape) -> Result<Vec<f32>, String> {
-        self.file.floats(name, shape).map_err(|cause| format!("{}: {cause}", self.path.display()))
     }
 }

@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_metrics::Picture;
 use infonerf_ops::to_host;
 
-use crate::file::{NamedFile, TensorShape};
+use crate::file::{TensorShape, WeightFile};
 use crate::layers::{Convolution, maps_of_pixels, max_pool, mean_pool};
 use network::{InceptionLayer, UnitShape, inception, units};
 
@@ -56,9 +56,12 @@ impl Inception {
     /// One line that names the file, and the tensor which is missing or has another shape.
     pub fn read(path: &Path, config: InceptionConfig, device: &Device) -> Result<Self, String> {
         let device = device.clone().inner();
-        let file = NamedFile::open(path)?;
+        let file = WeightFile::read(path)?;
         let layers = inception(config.divisor);
-        let convolution = |unit: &UnitShape| Ok((unit.name.clone(), folded(unit, &file, &device)?));
+        let convolution = |unit: &UnitShape| {
+            let values = file.folded(&unit.weight(), &unit.normalisation(), EPSILON)?;
+            Ok((unit.name.clone(), Convolution::new(unit.window, unit.channels, values, &device)))
+        };
         let convolutions = units(&layers).into_iter().map(convolution).collect::<Result<_, String>>()?;
         Ok(Self { layers, convolutions, device })
     }
@@ -108,20 +111,6 @@ fn resized(picture: &Picture) -> Vec<f32> {
         }
     }
     values
-}
-
-/// Reads a convolution with the batch normalisation after it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
-fn folded(unit: &UnitShape, file: &NamedFile<'_>, device: &Device) -> Result<Convolution, String> {
-    let mut weight = file.floats(&unit.weight())?;
-    let [gamma, beta, mean, variance] = unit.normalisation().map(|tensor| file.floats(&tensor));
-    let (gamma, mut bias, mean, variance) = (gamma?, beta?, mean?, variance?);
-    let kernel = weight.len() / bias.len();
-    for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
-        let scale = gamma[channel] / (variance[channel] + EPSILON).sqrt();
-        weights.iter_mut().for_each(|weight| *weight *= scale);
-        bias[channel] -= scale * mean[channel];
-    }
-    Ok(Convolution::new(unit.window, unit.channels, (weight, bias), device))
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
 use infonerf_ops::to_host;
 
-use crate::file::{NamedFile, TensorShape};
+use crate::file::{TensorShape, WeightFile};
 use crate::layers::{Convolution, maps_of_pixels, max_pool};
 use config::{ConvolutionShape, LpipsLayer};
 
@@ -43,15 +43,15 @@ impl Lpips {
     /// One line that names the file, and the tensor which is missing or has another shape.
     pub fn read(backbone: &Path, heads: &Path, config: LpipsConfig, device: &Device) -> Result<Self, String> {
         let device = device.clone().inner();
-        let backbone = NamedFile::open(backbone)?;
-        let heads = NamedFile::open(heads)?;
-        let head = |tensor: TensorShape| {
-            let weights: Vec<f32> = heads.floats(&tensor)?;
+        let backbone = WeightFile::read(backbone)?;
+        let heads = WeightFile::read(heads)?;
+        let head = |(name, shape): TensorShape| {
+            let weights = heads.floats(&name, &shape)?;
             let shape = [1, weights.len(), 1, 1];
             Ok::<_, String>(Tensor::from_data(TensorData::new(weights, shape), &device))
         };
         let convolution = |shape: &ConvolutionShape| {
-            let [weight, bias] = shape.tensors().map(|tensor| backbone.floats(&tensor));
+            let [weight, bias] = shape.tensors().map(|(name, shape)| backbone.floats(&name, &shape));
             let head = shape.head_tensor().map(head).transpose();
             let convolution = Convolution::new(shape.window, shape.channels, (weight?, bias?), &device);
             Ok((convolution, head?))

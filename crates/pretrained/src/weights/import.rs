@@ -14,25 +14,18 @@ impl Store {
     /// # Errors
     /// If the file cannot be read, holds none of [`KNOWN_WEIGHTS`] in full, or the folder cannot be written.
     pub fn import(&self, file: &Path) -> Result<Vec<(&'static KnownWeights, PathBuf)>, WeightsError> {
-        let of_file = |cause: String| WeightsError::file(file, cause);
-        let tensors = WeightFile::read(file).map_err(of_file)?;
-        let found = recognised(&tensors).map_err(of_file)?;
-        found.into_iter().map(|weights| Ok((weights, self.keep(weights, &tensors, file)?))).collect()
+        let tensors = WeightFile::read(file).map_err(WeightsError)?;
+        let found = recognised(&tensors).map_err(|cause| WeightsError::file(file, cause))?;
+        found.into_iter().map(|weights| Ok((weights, self.keep(weights, &tensors)?))).collect()
     }
 
-    /// Writes the tensors of `weights` from `tensors`, which were read from `source`.
-    pub(super) fn keep(
-        &self,
-        weights: &KnownWeights,
-        tensors: &WeightFile,
-        source: &Path,
-    ) -> Result<PathBuf, WeightsError> {
+    pub(super) fn keep(&self, weights: &KnownWeights, tensors: &WeightFile) -> Result<PathBuf, WeightsError> {
         let read = |(name, shape): (String, Vec<usize>)| {
             let values = tensors.floats(&name, &shape)?;
             Ok((name, shape, values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()))
         };
         let needed = (weights.tensors)().into_iter().map(read).collect::<Result<Vec<_>, String>>();
-        let needed = needed.map_err(|cause| WeightsError::file(source, cause))?;
+        let needed = needed.map_err(WeightsError)?;
         let views = needed.iter().map(|(name, shape, bytes)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytes).expect("bytes of that shape were read");
             (name.as_str(), view)

@@ -23,9 +23,9 @@ impl Store {
         match explicit {
             Some(path) if path.is_dir() => folders.push(path.to_owned()),
             Some(path) => {
-                let of_file = |cause: String| WeightsError::file(path, cause);
-                let file = WeightFile::read(path).map_err(of_file)?;
-                files.extend(recognised(&file).map_err(of_file)?.into_iter().map(|weights| (weights, path.to_owned())));
+                let file = WeightFile::read(path).map_err(WeightsError)?;
+                let found = recognised(&file).map_err(|cause| WeightsError::file(path, cause))?;
+                files.extend(found.into_iter().map(|weights| (weights, path.to_owned())));
             }
             None => {}
         }

@@ -1,18 +1,12 @@
-use plotters::{
-    prelude::*,
-    style::text_anchor::{HPos, VPos},
-};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, VPos};
 
-use super::{
-    ChartFrame,
-    canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
-    scale::{Scale, drawable, short},
-};
-use crate::{
-    colormap::{to_bytes, viridis},
-    error::ReportError,
-    text::plain,
-};
+use super::ChartFrame;
+use super::canvas::{INK, anchored, colour, drawn, fits_below, font, plot};
+use super::scale::{Scale, drawable, short};
+use crate::colormap::{to_bytes, viridis};
+use crate::error::ReportError;
+use crate::text::plain;
 
 /// Bar of a [`bar_chart`].
 #[derive(Debug, Clone, PartialEq, Default)]

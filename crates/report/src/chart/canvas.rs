@@ -4,15 +4,11 @@ use std::sync::Once;
 
 use epaint_default_fonts::UBUNTU_LIGHT;
 use image::RgbImage;
-use plotters::{
-    chart::ChartContext,
-    coord::Shift,
-    prelude::*,
-    style::{
-        register_font,
-        text_anchor::{HPos, Pos, VPos},
-    },
-};
+use plotters::chart::ChartContext;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::register_font;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{ChartFrame, scale::Scale};
 use crate::{error::ReportError, text::plain};
@@ -124,7 +120,6 @@ pub(super) fn plot<'a, 's>(
     Ok(plot)
 }
 
-/// Returns whether a label fits below one of `places` bars.
 pub(super) fn fits_below(label: &str, places: usize) -> bool {
     text_width(label, 11.0) < f64::from(WIDTH - 58 - 26) / places.max(1) as f64
 }

@@ -1,10 +1,8 @@
 use plotters::prelude::*;
 
-use super::{
-    ChartFrame, Series,
-    canvas::{colour, drawn, plot},
-    scale::Scale,
-};
+use super::canvas::{colour, drawn, plot};
+use super::scale::Scale;
+use super::{ChartFrame, Series};
 use crate::error::ReportError;
 
 /// Maximum number of points of a line with a marker on each.

@@ -7,12 +7,10 @@ use std::collections::BTreeSet;
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
-use crate::{
-    interval::Interval,
-    protocol::protocol_lines,
-    quantity::Quantity,
-    record::{Record, distinct, short_key},
-};
+use crate::interval::Interval;
+use crate::protocol::protocol_lines;
+use crate::quantity::Quantity;
+use crate::record::{Record, distinct, short_key};
 
 const MEAN: &str = "mean";
 const MISSING: &str = "–";

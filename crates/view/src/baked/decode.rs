@@ -1,15 +1,13 @@
 //! Oracle for baked packing: a package read back and evaluated as the shader does.
 
 use glam::Vec3;
-use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::{from_host, to_host};
-use infonerf_render::{OccupancyGrid, TrainedModel};
+use infonerf_render::OccupancyGrid;
 use infonerf_scene::Aabb;
 use infonerf_train::{Config, Preset};
 
 use super::CHANNELS;
 use super::lattice::{CELLS, POINTS, VOLUME};
-use crate::decode::{DecodedPackage, model, package};
+use crate::decode::{DecodedPackage, exact, model, package};
 
 /// Small MLP whose density and colour change slowly, before any training.
 const SMOOTH: &str = "field={kind=\"nerf\",layers=2,width=32,skip=9,position_frequencies=2,direction_frequencies=1,\
@@ -102,15 +100,6 @@ fn from_rows(stored: &[u8]) -> Vec<u8> {
         row.iter().scan(0, sum).collect()
     };
     stored.chunks(POINTS).flat_map(row).collect()
-}
-
-/// Evaluates the field itself at a point.
-fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
-    let field = &trained.model.fine;
-    let [p, direction] = [p, direction].map(|v| from_host(&v.to_array(), 3, &field.device()));
-    let points = Points::scattered(p, Extent::Ball { variance: 0.0 }).seen_along(direction);
-    let sampled = field.evaluate(&points, true, trained.at);
-    (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))
 }
 
 fn config(set: &[&str]) -> Config {

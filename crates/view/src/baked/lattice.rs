@@ -61,7 +61,6 @@ impl Lattice {
         })
     }
 
-    /// Returns the position of a point.
     pub(super) fn position(&self, point: usize) -> Vec3 {
         let [nx, ny, _] = self.sides();
         let place = [point % nx, point / nx % ny, point / (nx * ny)];

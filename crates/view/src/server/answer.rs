@@ -15,7 +15,6 @@ use super::guard::{Guard, TOKEN};
 use super::runs::{Roots, first_field};
 use crate::page;
 
-/// Folders of images in a run.
 const IMAGE_FOLDERS: [&str; 4] = ["test", "truth", "depth", "error"];
 /// Maximum number of points of a curve.
 const MAX_POINTS: usize = 400;

@@ -44,7 +44,6 @@ impl TrainingControl {
         asked.is_some_and(|asked| asked.elapsed() <= within)
     }
 
-    /// Applies one of [`COMMANDS`].
     pub(super) fn apply(&self, command: &str) {
         if command == "/stop" {
             self.0.stopped.store(true, Ordering::Relaxed);

@@ -26,7 +26,6 @@ pub(super) struct Fields {
     runs: Mutex<Vec<Arc<RunPackage>>>,
 }
 
-/// Package of one run.
 struct RunPackage {
     run: PathBuf,
     /// Locked while the package is made.

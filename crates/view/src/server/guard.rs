@@ -32,7 +32,6 @@ impl Guard {
         &self.token
     }
 
-    /// Returns whether the request carries the token.
     pub(super) fn has_token(&self, request: &Request<()>) -> bool {
         request.headers().get(TOKEN).is_some_and(|token| token.as_bytes() == self.token.as_bytes())
     }

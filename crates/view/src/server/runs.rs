@@ -80,7 +80,6 @@ impl Root {
     }
 }
 
-/// Returns the folder of the run's first field.
 pub(super) fn first_field(run: &Path) -> PathBuf {
     let member = run.join("member0");
     if member.is_dir() { member } else { run.to_owned() }

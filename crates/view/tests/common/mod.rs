@@ -49,8 +49,8 @@ pub fn plan_on(scene: &str, experiment: &str, variant: &str, set: &[&str]) -> Ru
 }
 
 /// Trains and evaluates below `out`, and returns the run's folder. `stop` ends training at that step.
-pub fn train(out: &Path, plan: &RunPlan, existing: Existing, stop: Option<usize>) -> PathBuf {
-    let session = Session::new(device(), out, existing);
+pub fn train(out: &Path, plan: &RunPlan, stop: Option<usize>) -> PathBuf {
+    let session = Session::new(device(), out, Existing::Continue);
     let mut watch = |event: RunEvent<'_>| match event {
         RunEvent::Training { trainer, .. } if Some(trainer.progress().step) == stop => Control::Stop,
         _ => Control::Continue,

@@ -66,8 +66,8 @@ impl Store {
             let fault = format!("{url}: wrong checksum: SHA-256 is {found}, expected {expected}; nothing was kept");
             return Err(WeightsError(fault));
         }
-        let tensors = WeightFile::read(&part).map_err(|cause| WeightsError::file(&part, cause))?;
-        let path = self.keep(weights, &tensors, &part)?;
+        let tensors = WeightFile::read(&part).map_err(WeightsError)?;
+        let path = self.keep(weights, &tensors)?;
         drop(tensors);
         remove(&part)?;
         Ok(path)
