@@ -27,7 +27,7 @@ pub(crate) struct Training {
     /// Steps and seconds of earlier processes.
     before: (usize, f64),
     /// Seconds of this process's first step, in which stereo compares the images.
-    first_step_seconds: f64,
+    pub(crate) first_step_seconds: f64,
 }
 
 /// State of the training of a field.
