@@ -155,7 +155,9 @@ fn a_file_without_the_encoder_is_refused_by_name() {
     };
     assert!(fault(&path).contains("No such file"));
     write_weights(&path, &[("bias".to_owned(), vec![1])], |_, _, u| u);
-    assert!(fault(&path).contains(": no tensor `visual_projection.weight`, expected F32 ["));
+    let missing = fault(&path);
+    assert!(missing.contains(": no tensor `vision_model.") && missing.contains("`, expected F32 ["), "{missing}");
     encoder(&path, small(&fixture("clip")), &Device::flex());
-    assert!(fault(&path).contains("`visual_projection.weight` is F32 [10, 24], not F32 [512, 768]"));
+    let other = fault(&path);
+    assert!(other.contains("`vision_model.") && other.contains(" is F32 [") && other.contains(", not F32 ["), "{other}");
 }

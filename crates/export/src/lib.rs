@@ -9,7 +9,7 @@
 //! functions that return the bytes of the file.
 //!
 //! ```
-//! use glam::Vec3;
+//! use glam::{DVec3, Vec3};
 //! use infonerf_export::{DensityGrid, Mesh, Surface, Volume, ply_mesh};
 //! use infonerf_scene::Aabb;
 //!
@@ -32,7 +32,7 @@
 //!
 //! let grid = DensityGrid::sample(&Ball, 64, 50.0)?;
 //! let mesh = Mesh::new(Surface::extract(&grid)?, &Ball);
-//! std::fs::write(std::env::temp_dir().join("ball.ply"), ply_mesh(&mesh)).unwrap();
+//! std::fs::write(std::env::temp_dir().join("ball.ply"), ply_mesh(&mesh, DVec3::ZERO)).unwrap();
 //! # Ok::<(), infonerf_export::ExportError>(())
 //! ```
 

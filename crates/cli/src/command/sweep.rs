@@ -19,7 +19,7 @@ Examples:
       one run for each weight and scene
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --grid loss.kl.weight=0,1e-5 --seed 0..4 --jobs 2
       every combination with five seeds, two runs at a time
-  infonerf sweep paper-regime --variant infonerf --space paper --seed 0..4
+  infonerf sweep synthetic-4view --variant infonerf --space paper --seed 0..4
       λ1 × λ2 as a heat map
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
       each run as a task of a Slurm array; runs that need more than 30 minutes are saved and continued

@@ -80,7 +80,8 @@ impl Reconstruction {
                 points => points?,
             },
         };
-        let images = place.join("images");
+        let binary = place.join("images.bin");
+        let images = if binary.is_file() { binary } else { place.join("images.txt") };
         if let Some(image) = read.images.iter().find(|image| !read.cameras.contains_key(&image.camera)) {
             let field = format!("image {}", image.id);
             return Err(SceneError::field(&images, field, "the number of a camera", image.camera));

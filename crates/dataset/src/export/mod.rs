@@ -2,6 +2,7 @@
 
 mod blender;
 mod photographs;
+pub(crate) mod pickle;
 mod transforms;
 
 pub use transforms::transforms;

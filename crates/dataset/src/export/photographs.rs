@@ -9,9 +9,9 @@ use infonerf_scene::{Aabb, Body, Camera, Image, Lens, Ray, SceneError};
 use rayon::prelude::*;
 
 use super::make;
+use super::pickle::{self, dict, list, numbers, object, text};
 use crate::capture::camera_pose;
 use crate::files::npy;
-use crate::files::pickle::{self, dict, list, object, write_numbers, write_text};
 
 /// Background of photographs of a scene that has nothing behind it.
 const WHITE: [f32; 3] = [1.0; 3];
@@ -179,7 +179,7 @@ pub(crate) fn lens() -> Lens {
 /// `ims` with the images of each frame.
 pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
     let of = |sides: &[usize], values: &dyn Fn(&Camera) -> Vec<f64>| {
-        list(&cameras.iter().map(|camera| write_numbers(sides, &values(camera))).collect::<Vec<_>>())
+        list(&cameras.iter().map(|camera| numbers(sides, &values(camera))).collect::<Vec<_>>())
     };
     let pose = |camera: &Camera| camera_pose(&camera.to_world);
     let cams = dict(&[
@@ -189,7 +189,7 @@ pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
         ("T", of(&[3, 1], &|c| (pose(c).translation * MILLIMETRES).to_array().to_vec())),
     ]);
     let frame = |frame: usize| {
-        let names: Vec<_> = (0..cameras.len()).map(|camera| write_text(&image_path(camera, frame))).collect();
+        let names: Vec<_> = (0..cameras.len()).map(|camera| text(&image_path(camera, frame))).collect();
         dict(&[("ims", list(&names))])
     };
     let frames: Vec<_> = (0..frames).map(frame).collect();
@@ -202,7 +202,7 @@ fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
     }
     let vertices: Vec<f32> = body.vertices.iter().flat_map(|v| v.to_array()).collect();
     npy::write(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
-    let still = || write_numbers(&[1, 3], &[0.0; 3]);
+    let still = || numbers(&[1, 3], &[0.0; 3]);
     write_file(&dir.join("new_params/0.npy"), &pickle::npy(&object(dict(&[("Rh", still()), ("Th", still())]))))
 }
 

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3, Vec3};
 use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest, Space};
-use serde_pickle::Value;
 
 use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space, read_mask};
 use crate::colmap::opengl;
-use crate::files::{json, npy, pickle, read_file};
+use crate::files::pickle::{Pickle, Value};
+use crate::files::{json, npy, read_file};
 use crate::frame::{Frame, MaskRole};
 
 /// The file that marks this format.
@@ -53,7 +53,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         .enumerate()
         .map(|(id, (name, camera))| {
             let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
-            let mask = Some((folder.join(name).with_extension("png"), MaskRole::Matte));
+            let mask = Some((mask_path(&folder, name), MaskRole::Matte));
             Frame { id, mask, ..Frame::new(name, dir.join(name), &camera) }
         })
         .collect();
@@ -77,8 +77,14 @@ fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
     folders.into_iter().find(|[vertices, _]| vertices.is_dir())
 }
 
+/// Whether the folder `dir` is in this format and has a body.
 pub(crate) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
+}
+
+/// Returns the mask of an image: a PNG under the image's path.
+fn mask_path(folder: &Path, image: &str) -> PathBuf {
+    folder.join(image).with_extension("png")
 }
 
 /// Derives the space of a frame from the body and the cameras `train` about it.
@@ -124,14 +130,20 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     }
     let Some(pose) = pose else { return Ok(Body::unposed(vertices)) };
     let expected = "a pickled dictionary with `Rh` and `Th`";
-    let root = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
-    let vector = |key: &str| match pickle::get(&root, key).and_then(pickle::numbers).unwrap_or_default()[..] {
-        [x, y, z] if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
-        ref found => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
+    let pickle = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
+    let vector = |key: &str| {
+        let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
+        match numbers.as_deref() {
+            Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
+            Some(found) => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
+            None => Err(SceneError::field(pose, key, "three numbers of at most 1e6", "none")),
+        }
     };
     let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
-    let about = |axis| DMat3::from_axis_angle(axis, rotation.length());
-    let axes = rotation.try_normalize().map_or(DMat3::IDENTITY, about);
+    let axes = match rotation.try_normalize() {
+        Some(axis) => DMat3::from_axis_angle(axis, rotation.length()),
+        None => DMat3::IDENTITY,
+    };
     Ok(Body { vertices, axes: axes.as_mat3(), origin })
 }
 
@@ -172,35 +184,50 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     Ok(Aabb { min: bounds.min - MARGIN, max: bounds.max + MARGIN })
 }
 
+/// The contents of `annots.npy` for one frame.
 pub(crate) struct Annotations {
     /// Cameras; their image size is not part of the file.
     pub cameras: Vec<Camera>,
+    /// The images of the frame, one a camera.
     pub images: Vec<String>,
+    /// Number of frames.
     pub frames: usize,
 }
 
+/// Reads the bytes of the file at `path`.
 pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
-    let root = pickled(path, bytes, EXPECTED)?;
-    let field = |name: &str, expected: &str, found: &str| SceneError::field(path, name, expected, found);
-    let items = |value: &Value, key: &str, place: &str| -> Result<Vec<Value>, SceneError> {
-        let value = pickle::get(value, key).ok_or_else(|| field(place, "an entry of a dictionary", "nothing"))?;
-        let items = pickle::items(value).filter(|items| !items.is_empty());
-        items.ok_or_else(|| field(place, "a list", "something else, or nothing in it"))
+    let pickle = pickled(path, bytes, EXPECTED)?;
+    let field =
+        |name: &str, expected: &str, found: &dyn std::fmt::Display| SceneError::field(path, name, expected, found);
+    let get = |value: &Value, key: &str, place: &str| -> Result<Value, SceneError> {
+        pickle.get(value, key).cloned().ok_or_else(|| field(place, "an entry of a dictionary", &"nothing"))
     };
-    let ims = items(&root, "ims", "ims")?;
+    let items = |value: &Value, place: &str| -> Result<Vec<Value>, SceneError> {
+        let items = pickle.items(value).filter(|items| !items.is_empty());
+        items.map(<[Value]>::to_vec).ok_or_else(|| field(place, "a list", &"something else, or nothing in it"))
+    };
+    let ims = items(&get(pickle.root(), "ims", "ims")?, "ims")?;
     let Some(chosen) = ims.get(frame) else {
         let expected = format!("a frame from 0 to {}", ims.len() - 1);
         return Err(SceneError::request("frame", expected, frame));
     };
     let place = format!("ims[{frame}].ims");
-    let name = |value: &Value| pickle::text(value).filter(|t| !t.is_empty()).map(|t| t.replace('\\', "/"));
-    let images = items(chosen, "ims", &place)?.iter().map(name).collect::<Option<Vec<String>>>();
-    let images = images.ok_or_else(|| field(&place, "paths of images", "something else"))?;
-    let cams = pickle::get(&root, "cams").ok_or_else(|| field("cams", "an entry of a dictionary", "nothing"))?;
-    let list = |key: &str| items(cams, key, &format!("cams.{key}"));
-    let (k, d, r, t) = (list("K")?, list("D")?, list("R")?, list("T")?);
+    let images = items(&get(chosen, "ims", &place)?, &place)?;
+    let name = |value: &Value| pickle.text(value).filter(|t| !t.is_empty()).map(|t| t.replace('\\', "/"));
+    let images: Vec<String> = images
+        .iter()
+        .map(name)
+        .collect::<Option<_>>()
+        .ok_or_else(|| field(&place, "paths of images", &"something else"))?;
+    let cams = get(pickle.root(), "cams", "cams")?;
+    let lists = ["K", "D", "R", "T"].map(|key| {
+        let place = format!("cams.{key}");
+        items(&get(&cams, key, &place)?, &place)
+    });
+    let [k, d, r, t] = lists;
+    let (k, d, r, t) = (k?, d?, r?, t?);
     let cameras = k.iter().zip(&d).zip(&r).zip(&t).enumerate();
-    let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, i, [k, d, r, t]));
+    let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, &pickle, i, [k, d, r, t]));
     let cameras = cameras.take(images.len()).collect::<Result<Vec<_>, _>>()?;
     if cameras.len() < images.len() {
         let found = format!("{} cameras for {} images", cameras.len(), images.len());
@@ -209,23 +236,23 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     Ok(Annotations { cameras, images, frames: ims.len() })
 }
 
-fn pickled(path: &Path, bytes: &[u8], expected: &str) -> Result<Value, SceneError> {
+/// Returns the object in a `.npy` file of objects.
+fn pickled(path: &Path, bytes: &[u8], expected: &str) -> Result<Pickle, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
-    match npy::split(bytes) {
-        Some((header, data)) if npy::entry(header, "descr").is_some_and(|kind| kind.starts_with("'|O'")) => {
-            pickle::read(data).map_err(|e| fault(&e))
-        }
-        _ => Err(fault(&"an array of something else than objects")),
+    let Some((header, data)) = npy::split(bytes) else { return Err(fault(&"no header of an array")) };
+    if !npy::entry(header, "descr").is_some_and(|kind| kind.starts_with("'|O'")) {
+        return Err(fault(&"an array of something else than objects"));
     }
+    Pickle::read(data).map_err(|e| fault(&e))
 }
 
 /// Makes camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
-fn camera(path: &Path, index: usize, [k, d, r, t]: [&Value; 4]) -> Result<Camera, SceneError> {
+fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4]) -> Result<Camera, SceneError> {
     let fault = |key: &str, expected: &str, found: &dyn std::fmt::Display| {
         SceneError::field(path, format!("cams.{key}[{index}]"), expected, found)
     };
     let numbers = |value: &Value, key: &str, expected: &str, fits: &dyn Fn(usize) -> bool| {
-        let numbers = pickle::numbers(value).ok_or_else(|| fault(key, expected, &"something else"))?;
+        let numbers = pickle.numbers(value).ok_or_else(|| fault(key, expected, &"something else"))?;
         if !fits(numbers.len()) {
             return Err(fault(key, expected, &format!("{} numbers", numbers.len())));
         }
@@ -262,8 +289,8 @@ mod tests {
 
     use super::super::testing::*;
     use super::*;
+    use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
     use crate::export::{annotations, lens};
-    use crate::files::pickle::{dict, npy as npy_of, object, write_numbers, write_text};
     use infonerf_scene::{Backdrop, Rgba8, TestProtocol};
 
     fn write(path: &Path, pickle: &[u8]) {
@@ -327,7 +354,7 @@ mod tests {
         fs::create_dir(guard.path().join("new_params")).unwrap();
         let pose = guard.path().join("new_params/2.npy");
         let of = |turn: f64| {
-            dict(&[("Rh", write_numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", write_numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
+            dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
         };
         write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
         let posed = load(guard.path(), &second()).unwrap().space.body.unwrap();
@@ -357,10 +384,10 @@ mod tests {
             write(&path, pickle);
             message(dir, &second())
         };
-        assert!(with(b"cos\nsystem\n(S'true'\ntR.").contains("field `ims`"), "nothing is run");
-        assert!(with(&whole[..whole.len() / 2]).contains("EOF"));
-        assert!(with(&replaced(&write_text("K"), &write_text("Q"))).contains("field `cams.K`"));
-        assert!(with(&replaced(&write_text("cams"), &write_text("cam"))).contains("field `cams`"));
+        assert!(with(b"cos\nsystem\n(S'true'\ntR.").contains("asks for the code `os.system`; nothing of it was run"));
+        assert!(with(&whole[..whole.len() / 2]).contains("it ends early"));
+        assert!(with(&replaced(&text("K"), &text("Q"))).contains("field `cams.K`"));
+        assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
         assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
         assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
         let few = annotations(&cameras[..2], 2);

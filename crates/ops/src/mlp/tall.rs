@@ -42,7 +42,7 @@ pub(super) fn transposed_product<B: Backend>(
     B::float_add(sum, product(B::float_transpose(range(&x, last.clone())), range(&y, last)))
 }
 
-/// Returns the number of parts of so many rows: one that divides them, if one close to the most does.
+/// Returns into how many parts `rows` are cut: a number that divides them, if one close to the greatest does.
 fn parts(rows: usize) -> usize {
     let most = (rows / MIN_ROWS).min(MAX_PARTS);
     (most / 2 + 1..=most).rev().find(|parts| rows.is_multiple_of(*parts)).unwrap_or(most)

@@ -1,0 +1,62 @@
+//! Pickles of dictionaries, lists, strings and NumPy arrays: just what `numpy.save` writes for an array of objects.
+
+/// Returns a string.
+pub(crate) fn text(value: &str) -> Vec<u8> {
+    let mut out = vec![b'X'];
+    out.extend((value.len() as u32).to_le_bytes());
+    out.extend(value.bytes());
+    out
+}
+
+/// Returns a list of pickled values.
+pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
+    [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
+}
+
+/// Returns a dictionary of pickled values.
+pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
+    [b"}(".to_vec(), entries, b"u".to_vec()].concat()
+}
+
+fn dtype(code: &str, order: &str) -> Vec<u8> {
+    let call = [b"cnumpy\ndtype\n".to_vec(), text(code), b"K\x00K\x01\x87R".to_vec()].concat();
+    let state = [b"(K\x03".to_vec(), text(order), b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb".to_vec()].concat();
+    [call, state].concat()
+}
+
+fn shape(sides: &[usize]) -> Vec<u8> {
+    let sides: Vec<u8> = sides.iter().flat_map(|&s| [b'K', s as u8]).collect();
+    [b"(".to_vec(), sides, b"t".to_vec()].concat()
+}
+
+fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
+    let call = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R".to_vec();
+    [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
+}
+
+/// Returns an array of `f64`, no side longer than 255.
+pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
+    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let mut data = vec![b'B'];
+    data.extend((bytes.len() as u32).to_le_bytes());
+    data.extend(bytes);
+    ndarray(sides, dtype("f8", "<"), data)
+}
+
+/// Returns the whole pickle of an array of objects without axes, as `numpy.save` writes a dictionary.
+pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
+    let data = [b"]".to_vec(), value, b"a".to_vec()].concat();
+    [vec![0x80, 3], ndarray(&[], dtype("O8", "|"), data), b".".to_vec()].concat()
+}
+
+/// Returns the `.npy` file around such a pickle.
+pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
+    let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
+    // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.
+    while !(header.len() + 11).is_multiple_of(64) {
+        header.push(' ');
+    }
+    let length = (header.len() as u16 + 1).to_le_bytes();
+    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), b"\n", pickle].concat()
+}
