@@ -13,7 +13,7 @@ use crate::renderer::Renderer;
 /// # Panics
 /// If there are no members.
 pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
-    render_members(renderer, members, camera, None)
+    combine(members.iter().map(|member| render_one(renderer, member, camera, None)).collect())
 }
 
 /// Renders the picture that is compared with `view`: as [`render_image`], but without the residual of `view` itself if it is
@@ -22,23 +22,7 @@ pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], 
 /// # Panics
 /// If there are no members.
 pub fn render_tested<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], view: &View) -> RenderedImage {
-    render_members(renderer, members, &view.camera, Some(&view.file))
-}
-
-/// Renders the mean picture; the first member's shows the others where along each ray there is something.
-fn render_members<F: Field>(
-    renderer: &Renderer,
-    members: &[TrainedModel<F>],
-    camera: &Camera,
-    left_out: Option<&str>,
-) -> RenderedImage {
-    let (first, others) = members.split_first().expect("a picture has a member");
-    let (picture, starts) = render_one(renderer, first, camera, left_out, &[]);
-    // A member with a frame of its own has other distances.
-    let starts =
-        |member: &TrainedModel<F>| if first.frame.is_none() && member.frame.is_none() { &starts[..] } else { &[] };
-    let others = others.iter().map(|member| render_one(renderer, member, camera, left_out, starts(member)).0);
-    combine(std::iter::once(picture).chain(others).collect())
+    combine(members.iter().map(|member| render_one(renderer, member, &view.camera, Some(&view.file))).collect())
 }
 
 /// Returns the mean of `pictures`, each pixel's distance weighted by opacity.

@@ -15,20 +15,18 @@ const CHUNK: usize = 1 << 15;
 /// Rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
 
-/// Renders the picture of one member, without the residual of the training view of the file `left_out`, and returns where its
-/// rays met something ([`march`]). Rays begin at `starts`, or at the near plane if there are none.
+/// Renders the picture of one member, without the residual of the training view of the file `left_out`.
 pub(crate) fn render_one<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
     camera: &Camera,
     left_out: Option<&str>,
-    starts: &[f32],
-) -> (RenderedImage, Vec<f32>) {
+) -> RenderedImage {
     let camera = trained.camera(camera);
-    let (mut image, found) = render_in_frame(renderer, trained, &camera, starts);
+    let mut image = render_in_frame(renderer, trained, &camera);
     if let Some(residuals) = &trained.residuals {
         let render = |view: usize, camera: &Camera| {
-            let (picture, _) = render_in_frame(renderer, trained, camera, &[]);
+            let picture = render_in_frame(renderer, trained, camera);
             match &trained.model.exposure {
                 Some(exposure) => exposure.expose(picture, renderer.background, view),
                 None => picture,
@@ -39,17 +37,11 @@ pub(crate) fn render_one<F: Field>(
     if let Some(frame) = trained.frame {
         image.depth.iter_mut().for_each(|depth| *depth /= frame.similarity.scale as f32);
     }
-    (image, found)
+    image
 }
 
-/// Renders the picture of a camera in the model's own frame, and returns where its rays met something; nothing of a picture in
-/// several passes.
-fn render_in_frame<F: Field>(
-    renderer: &Renderer,
-    trained: &TrainedModel<F>,
-    camera: &Camera,
-    starts: &[f32],
-) -> (RenderedImage, Vec<f32>) {
+/// Renders the picture of a camera in the model's own frame.
+fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
     let rays: Vec<Ray> = (0..camera.height)
         .into_par_iter()
         .flat_map_iter(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
@@ -65,21 +57,18 @@ fn render_in_frame<F: Field>(
     };
     if renderer.sampler.config.marches() {
         let host = trained.model.fine.on_host(trained.at);
-        let starts = if starts.is_empty() { vec![0.0; rays.len()] } else { starts.to_vec() };
-        let march = |(rays, starts): (&[Ray], &[f32])| march(renderer, trained, host.as_ref(), rays, starts);
+        let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
         let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {
-            true => rays.par_chunks(HOST_CHUNK).zip(starts.par_chunks(HOST_CHUNK)).map(march).collect(),
-            false => rays.chunks(CHUNK).zip(starts.chunks(CHUNK)).map(march).collect(),
+            true => rays.par_chunks(HOST_CHUNK).map(march).collect(),
+            false => rays.chunks(CHUNK).map(march).collect(),
         };
-        let mut found = Vec::with_capacity(rays.len());
         for (marched, counts) in parts {
             image.counts += counts;
             for ray in marched {
                 image.push(ray.rgb, ray.depth, 1.0 - ray.trans);
-                found.push(ray.start);
             }
         }
-        return (image.before(renderer), found);
+        return image.before(renderer);
     }
     for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
         let rays = renderer.rays(rays.to_vec(), &trained.model.fine.device());
@@ -88,7 +77,7 @@ fn render_in_frame<F: Field>(
         image.append(&passes.fine);
         image.counts += passes.counts();
     }
-    (image.before(renderer), Vec::new())
+    image.before(renderer)
 }
 
 impl RenderedImage {
@@ -203,7 +192,7 @@ mod tests {
     fn a_picture_is_of_the_moment_that_was_trained_last() {
         for placement in [Placement::Mid, Placement::Left] {
             let (renderer, trained, camera) = seen(|_| 1e4, placement);
-            assert_eq!(render_one(&renderer, &trained, &camera, None, &[]).0.rgb, [[0.25; 3]], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera, None).rgb, [[0.25; 3]], "{placement:?}");
         }
     }
 
@@ -217,7 +206,7 @@ mod tests {
             let grid = trained.occupancy.as_ref();
             let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
-            assert_eq!(render_one(&renderer, &trained, &camera, None, &[]).0.acc, [1.0], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera, None).acc, [1.0], "{placement:?}");
         }
     }
 
@@ -232,7 +221,7 @@ mod tests {
         trained.occupancy = trained.occupancy.map(|grid| grid.refined(8, noise, step, known));
         let picture = |early_stop_transmittance: f32| {
             let config = RenderConfig { early_stop_transmittance, clip_to_bounds: true, ..config(Placement::Mid) };
-            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera, None, &[]).0
+            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera, None)
         };
         let [exact, still, joined] = [0.0, 1e-5, 1e-3].map(picture);
         // The optical depth of a step of the fog is 0.063.

@@ -25,8 +25,6 @@ pub(crate) struct MarchedRay {
     /// Σ w t.
     pub(crate) depth: f32,
     pub(crate) trans: f32,
-    /// Coordinate a little before the first sample of some weight, where another field of the scene may begin; 0 without one.
-    pub(crate) start: f32,
 }
 
 /// Samples per ray and round: few, as rays stop soon after a surface.
@@ -35,9 +33,6 @@ const ROUND: usize = 4;
 const JOINED: [f32; 2] = [100.0, 10.0];
 /// Maximal number of rays of a [`MarchingRays`].
 const PART: usize = 1 << 10;
-/// Weight of a sample that a ray is said to meet, in units of e, and steps before it at which another field begins.
-const MET: f32 = 10.0;
-const MARGIN: f32 = 8.0;
 
 /// Marches along `rays`, and returns each ray's colour on the background, distance and transmittance, and the numbers
 /// of samples.
@@ -49,10 +44,8 @@ pub(crate) fn march<F: Field>(
     trained: &TrainedModel<F>,
     host: Option<&HostField>,
     rays: &[Ray],
-    starts: &[f32],
 ) -> (Vec<MarchedRay>, Counts) {
-    let parts = rays.par_chunks(PART).zip(starts.par_chunks(PART));
-    let parts = parts.map(|(rays, starts)| MarchingRays::new(renderer, trained, rays, starts));
+    let parts = rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays));
     let parts: Vec<MarchingRays<'_>> = match host {
         Some(host) => parts
             .map(|mut part| {
@@ -158,19 +151,17 @@ impl MarchRound {
 }
 
 impl<'a> MarchingRays<'a> {
-    fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray], starts: &[f32]) -> Self {
+    fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
         let (sampler, grid) = (&renderer.sampler, trained.occupancy.as_ref());
         let step = sampler.step_length(trained.at);
-        let steps = |(ray, &start): (&'a Ray, &f32)| {
-            let mut steps = sampler.steps(ray, sampler.interval(ray)?, step, 0.5, grid);
-            steps.begin_at(start);
-            Some(steps)
-        };
         Self {
             renderer,
             rays,
-            steps: rays.iter().zip(starts).map(steps).collect(),
-            marched: vec![MarchedRay { rgb: [0.0; 3], depth: 0.0, trans: 1.0, start: 0.0 }; rays.len()],
+            steps: rays
+                .iter()
+                .map(|ray| sampler.interval(ray).map(|ends| sampler.steps(ray, ends, step, 0.5, grid)))
+                .collect(),
+            marched: vec![MarchedRay { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
             active: (0..rays.len()).collect(),
             evaluated: 0,
         }
@@ -202,20 +193,15 @@ impl<'a> MarchingRays<'a> {
 
     /// Composites the samples of a round, of which `values` are σ, r, g, b.
     fn composite(&mut self, round: &MarchRound, values: &[[f32; 4]]) {
-        let (config, warp) = (&self.renderer.sampler.config, self.renderer.warp());
-        let stop = config.early_stop_transmittance;
+        let config = &self.renderer.sampler.config;
         let mut samples = round.t.iter().zip(&round.delta).zip(values);
         let mut counts = round.counts.iter();
         self.active.retain(|&index| {
             let ray = &mut self.marched[index];
             for ((&t, delta), &[sigma, ref color @ ..]) in samples.by_ref().take(*counts.next().expect("one per ray")) {
-                let before = ray.trans;
                 ray.add(config.compositing, sigma * delta, t, *color);
-                if ray.start == 0.0 && stop > 0.0 && before - ray.trans > MET * stop {
-                    ray.start = warp.coordinate(t) - MARGIN * delta;
-                }
             }
-            ray.trans > stop
+            ray.trans > config.early_stop_transmittance
         });
     }
 }

@@ -33,7 +33,7 @@ pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>]
             frame: member.frame,
             residuals: None,
         };
-        let mut image = render_one(&black, &trained, camera, None, &[]).0;
+        let mut image = render_one(&black, &trained, camera, None);
         let to_camera = member.camera(camera).rotation().transpose().as_mat3();
         image.rgb.iter_mut().for_each(|normal| *normal = (to_camera * Vec3::from(*normal)).to_array());
         image

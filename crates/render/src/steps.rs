@@ -74,11 +74,6 @@ impl<'a> UniformSteps<'a> {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    /// Leaves out the steps before the coordinate `start`.
-    pub(crate) fn begin_at(&mut self, start: f32) {
-        self.next = self.next.max(((start - self.near) / self.length).max(0.0) as usize);
-    }
-
     fn distance(&self, at: f32) -> f32 {
         self.warp.distance(self.near + at * self.length)
     }
