@@ -10,6 +10,7 @@ use crate::output::number;
 use crate::trial::{measured_with, with_settings};
 
 /// Ways of skipping, and the settings that switch each off.
+#[allow(clippy::type_complexity, reason = "a table")]
 const SWITCHES: &[(&str, fn(&Config) -> Vec<String>)] = &[
     ("empty space", |_| settings(&["render.occupancy.enabled=false"])),
     ("hidden samples", |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"])),

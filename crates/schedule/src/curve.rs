@@ -232,6 +232,7 @@ mod tests {
     /// Values at shares of the run, and least and largest ones; every form survives TOML and JSON.
     #[test]
     fn values_over_the_run() {
+        #[allow(clippy::type_complexity, reason = "a table")]
         let at_shares: [(&str, &[(f64, f64)], (f64, f64)); 10] = [
             ("3", &[(0.0, 3.0), (1.0, 3.0)], (3.0, 3.0)),
             ("0.0", &[(0.5, 0.0)], (0.0, 0.0)),

@@ -95,7 +95,7 @@ impl<'a> Values<'a> {
     /// Begins the next record; `false` at the end of the file.
     fn next_record(&mut self) -> Result<bool, SceneError> {
         match &mut self.source {
-            Source::Binary { rest, records: 0 } if rest.is_empty() => Ok(false),
+            Source::Binary { rest: [], records: 0 } => Ok(false),
             Source::Binary { rest, records: 0 } => {
                 let more = rest.len();
                 Err(self.fault("", format!("{more} more bytes than it says")))

@@ -14,6 +14,7 @@ use crate::colmap::{Reconstruction, models};
 /// Name of the program.
 pub(super) const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
+#[allow(clippy::type_complexity, reason = "a table")]
 const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
     (
         "feature_extractor",

@@ -28,9 +28,12 @@ use crate::texture::Texture::{
 };
 use crate::texture::rgb;
 
+/// Name of a scene, function that adds its objects, scale, and rise.
+type BuiltInScene = (&'static str, fn(&mut Builder), f64, f64);
+
 /// Scenes that were built by hand: name, function that adds the objects, scale, and rise. Scale and rise were chosen so
 /// that no camera's image is cropped.
-pub(super) const SCENES: [(&str, fn(&mut Builder), f64, f64); 15] = [
+pub(super) const SCENES: [BuiltInScene; 15] = [
     ("castle", castle::castle, 0.87, 0.18),
     ("crane", crane::crane, 0.81, 0.15),
     ("knot", knot::knot, 0.90, 0.17),
