@@ -323,6 +323,48 @@ fn divergences_agree_with_the_oracle() {
     }
 }
 
+/// Central differences of `f` in each sample of a ray.
+fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+    let difference = |i: usize| {
+        let h = 1e-6 * tau[i];
+        let at = |step: f64| {
+            let mut moved = tau.to_vec();
+            moved[i] += step;
+            f(&moved)
+        };
+        (at(h) - at(-h)) / (2.0 * h)
+    };
+    (0..tau.len()).map(difference).collect()
+}
+
+#[test]
+fn gradients_of_the_oracle_are_those_of_differences() {
+    let mut draws = Draws(6);
+    let mut ray = |n: usize| -> Vec<f64> { (0..n).map(|_| 10f64.powf(draws.unit() * 3.0 - 2.0)).collect() };
+    let agree = |got: &[f64], want: &[f64], what: &str| {
+        let scale = want.iter().map(|g| g.abs()).fold(1e-2, f64::max);
+        for (got, want) in got.iter().zip(want) {
+            close(*got, *want, 1e-5 * scale, &|| what.to_owned());
+        }
+    };
+    for n in [1, 2, 3, 8, 24] {
+        let (tau, near, u) = (ray(n), ray(n), ray(n));
+        let integral = |tau: &[f64]| dot(&oracle::weights(tau), &u);
+        agree(&oracle::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
+        let additive = |tau: &[f64]| dot(&oracle::additive_weights(tau), &u);
+        agree(&oracle::additive_weights_vjp(&tau, &u), &differences(&tau, additive), "additive weights");
+        for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
+            let want = differences(&tau, |tau| oracle::entropy(tau, of, epsilon));
+            agree(&oracle::entropy_gradient(&tau, of, epsilon), &want, "entropy");
+        }
+        for epsilon in [1e-10, 1e-3] {
+            let (dp, dq) = oracle::divergence_gradient(&tau, &near, epsilon);
+            agree(&dp, &differences(&tau, |tau| oracle::divergence(tau, &near, epsilon)), "divergence, P");
+            agree(&dq, &differences(&near, |near| oracle::divergence(&tau, near, epsilon)), "divergence, Q");
+        }
+    }
+}
+
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
 }

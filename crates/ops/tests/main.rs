@@ -4,4 +4,6 @@ mod agreement;
 mod common;
 mod encodings;
 mod factored;
+mod gradients;
 mod mlp;
+mod properties;
