@@ -15,7 +15,7 @@ const MAX_BYTES: usize = 255;
 /// Parses a seed, or a range of seeds such as `0..4`, both ends included.
 ///
 /// # Errors
-/// What was expected, if it is neither.
+/// If the text is neither; the message says what was expected.
 pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());

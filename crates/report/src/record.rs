@@ -127,7 +127,7 @@ impl AsRef<Self> for Record {
 
 /// Returns the folder of a run below its experiment's: `<scene>/<variant>/seed<N>`.
 ///
-/// It holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`, each of
+/// A run holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`, each of
 /// which may be missing. Images of the same name show the same view.
 pub fn run_directory(scene: &str, variant: &str, seed: u64) -> PathBuf {
     [scene, variant, &format!("seed{seed}")].iter().collect()

@@ -1,7 +1,7 @@
 //! Products of tall matrices, cut into parts so that all of a large GPU works on them.
 
-use burn::backend::Backend;
 use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, TensorMetadata};
 use burn::tensor::Shape;
 
 /// Minimal number of rows of a part.
@@ -18,7 +18,6 @@ pub(super) fn transposed_product<B: Backend>(
     y: FloatTensor<B>,
     product: impl Fn(FloatTensor<B>, FloatTensor<B>) -> FloatTensor<B>,
 ) -> FloatTensor<B> {
-    use burn::backend::TensorMetadata;
     let ([rows, k], [_, n]) = (x.shape().dims(), y.shape().dims());
     let parts = parts(rows);
     if parts < 2 {
