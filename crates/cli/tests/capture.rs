@@ -32,7 +32,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     for part in ["40 photographs, about ", "none to find", "measured on 5 photographs", " frames of 24x24"] {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
-    assert!(said.contains("next: `infonerf view results`, or the same command with --budget 5s --overwrite"), "{said}");
+    assert!(said.contains("next: `infonerf view results`, or the same command with --budget 5s"), "{said}");
     let files = paths(&place, &said);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();
     let first = training();
@@ -41,7 +41,12 @@ fn posed_photographs_are_learned_measured_and_shown() {
     fs::remove_file(place.path(&files[1])).unwrap();
     let again = capture();
     assert!(again.contains("(finished before)") && again.contains(" frames of 24x24"), "{again}");
-    assert_eq!((paths(&place, &again), training()), (files, first));
+    assert_eq!((paths(&place, &again), training()), (files, first.clone()));
+    let longer = place.tiny_without("eval.test", "capture photos --budget 2s --out results").said();
+    assert!(!longer.contains("(finished before)") && longer.contains(" frames of 24x24"), "{longer}");
+    let notes = &records(&place.path("results/capture"))[0]["notes"];
+    assert!(notes.to_string().contains("budget_seconds was 1.0 and is 2.0"), "{notes}");
+    assert!(training().starts_with(&first), "it goes on");
 }
 
 /// Poses are found once; of few photographs all are learned from, and no error on them is given for a result.
@@ -54,8 +59,11 @@ fn few_photographs_without_poses_are_learned_from() {
         run.said()
     };
     let said = capture();
-    for part in ["4 photographs, about ", "09.png: placed", "no photograph is held out, so that no figure is measured"]
-    {
+    for part in [
+        "4 photographs, about ",
+        "4 of 4 photographs placed",
+        "no photograph is held out, so that no figure is measured",
+    ] {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     assert!(!said.contains("PSNR"), "{said}");
@@ -103,7 +111,9 @@ fn sharpest_frames_of_a_video_are_learned_from() {
     assert!(encoded.success());
     let capture = || place.tiny_without("eval.test", "capture walk.mkv --budget 1s").said();
     let said = capture();
-    for part in ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "004.png: placed", "runs/capture/walk/"] {
+    for part in
+        ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "4 of 4 photographs placed", "runs/capture/walk/"]
+    {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     for (number, sharp) in photographs.iter().enumerate() {

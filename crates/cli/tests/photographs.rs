@@ -30,8 +30,7 @@ fn poses_of_photographs_alone() {
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
     let command = "scene from-images photos --poses own";
     let said = place.run(command).said();
-    for part in ["00.png: placed", "09.png: placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"]
-    {
+    for part in ["4 of 5 photographs placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"] {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     let found = Reconstruction::read(&dir).unwrap();

@@ -70,6 +70,6 @@ fn bad_input() {
     tiny(&place, "--seed 1..0").fails_with(&["1..0"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
     tiny(&place, "--only information --scene knot --seed 0").succeeds();
-    let other = "--only information --scene knot --seed 0 --set train.iterations=4";
+    let other = "--only information --scene knot --seed 0 --set train.rays=17";
     tiny(&place, other).fails_with(&["config.toml", "another config"]);
 }

@@ -83,7 +83,7 @@ fn every_combination_is_run_once() {
         fs::write(&alone, damaged).unwrap();
         item(0).fails_with(&["manifest.jsonl"]);
     }
-    sweep(&place, "runs").args("--set train.iterations=4").fails_with(&["config.toml", "another config"]);
+    sweep(&place, "runs").args("--set train.rays=17").fails_with(&["config.toml", "another config"]);
 }
 
 /// The runs that are there are removed first, and once: also those of another config, and not those that were not asked for.

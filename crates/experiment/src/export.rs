@@ -59,7 +59,7 @@ impl Trained {
     /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random
     /// poses in the region that they span. Test views have no part in them.
     pub fn splats(&self, surface: &Surface) -> Vec<Gaussian> {
-        let (scene, models) = (self.scene(), self.models());
+        let (scene, models) = (self.scene(), self.fields());
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let (region, mut rng) = (ViewRegion::new(&training), ChaCha8Rng::seed_from_u64(0));
         let more: Vec<_> = (0..SPLAT_VIEWS).map(|_| region.sample(&mut rng)).collect();
@@ -85,7 +85,7 @@ impl Trained {
     /// # Errors
     /// If images cannot be compared.
     pub fn splat_fidelity(&self, splats: &[Gaussian]) -> Result<Option<SplatFidelity>> {
-        let (scene, models) = (self.scene(), self.models());
+        let (scene, models) = (self.scene(), self.fields());
         let views = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS);
         let (mut count, mut sums) = (0, [0.0; 2]);
         for view in views {

@@ -1,9 +1,9 @@
 //! Checksums of all that a run's figures depend on: a run is only continued if none of them has changed.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
+use std::{fmt, fs};
 
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
@@ -25,6 +25,11 @@ const PARTS: [(&str, &str); 5] = [
     ("device", "the device"),
     ("first_files", "the files that the field is initialised from"),
 ];
+
+/// Keys of the config whose values may grow when a run is continued.
+const GROWING: [&str; 2] = ["budget_seconds", "config.train.iterations"];
+/// Key of an identity that names what has grown since the run began.
+const GROWN: &str = "grown";
 
 /// Checksums of all that a run's numbers depend on, by key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,29 +80,40 @@ impl Identity {
     }
 
     /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
-    /// `config.toml`.
+    /// `config.toml`, or with fewer steps or a smaller budget. Returns whether these have grown.
     ///
     /// # Errors
     /// One line that names the first key whose value differs, or what else has changed, and what can be done.
-    pub(crate) fn refuse_another(&self, folder: &Path, config: &str) -> Result<()> {
+    pub(crate) fn continues(&mut self, folder: &Path, config: &str) -> Result<bool> {
         let remedy = "--overwrite starts the run anew, another --out keeps it";
         let path = folder.join("config.toml");
         let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        if begun != config {
-            let difference = match first_difference(&begun.parse()?, &config.parse()?) {
-                Some((key, then, now)) => format!("{key} was {then} and is {now}"),
-                None => "it is written differently".to_owned(),
-            };
+        let differences = differences(&begun.parse()?, &config.parse()?);
+        let other = differences.iter().find(|difference| !difference.has_grown());
+        if begun != config && (other.is_some() || differences.is_empty()) {
+            let difference = other.map_or("it is written differently".to_owned(), ToString::to_string);
             bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
         }
         let Some(then) = Self::read(folder) else {
             bail!("{}: identity.json is missing or of another version; {remedy}", folder.display());
         };
-        let changes = self.changes(&then);
+        let mut changes = self.changes(&then);
+        changes.retain(|what| differences.is_empty() || *what != PARTS[0].1);
         if !changes.is_empty() {
             bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
         }
-        Ok(())
+        let grown = then.0.get(GROWN).cloned().into_iter().chain(differences.iter().map(ToString::to_string));
+        let grown = grown.collect::<Vec<_>>().join(", ");
+        if !grown.is_empty() {
+            self.0.insert(GROWN.to_owned(), grown);
+        }
+        Ok(!differences.is_empty())
+    }
+
+    /// Describes what has grown since the run began; `None` if nothing has.
+    pub(crate) fn grown(&self) -> Option<String> {
+        let grown = self.0.get(GROWN)?;
+        Some(format!("training went on after its end: {grown}; what a schedule had reached by then began again"))
     }
 
     /// Names the parts that differ from the run that was begun as `then`.
@@ -107,12 +123,37 @@ impl Identity {
     }
 }
 
-/// Returns the first key at which two configs differ, and its value in each.
-fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
+/// A key whose value differs between two configs.
+struct Difference {
+    key: String,
+    then: Option<String>,
+    now: Option<String>,
+}
+
+impl Difference {
+    /// Whether it is more of the same training.
+    fn has_grown(&self) -> bool {
+        let number = |value: &Option<String>| value.as_ref().and_then(|value| value.parse::<f64>().ok());
+        let grows = number(&self.then).zip(number(&self.now)).is_some_and(|(then, now)| then < now);
+        GROWING.contains(&self.key.as_str()) && grows
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [then, now] = [&self.then, &self.now].map(|value| value.as_deref().unwrap_or("absent"));
+        write!(f, "{} was {then} and is {now}", self.key)
+    }
+}
+
+/// Returns the keys at which two configs differ, in their order.
+fn differences(then: &Table, now: &Table) -> Vec<Difference> {
     let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
-    let key = then.keys().chain(now.keys()).filter(|key| then.get(*key) != now.get(*key)).min()?;
-    let shown = |table: &BTreeMap<String, String>| table.get(key).cloned().unwrap_or_else(|| "absent".to_owned());
-    Some((key.clone(), shown(&then), shown(&now)))
+    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    let differing = keys.into_iter().filter(|key| then.get(*key) != now.get(*key));
+    let difference =
+        |key: &String| Difference { key: key.clone(), then: then.get(key).cloned(), now: now.get(key).cloned() };
+    differing.map(difference).collect()
 }
 
 fn short(hash: blake3::Hash) -> String {

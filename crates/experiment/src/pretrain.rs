@@ -41,7 +41,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     }
     let plans = experiment.runs.iter().map(with_one_test_view).collect::<Result<Vec<_>>>()?;
     check_memory(&plans)?;
-    run.begin()?;
+    run.begin(&folder)?;
     watch(RunEvent::Loading);
     let scenes = plans.iter().map(|plan| plan.load().map(Arc::new)).collect::<Result<Vec<_>>>()?;
     let mut trainer = Trainer::on_scenes(&plan.config, scenes, plan.seed, &session.device.device)?;

@@ -169,16 +169,15 @@ impl<'a> MarchingRays<'a> {
 
     fn next_round(&mut self) -> Option<MarchRound> {
         let mut round = MarchRound::for_rays(self.active.len());
-        let warp = self.renderer.warp();
         let stop = self.renderer.sampler.config.early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
             let Some(steps) = &mut self.steps[index] else { return false };
             steps.join(JOINED.map(|depth| depth * stop / self.marched[index].trans));
-            for (t, delta) in steps.take(ROUND) {
-                round.t.push(t);
-                round.delta.push(delta);
-                round.positions.push(warp.point(ray.at(t)).to_array());
+            for step in steps.take(ROUND) {
+                round.t.push(step.t);
+                round.delta.push(step.delta);
+                round.positions.push(step.point.to_array());
             }
             let count = round.t.len() - before;
             if count > 0 {

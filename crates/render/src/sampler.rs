@@ -97,9 +97,8 @@ impl Sampler {
                 let (ray, Some(ends)) = (&rays.on_host[index], rays.ends[index]) else { return };
                 let shift = rays.jitter.map_or(0.5, |noise| noise.uniform(index, 0));
                 let steps = self.steps(ray, ends, march_config.step, shift, skip.grid);
-                let steps = steps.enumerate();
-                self.keep(steps, ray, skip, |_, (t, delta)| {
-                    samples.push(t, delta, self.warp.point(ray.at(t)).to_array());
+                self.keep(steps.map(|step| (step.point, (step.t, step.delta))), ray, skip, |point, (t, delta)| {
+                    samples.push(t, delta, point.to_array());
                 });
             },
             || {
@@ -123,7 +122,7 @@ impl Sampler {
     /// Returns the steps of one ray but those in cells that `grid` knows to be empty.
     pub(crate) fn steps<'a>(
         &'a self,
-        ray: &'a Ray,
+        ray: &Ray,
         ends: [f32; 2],
         step: f32,
         shift: f32,
@@ -361,7 +360,8 @@ mod tests {
             for (index, ray) in rays.on_host.iter().enumerate() {
                 let Some(ends) = rays.ends[index] else { continue };
                 let steps = sampler.steps(ray, ends, sampler.step_length(at), noise().uniform(index, 0), None);
-                sampler.keep(steps.enumerate(), ray, skip, |_, (t, _)| want.push(t));
+                let steps = steps.map(|step| ((), (step.t, step.delta)));
+                sampler.keep(steps, ray, skip, |(), (t, _)| want.push(t));
             }
             assert_eq!(marched.t(), want);
             assert!(

@@ -1,41 +1,53 @@
 //! Steps of one length along a ray.
 
-use glam::I64Vec3;
+use glam::Vec3;
 use infonerf_scene::Ray;
 
-use crate::occupancy::{CellState, OccupancyGrid, fixed};
-use crate::warp::Warp;
+use crate::occupancy::{CellState, OccupancyGrid};
+use crate::warp::{Warp, WarpedRay};
 
-/// `(distance, length)` of samples along a ray, front to back: steps of one length, less those in empty cells of a grid. Two or
-/// four steps are one sample where [`Self::join`] allows it.
+/// Steps whose cells are looked up at a time: their arithmetic overlaps in the processor.
+const BLOCK: usize = 8;
+
+/// Samples along a ray, front to back: steps of one length, less those in empty cells of a grid. Two or four steps are one
+/// sample where [`Self::join`] allows it.
 #[derive(Clone, Debug)]
 pub(crate) struct UniformSteps<'a> {
-    ray: &'a Ray,
-    warp: &'a Warp,
+    /// The ray in the space of the grid.
+    line: WarpedRay<'a>,
     grid: Option<&'a OccupancyGrid>,
+    /// Number of steps in which the ray passes at most one cell of the grid along each axis.
+    steps_per_cell: f32,
     /// Coordinate where the first step begins.
     near: f32,
     /// Length of a step, in coordinates.
     length: f32,
     /// Position of the sample within a step, 0 to 1.
     shift: f32,
-    /// The ray among the cells of the grid, unless space is warped.
-    cells: Option<CellLine>,
     /// Two steps are one sample where both cells are below the first of these, four where all are below the second.
     joined: [CellState; 2],
+    block: Block,
     next: usize,
     last: usize,
 }
 
-/// A ray among a grid's cells, in fixed point.
+/// A sample along a ray.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Step {
+    /// Distance along the ray.
+    pub(crate) t: f32,
+    /// Length of the interval that it stands for, in coordinates.
+    pub(crate) delta: f32,
+    /// Point at which a field is evaluated.
+    pub(crate) point: Vec3,
+}
+
+/// Samples of consecutive steps and the states of their cells.
 #[derive(Clone, Copy, Debug)]
-struct CellLine {
-    /// Place of the first sample.
-    from: I64Vec3,
-    /// Displacement of one step.
-    step: I64Vec3,
-    /// Steps in the width of a cell, along the axis on which the ray passes cells fastest; rounded down a little.
-    steps_per_cell: f32,
+struct Block {
+    first: usize,
+    steps: [Step; BLOCK],
+    states: [CellState; BLOCK],
 }
 
 impl<'a> UniformSteps<'a> {
@@ -43,7 +55,7 @@ impl<'a> UniformSteps<'a> {
     /// the share `shift` of it. If the ray `is_clipped` to the box of the grid, steps before and behind all occupied
     /// cells are left out at once.
     pub(crate) fn new(
-        ray: &'a Ray,
+        ray: &Ray,
         warp: &'a Warp,
         [near, far]: [f32; 2],
         (step, shift): (f32, f32),
@@ -53,20 +65,21 @@ impl<'a> UniformSteps<'a> {
         let joined = [CellState::of_density(0.0); 2];
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
-        let all = Self { ray, warp, grid, cells: None, near, length, shift, joined, next: 0, last: count as usize };
+        let (line, last) = (warp.along(ray), count as usize);
+        // Before all steps: none is looked up yet.
+        let block = Block { first: usize::MAX, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
+        let all = Self { line, grid, steps_per_cell: 0.0, near, length, shift, joined, block, next: 0, last };
         let Some(grid) = grid else { return all };
-        let cells = warp.is_identity().then(|| {
-            let [from, step] = [grid.in_cells(ray.at(near)), grid.cells_along(ray.direction * length)];
-            let steps_per_cell = 0.999 / step.abs().max_element();
-            CellLine { from: fixed(from + shift * step), step: fixed(step), steps_per_cell }
-        });
+        // A little less, as cells and steps are rounded.
+        let steps_per_cell = 0.999 / grid.cells_along(line.max_speed([near, far]) * length).max_element();
+        let all = Self { steps_per_cell, ..all };
         if !is_clipped {
-            return Self { cells, ..all };
+            return all;
         }
         let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Self { last: 0, ..all } };
         let index = |t: f32| ((t - near) / length).max(0.0);
         let (first, last) = (index(enter).floor() as usize, index(leave).ceil() as usize + 1);
-        Self { cells, next: first.saturating_sub(1), last: last.min(all.last), ..all }
+        Self { next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
     /// Makes one sample, from here on, of two steps of optical depths below `depths[0]`, and of four below `depths[1]`.
@@ -74,27 +87,31 @@ impl<'a> UniformSteps<'a> {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    fn distance(&self, at: f32) -> f32 {
-        self.warp.distance(self.near + at * self.length)
+    /// Returns the sample that stands for `count` steps from the step `at` on, which may lie between two.
+    fn step(&self, at: f32, count: usize) -> Step {
+        let t = self.line.warp.distance(self.near + (at + self.shift) * self.length);
+        Step { t, delta: count as f32 * self.length, point: self.line.point(t) }
     }
 
-    /// Returns the state of the cell at the sample of a step.
-    #[inline]
-    fn state(&self, grid: &OccupancyGrid, step: usize) -> CellState {
-        match self.cells {
-            Some(line) => grid.state_at(line.from + step as i64 * line.step),
-            None => {
-                let t = self.distance(step as f32 + self.shift);
-                grid.state_at(fixed(grid.in_cells(self.warp.point(self.ray.at(t)))))
-            }
+    /// Looks up the cell of step `index`, with those that follow it, and returns its place in the block.
+    fn look_up(&mut self, grid: &OccupancyGrid, index: usize) -> usize {
+        let place = index.wrapping_sub(self.block.first);
+        if place < BLOCK {
+            return place;
         }
+        let steps = std::array::from_fn(|ahead| self.step((index + ahead) as f32, 1));
+        self.block = Block { first: index, steps, states: steps.map(|step| grid.state_at(step.point)) };
+        0
     }
 
     /// Returns the number of steps from the next on, whose cell has state `first`, that are one sample.
-    fn together(&self, grid: &OccupancyGrid, first: CellState) -> usize {
-        let [two, four] = self.joined;
-        let thin = |ahead: usize, most: CellState| self.state(grid, self.next + ahead) < most;
-        match self.last - self.next {
+    fn together(&mut self, grid: &OccupancyGrid, first: CellState) -> usize {
+        let ([two, four], left) = (self.joined, self.last - self.next);
+        let mut thin = |ahead: usize, most: CellState| {
+            let place = self.look_up(grid, self.next + ahead);
+            self.block.states[place] < most
+        };
+        match left {
             4.. if first < four && (1..4).all(|ahead| thin(ahead, four)) => 4,
             2.. if first < two && thin(1, two) => 2,
             _ => 1,
@@ -103,24 +120,25 @@ impl<'a> UniformSteps<'a> {
 }
 
 impl Iterator for UniformSteps<'_> {
-    type Item = (f32, f32);
+    type Item = Step;
 
-    fn next(&mut self) -> Option<(f32, f32)> {
+    fn next(&mut self) -> Option<Step> {
         while self.next < self.last {
-            let mut count = 1;
-            if let Some(grid) = self.grid {
-                let state = self.state(grid, self.next);
-                if let Some(away) = state.distance().checked_sub(1) {
-                    // Steps through wide empty space are passed over many at a time.
-                    let pace = self.cells.map_or(0.0, |line| line.steps_per_cell);
-                    self.next += 1 + (f32::from(away) * pace) as usize;
-                    continue;
-                }
-                count = self.together(grid, state);
+            let at = self.next;
+            let Some(grid) = self.grid else {
+                self.next += 1;
+                return Some(self.step(at as f32, 1));
+            };
+            let place = self.look_up(grid, at);
+            let (step, state) = (self.block.steps[place], self.block.states[place]);
+            if let Some(away) = state.distance().checked_sub(1) {
+                // Steps through wide empty space are passed over many at a time.
+                self.next += 1 + (f32::from(away) * self.steps_per_cell) as usize;
+                continue;
             }
-            let at = self.next as f32 + self.shift + 0.5 * (count - 1) as f32;
+            let count = self.together(grid, state);
             self.next += count;
-            return Some((self.distance(at), count as f32 * self.length));
+            return Some(if count == 1 { step } else { self.step(at as f32 + 0.5 * (count - 1) as f32, count) });
         }
         None
     }

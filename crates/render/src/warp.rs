@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use glam::{Mat4, Vec2, Vec3};
 use infonerf_ops::{is_gpu, to_host, upload};
-use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
+use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Scene};
 use serde::{Deserialize, Serialize};
 
 /// Choice of the [`Warp`] of a scene.
@@ -103,20 +103,40 @@ impl Warp {
 
     /// Returns the point at which a field is evaluated for the point `p` of the world.
     pub fn point(&self, p: Vec3) -> Vec3 {
-        match self {
+        self.curved(match self {
             Self::Identity => p,
-            Self::Ndc { to_camera, scale, near } => {
-                let p = to_camera.transform_point3(p);
+            Self::Ndc { to_camera, .. } => to_camera.transform_point3(p),
+            Self::Contraction { centre, radius } => (p - *centre) / *radius,
+        })
+    }
+
+    /// Returns the part of [`Self::point`] that is not linear, of a point in the axes of the mean camera, or in radii.
+    fn curved(&self, x: Vec3) -> Vec3 {
+        match self {
+            Self::Identity => x,
+            Self::Ndc { scale, near, .. } => {
                 // What lies before the nearest depth stays at its plane.
-                let z = (-p.z).max(0.5 * near);
-                Vec3::new(scale.x * p.x / z, scale.y * p.y / z, 1.0 - 2.0 * near / z)
+                let share = 1.0 / (-x.z).max(0.5 * near);
+                Vec3::new(scale.x * x.x * share, scale.y * x.y * share, 1.0 - 2.0 * near * share)
             }
-            Self::Contraction { centre, radius } => {
-                let x = (p - *centre) / *radius;
+            Self::Contraction { .. } => {
                 let length = x.length();
-                if length <= 1.0 { x } else { x * ((2.0 - 1.0 / length) / length) }
+                let share = 1.0 / length;
+                if length <= 1.0 { x } else { x * ((2.0 - share) * share) }
             }
         }
+    }
+
+    /// Prepares [`Self::point`] for many points of `ray`.
+    pub(crate) fn along(&self, ray: &Ray) -> WarpedRay<'_> {
+        let (origin, direction) = match self {
+            Self::Identity => (ray.origin, ray.direction),
+            Self::Ndc { to_camera, .. } => {
+                (to_camera.transform_point3(ray.origin), to_camera.transform_vector3(ray.direction))
+            }
+            Self::Contraction { centre, radius } => ((ray.origin - *centre) / *radius, ray.direction / *radius),
+        };
+        WarpedRay { warp: self, origin, direction }
     }
 
     /// Maps each row by [`Self::point`], `[M, 3]`, differentiable.
@@ -242,6 +262,47 @@ impl Warp {
             Self::Contraction { radius, .. } => {
                 radius * if s <= 2.0 { s } else { 4.0 / (REACH - s).max(4.0 / HORIZON) }
             }
+        }
+    }
+}
+
+/// A ray of the world whose points are mapped into the space of a field.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WarpedRay<'a> {
+    pub(crate) warp: &'a Warp,
+    /// Origin in the axes of the mean camera, or in radii from the centre.
+    origin: Vec3,
+    direction: Vec3,
+}
+
+impl WarpedRay<'_> {
+    /// Returns [`Warp::point`] at distance `t`.
+    #[inline]
+    pub(crate) fn point(&self, t: f32) -> Vec3 {
+        self.warp.curved(self.origin + t * self.direction)
+    }
+
+    /// Returns an upper bound of |dq/ds| along each axis between the coordinates `near` and `far`, q = [`Self::point`];
+    /// infinite where there is none.
+    ///
+    /// NDC: `dq/ds = (t/z)² (aₓ (d_z x₀ − dₓ z₀), a_y (d_z y₀ − d_y z₀), 2n d_z) / 4n` for a ray `x₀ + t d` in the mean
+    /// camera's axes, of depth z; t/z is monotonic. Contraction: 1 as far as `s = u`; from u = 2 on `du/ds = u²/4`, while
+    /// `|dq/du| ≤ 1`, and falls faster than u² grows from u = c + 1 on, c the distance of the ray's origin from the
+    /// centre in radii: `((1 + c)/2)²` at most.
+    pub(crate) fn max_speed(&self, [near, far]: [f32; 2]) -> Vec3 {
+        let (o, d) = (self.origin, self.direction);
+        match self.warp {
+            Warp::Identity => d.abs(),
+            Warp::Ndc { scale, near: nearest, .. } => {
+                let share = |s: f32| {
+                    let t = self.warp.distance(s);
+                    let z = -(o.z + t * d.z);
+                    if z > 0.5 * nearest { (t / z).powi(2) } else { f32::INFINITY }
+                };
+                let along = scale.extend(2.0 * nearest) * Vec3::new(d.z * o.x - d.x * o.z, d.z * o.y - d.y * o.z, d.z);
+                along.abs() * share(near).max(share(far)) / (4.0 * nearest)
+            }
+            Warp::Contraction { .. } => Vec3::splat((0.25 * (1.0 + o.length()).powi(2)).max(1.0)),
         }
     }
 }
@@ -392,6 +453,30 @@ mod tests {
             for warp in [Warp::of(&forward(), SpaceChoice::Ndc), Warp::Contraction { centre: Vec3::X, radius: 3.0 }, Warp::Identity] {
                 let found = warp.world(warp.point(p));
                 prop_assert!(found.distance(p) < 2e-3 * p.length(), "{warp:?} {p}: {found}");
+            }
+        }
+
+        /// No part of a ray passes cells faster than the bound says.
+        #[test]
+        fn no_ray_is_faster_than_its_bound(
+            (x, y, z) in (-0.4f32..0.4, -0.4f32..0.4, -0.4f32..0.4),
+            across in -0.5f32..0.5,
+            up in -0.5f32..0.5,
+            away in 1.0f32..12.0,
+        ) {
+            let ahead = Ray::new(Vec3::new(x, y, z), Vec3::new(across, up, -1.0).normalize());
+            let [inside, outside] = [1.0, away].map(|away| Ray::new(away * ahead.origin, ahead.direction));
+            let ndc = Warp::of(&forward(), SpaceChoice::Ndc);
+            let around = Warp::Contraction { centre: Vec3::X * 0.3, radius: 1.5 };
+            for (warp, ray) in [(&ndc, ahead), (&around, inside), (&around, outside)] {
+                let [near, far] = [1.5, 1e4].map(|t| warp.coordinate(t));
+                let (bound, step) = (warp.along(&ray).max_speed([near, far]), (far - near) / 400.0);
+                prop_assert!(bound.max_element() < 100.0, "{bound}");
+                for i in 0..400 {
+                    let [from, to] = [i, i + 1].map(|i| warp.point(ray.at(warp.distance(near + i as f32 * step))));
+                    let speed = (to - from).abs() / step;
+                    prop_assert!(speed.cmple(1.001 * bound + 1e-3).all(), "{warp:?} {ray:?} {i}: {speed} above {bound}");
+                }
             }
         }
 

@@ -293,13 +293,17 @@ impl Lens {
 }
 
 impl fmt::Display for Lens {
-    /// Writes the model's name and its coefficients, such as `OPENCV_FISHEYE k 0.1 0 0 0`.
+    /// Writes the model's name and its coefficients to four digits, such as `fisheye, k 0.1 0 0 0`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let list = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+        let list = |values: &[f64]| {
+            // Without the sign of a zero.
+            let rounded = values.iter().map(|value| (value * 1e4).round() / 1e4 + 0.0);
+            rounded.map(|value| value.to_string()).collect::<Vec<_>>().join(" ")
+        };
         match &self.model {
             LensModel::Perspective => write!(f, "perspective"),
             LensModel::Fisheye { k } => write!(f, "fisheye, k {}", list(k)),
-            LensModel::Fov { omega } => write!(f, "field of view, omega {omega}"),
+            LensModel::Fov { omega } => write!(f, "field of view, omega {}", list(&[*omega])),
             LensModel::RadialTangential { k, q, p } => {
                 write!(f, "radial-tangential, k {}", list(k))?;
                 if *q != [0.0; 3] {

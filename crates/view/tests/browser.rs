@@ -88,7 +88,7 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
 /// Renders a training view with the program.
 fn rendered(run: &Trained, view: usize) -> (Vec<u8>, RenderedImage) {
     let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
-    let image = render_image(run.renderer(), &run.models(), &camera);
+    let image = render_image(run.renderer(), &run.fields(), &camera);
     (infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap().into_raw(), image)
 }
 

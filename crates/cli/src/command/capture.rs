@@ -7,10 +7,10 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use humantime::format_duration;
-use infonerf_dataset::{PoseSearch, SceneSource, info, video_folder, video_frames};
+use infonerf_dataset::{PoseSearch, SceneSource, from_images, info, video_folder, video_frames};
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Existing, Experiment, Selection, Session, Trained, is_finished};
+use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE};
 
 use crate::print::{errln, outln};
@@ -27,8 +27,8 @@ const CAPTURE_EXAMPLES: &str = "\
 Examples:
   infonerf capture my-photos
       finds where the photographs in my-photos were taken from, learns the scene for a minute, renders once around it
-  infonerf capture my-photos --budget 5m --overwrite
-      the same, learned for five minutes
+  infonerf capture my-photos --budget 5m
+      goes on to five minutes, if the first command has come to its end
   infonerf capture walk.mp4
       the sharpest frames of a video, taken by the ffmpeg program, instead of photographs
 
@@ -41,7 +41,7 @@ The same command again continues what was interrupted, and prints the results of
 pub(crate) struct CaptureArgs {
     /// Folder of photographs, without poses or with them (COLMAP, transforms.json, LLFF and others), or a video file
     path: PathBuf,
-    /// Training time, such as 60s or 5m; the size of the orbit is chosen so that rendering it takes about as long
+    /// Training time, such as 60s or 5m; the size of the orbit is chosen so that rendering it takes about half as long
     #[arg(long, value_name = "TIME", value_parser = parse_time, default_value = "60s", allow_hyphen_values = true)]
     budget: Duration,
     /// Folder for results
@@ -60,6 +60,12 @@ pub(crate) struct CaptureArgs {
 
 /// Number of photographs from which on every eighth is held out and measured.
 const MIN_MEASURED: usize = 10;
+/// Maximal number of photographs that are held out and measured.
+const MAX_MEASURED: usize = 8;
+/// Maximal number of photographs that the report shows where none is held out.
+const MAX_SHOWN: usize = 3;
+/// Training time over the time in which the orbit is rendered.
+const ORBIT_SHARE: f64 = 2.0;
 /// Seconds per photograph for reading, stereo and testing, measured on fern at 504×378 on two cores.
 const SECONDS_PER_PHOTOGRAPH: u64 = 2;
 
@@ -76,26 +82,26 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         if pairs > 0 {
             print_stages(args, count, pairs);
         }
-        scene::find_poses(&photographs, &PoseSearch::default())?;
+        from_images(&photographs, &PoseSearch::default(), |line| outln!("{line}"))?;
     }
     let info = info(&dir)?;
     let count = info.train_views + info.test_views;
     let experiment = plan(args, &dir, count)?;
     let plan = experiment.runs[0].clone();
     let folder = session.run_folder(&plan);
+    let mut doubts = Vec::new();
     if args.existing.existing() == Existing::Overwrite || !is_finished(&folder) {
         if is_posed {
             print_stages(args, count, 0);
         }
-        scene::print_doubts(&photographs)?;
+        doubts = scene::print_doubts(&photographs)?;
     }
     interrupt::install()?;
-    let Some((trained, report)) = train(experiment, &session)? else {
+    let Some((trained, report)) = train(experiment, &session, &doubts)? else {
         outln!("stopped and saved; {} continues", args.existing.same_command());
         return Ok(interrupt::exit_code());
     };
-    let fields = || trained.map_or_else(|| Trained::read(plan, &folder, &session.device), Ok);
-    let Some(orbit) = write_pictures(fields, &folder, args.budget)? else {
+    let Some(orbit) = write_pictures(trained, (plan, &folder), &session, args.budget)? else {
         outln!("stopped; the scene is learned, and {} renders its orbit", args.existing.same_command());
         return Ok(interrupt::exit_code());
     };
@@ -104,7 +110,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let out = args.out.display().to_string();
     let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
     outln!(
-        "next: `infonerf view {}`, or the same command with --budget {longer} --overwrite for a better scene",
+        "next: `infonerf view {}`, or the same command with --budget {longer} for a better scene",
         shlex::try_quote(&out)?
     );
     Ok(ExitCode::SUCCESS)
@@ -128,6 +134,7 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
 fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
     let (budget, around) = (args.budget.as_secs().max(1), SECONDS_PER_PHOTOGRAPH * count as u64);
+    let orbit = args.budget.div_f64(ORBIT_SHARE).as_secs().max(1);
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
     let poses = match pairs {
@@ -136,13 +143,13 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     };
     outln!(
         "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \
-         training         {}, and about {} before and afterwards\n  orbit and page   up to {}",
+         training         {}, and about {} before and afterwards\n  orbit and page   {}",
         args.path.display(),
-        time(quick + budget + around),
-        time(slow + 2 * budget + around),
+        time(quick + budget + orbit + around),
+        time(slow + budget + orbit + around),
         time(budget),
         time(around),
-        time(budget)
+        time(orbit)
     );
 }
 
@@ -152,12 +159,13 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
     let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
         bail!("{}: expected a folder of photographs whose name is text", args.path.display());
     };
-    let learn_all = (count < MIN_MEASURED).then(|| "eval.test=training".to_owned());
+    let (test, views) = if count < MIN_MEASURED { ("training", MAX_SHOWN) } else { ("split", MAX_MEASURED) };
+    let test = [format!("eval.test={test}"), format!("eval.max_views={views}")];
     let selection = Selection {
         data: Some(data.to_owned()),
         scenes: vec![name.to_owned()],
         variants: vec!["infonerf+".into()],
-        set: learn_all.into_iter().chain(args.set.iter().cloned()).collect(),
+        set: test.into_iter().chain(args.set.iter().cloned()).collect(),
         budget: Some(args.budget.as_secs_f64()),
         ..Selection::default()
     };
@@ -165,8 +173,9 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
 }
 
 /// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the
-/// fields, if they were trained just now, and the path of the report; `None` if the user stops it.
-fn train(experiment: Experiment, session: &Session) -> Result<Option<(Option<Trained>, PathBuf)>> {
+/// fields, if they were trained just now, and the path of the report; `None` if the user stops it. Doubts that are `known`
+/// are not told again.
+fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<Option<(Option<Trained>, PathBuf)>> {
     let folder = session.experiment_folder(&experiment.about.name);
     let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
     let mut trained = None;
@@ -175,14 +184,14 @@ fn train(experiment: Experiment, session: &Session) -> Result<Option<(Option<Tra
             PlanEvent::Started(_, prepared) => {
                 prepared.warning.iter().for_each(|warning| errln!("warning: {warning}"));
             }
+            PlanEvent::Run(_, _, RunEvent::Warning(doubt)) if known.iter().any(|known| doubt.ends_with(known)) => {}
             PlanEvent::Run(_, _, event) => progress.show(event),
-            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, trainers)) => {
+            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, fields)) => {
                 outln!("{}", result(&record));
-                let fields = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
                 if let Err(error) = exp::write_viewer(&fields, &session.run_folder(plan)) {
                     errln!("warning: no page in 3D: {error:#}");
                 }
-                trained = Some(fields);
+                trained = Some(*fields);
             }
             PlanEvent::RunEnded(_, _, RunEnd::Kept(record)) => outln!("{} (finished before)", result(&record)),
             _ => {}
@@ -205,20 +214,21 @@ fn result(record: &Record) -> String {
     format!("{}, measured on {} photographs that were held out", summary(record), record.test_views.count)
 }
 
-/// Writes the orbit of the run in `folder`, and its page, unless they are there, and returns the path of the orbit; `None`
-/// if the user stops it.
+/// Writes the orbit of the run of `plan` in `folder`, and its page, unless they are there and the fields were not `trained` just
+/// now. Returns the path of the orbit; `None` if the user stops it.
 fn write_pictures(
-    fields: impl FnOnce() -> Result<Trained>,
-    folder: &Path,
+    trained: Option<Trained>,
+    (plan, folder): (RunPlan, &Path),
+    session: &Session,
     budget: Duration,
 ) -> Result<Option<PathBuf>> {
     let (orbit, page) = (folder.join("render/orbit.gif"), folder.join(VIEWER_PAGE));
-    if orbit.is_file() && page.is_file() {
+    if trained.is_none() && orbit.is_file() && page.is_file() {
         return Ok(Some(orbit));
     }
-    let trained = fields()?;
+    let trained = trained.map_or_else(|| Trained::read(plan, folder, &session.device), Ok)?;
     if !page.is_file() {
         exp::write_viewer(&trained, folder)?;
     }
-    render::write_orbit(&trained, &folder.join("render"), budget)
+    render::write_orbit(&trained, &folder.join("render"), budget.div_f64(ORBIT_SHARE))
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::{RunPlan, Trained, picture_notes};
 use infonerf_metrics::{Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select};
-use infonerf_render::{Pivot, TrainedModel};
+use infonerf_render::Pivot;
 use infonerf_report::PictureComparison;
 use infonerf_scene::{TestProtocol, View};
 use infonerf_train::{Evaluated, Evaluation, TestView};
@@ -139,12 +139,11 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
         } else {
             "test views"
         };
-        outln!("{label}: {} {views} ({test})", trained.scene().test.len());
-        let models = trained.models_with_residuals();
+        outln!("{label}: {} {views} ({test})", measured(&trained).len());
         if args.scales.is_empty() {
-            each_view(&trained, &models, &networks)?;
+            each_view(&trained, &networks)?;
         } else {
-            table.push((label, scales(&trained, &models, &args.scales)?));
+            table.push((label, scales(&trained, &args.scales)?));
         }
     }
     if !args.scales.is_empty() {
@@ -159,6 +158,7 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
 /// other views, in another space, than it would be by the other protocol, and is not tested by that.
 fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
     let mut other = plan.clone();
+    other.config.eval.max_views = 0;
     other.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
     let [was, is] = [plan, &other].map(|plan| plan.config.eval.test.test() == TestProtocol::Training);
     if was != is {
@@ -175,18 +175,22 @@ fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
     Ok(other)
 }
 
+/// Returns the test views that are measured.
+fn measured(trained: &Trained) -> Vec<&View> {
+    trained.plan.config.eval.measured(&trained.scene().test)
+}
+
 /// Evaluates `views`, and shows each once it is measured.
 fn evaluate(
     trained: &Trained,
-    models: &[TrainedModel],
-    views: &[View],
+    views: &[&View],
     mut evaluation: Evaluation<'_>,
     mut show: impl FnMut(&View, &TestView),
 ) -> Result<Evaluated> {
     let fit = (Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps);
     let bar = counting_bar("test views", views.len());
     for view in views {
-        let tested = evaluation.add_fitted(trained.renderer(), models, view, fit)?;
+        let tested = evaluation.add_fitted(trained.renderer(), &trained.models, view, fit)?;
         bar.suspend(|| show(view, &tested));
         bar.inc(1);
     }
@@ -194,11 +198,11 @@ fn evaluate(
     evaluation.finish().context("no test views")
 }
 
-fn each_view(trained: &Trained, models: &[TrainedModel], networks: &Networks) -> Result<()> {
+fn each_view(trained: &Trained, networks: &Networks) -> Result<()> {
     let protocol = trained.plan.config.eval.metric_protocol();
     outln!("{protocol}");
     let evaluation = Evaluation::new(networks, &protocol);
-    let evaluated = evaluate(trained, models, &trained.scene().test, evaluation, |view, result| {
+    let evaluated = evaluate(trained, &measured(trained), evaluation, |view, result| {
         outln!("{:16} {}{:.2} s", view.name, line(&result.values), result.seconds);
     })?;
     outln!("{:16} {}{:.2} s", "mean", line(&evaluated.measured.set), evaluated.seconds_per_image);
@@ -225,10 +229,10 @@ fn line(values: &Values) -> String {
 }
 
 /// Returns the mean PSNR at full size and at each smaller one.
-fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result<Vec<f64>> {
+fn scales(trained: &Trained, factors: &[u32]) -> Result<Vec<f64>> {
     let (networks, protocol) = (Networks::none(), trained.plan.config.eval.metric_protocol());
     let at = |factor: u32| -> Result<f64> {
-        let reduced = trained.scene().test.iter().map(|view| view.reduced(factor));
+        let reduced = measured(trained).into_iter().map(|view| view.reduced(factor));
         let is_measured = |view: &View| {
             let shows = view.valid.as_ref().is_none_or(|valid| valid.contains(&true));
             if !shows {
@@ -238,7 +242,7 @@ fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result
         };
         let views: Vec<View> = reduced.filter(is_measured).collect();
         let evaluation = Evaluation::of(&[&PSNR], &networks, &protocol);
-        let evaluated = evaluate(trained, models, &views, evaluation, |_, _| ())?;
+        let evaluated = evaluate(trained, &views.iter().collect::<Vec<_>>(), evaluation, |_, _| ())?;
         Ok(evaluated.measured.set[PSNR.key()].unwrap_or(f64::NAN))
     };
     std::iter::once(&1).chain(factors).map(|&factor| at(factor)).collect()

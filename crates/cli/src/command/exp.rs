@@ -109,17 +109,13 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         if as_json && let Some(event) = events.event(&event) {
             outln!("{event}");
         }
-        if let PlanEvent::RunEnded(index, plan, RunEnd::Trained(record, trainers)) = event {
-            if as_text {
-                reporter.watch(PlanEvent::RunEnded(index, plan, RunEnd::Trained(record, Vec::new())));
-            }
-            if infonerf_view::holds(&plan.config.field) {
-                let trained = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
-                if let Err(error) = write_viewer(&trained, &folder.join(plan.directory())) {
-                    errln!("warning: {}: no page in 3D: {error:#}", plan.label());
-                }
-            }
-        } else if as_text {
+        if let PlanEvent::RunEnded(_, plan, RunEnd::Trained(_, trained)) = &event
+            && infonerf_view::holds(&plan.config.field)
+            && let Err(error) = write_viewer(trained, &folder.join(plan.directory()))
+        {
+            errln!("warning: {}: no page in 3D: {error:#}", plan.label());
+        }
+        if as_text {
             reporter.watch(event);
         }
         live.as_ref().map_or_else(interrupt::control, Live::control)

@@ -92,7 +92,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
-        SceneCommand::Check { dir } => print_doubts(dir)?,
+        SceneCommand::Check { dir } => drop(print_doubts(dir)?),
         SceneCommand::FromImages { dir, poses, without_colmap, focal } => {
             let focal = match focal {
                 Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
@@ -105,7 +105,8 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
                 _ => PoseSolver::Own,
             };
             let search = PoseSearch { solver, focal };
-            find_poses(dir, &search)?;
+            from_images(dir, &search, |line| outln!("{line}"))?;
+            show(dir, false, None)?;
             outln!("next: infonerf capture {}", shlex::try_quote(&dir.display().to_string())?);
         }
         SceneCommand::Export { name, dir, format, size } => {
@@ -114,12 +115,6 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// Finds the poses of the photographs in `dir`, and describes the scene that they make.
-pub(crate) fn find_poses(dir: &Path, search: &PoseSearch) -> Result<()> {
-    from_images(dir, search, |line| outln!("{line}"))?;
-    show(dir, false, None)
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
@@ -181,8 +176,8 @@ fn longest_side(dir: &Path) -> Result<u32> {
     Ok(width.max(height))
 }
 
-/// Prints what may be wrong with a capture, a line each.
-pub(crate) fn print_doubts(dir: &Path) -> Result<()> {
+/// Prints what may be wrong with a capture, a line each, and returns these lines.
+pub(crate) fn print_doubts(dir: &Path) -> Result<Vec<String>> {
     let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");
@@ -190,5 +185,5 @@ pub(crate) fn print_doubts(dir: &Path) -> Result<()> {
     if warnings.is_empty() {
         outln!("{}: {views} views, nothing to warn of", dir.display());
     }
-    Ok(())
+    Ok(warnings)
 }

@@ -168,7 +168,8 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
-    warnings.extend(of_many_sizes(&cameras, &scale));
+    let tested = if request.test == TestProtocol::Training { 0 } else { test.len() };
+    warnings.extend(of_many_sizes(&cameras[..train.len() + tested], &scale));
     warnings.extend(check_valid(&train, &train_views, &mut test)?);
     if request.test != TestProtocol::Training {
         warnings.extend(leave_out_copies(&train_views, &mut test));

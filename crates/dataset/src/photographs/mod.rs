@@ -165,7 +165,8 @@ pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
     if list_images(&folder).ok()?.is_empty() {
         return first_unread(&folder);
     }
-    let reason = format!("these are photographs: `infonerf scene from-images {}` finds their poses", dir.display());
+    let reason =
+        format!("these are photographs: `infonerf capture {}` finds their poses and learns the scene", dir.display());
     Some(SceneError::malformed(dir, "a scene with poses", reason))
 }
 
@@ -203,7 +204,10 @@ mod tests {
         assert!(text.contains("at least two photographs: it has 0"), "{text}");
         fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
         let text = fault(guard.path());
-        assert!(text.contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it"), "{text}");
+        assert!(
+            text.contains("IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it"),
+            "{text}"
+        );
         assert_eq!(unposed(guard.path()).unwrap().to_string(), text);
         assert!(fault(&guard.path().join("none")).contains("not found"));
     }

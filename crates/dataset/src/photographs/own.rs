@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::path::Path;
 
 use glam::DVec2;
-use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images};
-use infonerf_scene::{Image, SceneError, resized_dimensions};
+use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images, orientation, quarter_turns};
+use infonerf_scene::{Camera, Image, SceneError, resized_dimensions};
 use infonerf_sfm::{Photograph, reconstruct};
 use rayon::prelude::*;
 
@@ -64,13 +64,10 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
     let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
     for (path, pose) in paths.iter().zip(&found.poses) {
-        let state = match pose {
-            Ok(_) => "placed".to_owned(),
-            Err(reason) => format!("not placed: {reason}"),
-        };
-        let line = format!("{}: {state}", file_name(path));
+        let Err(reason) = pose else { continue };
+        let line = format!("{}: not placed: {reason}", file_name(path));
         progress(&line);
-        lost.extend(pose.is_err().then_some(line));
+        lost.push(line);
     }
     if paths.len() - lost.len() < MIN_PLACED {
         return Err(fault(lost.swap_remove(0)));
@@ -83,20 +80,25 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
         let reduced = f64::from(photograph.size.0) / photograph.width as f64;
         let margin = found.lens.centre - photograph.middle();
         let [cx, cy] = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
-        let lens = vec![found.lens.focal * reduced, cx, cy, found.lens.k1];
-        let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, photograph.size, lens)?;
+        let focal = found.lens.focal * reduced;
+        let pose = opengl(pose.rotation.transpose(), pose.centre());
+        let shown = Camera::pinhole(photograph.size, [focal; 2], [cx, cy], pose);
+        // Reconstructions are of the pixels as they are stored.
+        let stored = shown.turned(photograph.turned_back);
+        let lens = vec![focal, stored.cx, stored.cy, found.lens.k1];
+        let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, (stored.width, stored.height), lens)?;
         let known = all.cameras.iter().find(|(_, known)| **known == camera).map(|(id, _)| *id);
         let id = known.unwrap_or(all.cameras.len() as u32 + 1);
         all.cameras.insert(id, camera);
         let observations = (1u64..).zip(&found.points).flat_map(|(point_id, point)| {
             let seen = point.seen.iter().filter(|(by, _)| *by == i);
-            seen.map(move |(_, pixel)| ((*pixel - margin) * reduced, point_id))
+            seen.map(move |(_, pixel)| (photograph.stored((*pixel - margin) * reduced), point_id))
         });
         all.images.push(ColmapImage {
             id: i as u32 + 1,
             name: file_name(&paths[i]),
             camera: id,
-            pose: opengl(pose.rotation.transpose(), pose.centre()),
+            pose: stored.to_world,
             observations: observations.collect(),
         });
     }
@@ -113,6 +115,8 @@ struct SmallPhotograph {
     height: usize,
     rgb: Vec<[u8; 3]>,
     size: (u32, u32),
+    /// Clockwise quarter turns from the photograph as EXIF data have it shown to its pixels as they are stored.
+    turned_back: u8,
     /// Focal length over the longer side, if EXIF data state it.
     focal: Option<f64>,
 }
@@ -125,7 +129,19 @@ impl SmallPhotograph {
         let size = (image.width, image.height);
         let (width, height) = resized_dimensions(size.0, size.1, longest);
         let rgb = image.resized(width, height).to_rgb8().as_chunks().0.to_vec();
-        Ok(Self { width: width as usize, height: height as usize, rgb, size, focal })
+        let turned_back = (4 - quarter_turns(orientation(path)).unwrap_or(0)) % 4;
+        Ok(Self { width: width as usize, height: height as usize, rgb, size, turned_back, focal })
+    }
+
+    /// Converts a pixel of the photograph as it is shown to one as it is stored.
+    fn stored(&self, pixel: DVec2) -> DVec2 {
+        let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
+        match self.turned_back {
+            1 => DVec2::new(height - pixel.y, pixel.x),
+            2 => DVec2::new(width - pixel.x, height - pixel.y),
+            3 => DVec2::new(pixel.y, width - pixel.x),
+            _ => pixel,
+        }
     }
 
     fn middle(&self) -> DVec2 {
@@ -146,10 +162,11 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity};
+    use infonerf_scene::{PoseError, SceneRequest, Similarity, TestProtocol};
 
     use super::*;
-    use crate::loaders::testing::{load, request, shared_data};
+    use crate::SceneSource;
+    use crate::loaders::testing::{load, request, set_orientation, shared_data};
 
     /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
     /// positions in percent of the mean distance between cameras.
@@ -162,6 +179,34 @@ mod tests {
             || truth.iter().enumerate().flat_map(|(i, a)| truth[..i].iter().map(|b| place(a).distance(place(b))));
         let apart = pairs().sum::<f64>() / pairs().count() as f64;
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
+    }
+
+    /// A photograph for each orientation that a camera can be held in, square, so that sizes do not tell them apart.
+    #[test]
+    fn photographs_that_exif_data_turn_are_placed_as_they_are_shown() {
+        let train = "0,1,3,9".parse().unwrap();
+        let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..request() };
+        let truth = crate::load(&SceneSource::Procedural("room".into()), &request).unwrap();
+        let guard = tempfile::tempdir().unwrap();
+        for (i, (view, exif)) in truth.train.iter().zip([1, 6, 3, 8]).enumerate() {
+            let (png, jpeg) = (guard.path().join("shown.png"), guard.path().join(format!("{i}.jpg")));
+            view.image.write_png(&png).unwrap();
+            let shown = image::open(&png).unwrap();
+            let stored = match exif {
+                6 => shown.rotate270(),
+                3 => shown.rotate180(),
+                8 => shown.rotate90(),
+                _ => shown,
+            };
+            stored.into_rgb8().save(&jpeg).unwrap();
+            set_orientation(&jpeg, exif);
+            fs::remove_file(&png).unwrap();
+        }
+        find(guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
+        let found =
+            load(guard.path(), &SceneRequest { test: TestProtocol::Training, ..SceneRequest::default() }).unwrap();
+        let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());
+        assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }
 
     /// Prints the table of docs/photographs.md.

@@ -8,7 +8,6 @@ use std::path::Path;
 
 use anyhow::Result;
 use infonerf_report::Record;
-use infonerf_train::Trainer;
 
 pub use processes::{Runner, STOPPED, Workers};
 pub(crate) use slurm::refuse_under_way;
@@ -16,7 +15,7 @@ pub use slurm::{JobResources, Jobs, Slurm};
 
 use crate::records::save_record;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
-use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session};
+use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session, Trained};
 
 /// Executor: the place where runs happen.
 pub enum Executor<'a> {
@@ -46,8 +45,8 @@ pub enum PlanEvent<'a> {
 
 /// How a run of a sweep ended.
 pub enum RunEnd {
-    /// In this process, with a record and the fields that its pictures are made of.
-    Trained(Box<Record>, Vec<Trainer>),
+    /// In this process, with a record and its fields.
+    Trained(Box<Record>, Box<Trained>),
     /// Finished before.
     Kept(Box<Record>),
     /// Finished by a process of its own; the last line that it printed.
@@ -128,9 +127,9 @@ fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Resu
     let folder = sweep.folder(&session.out);
     for (index, plan) in sweep.runs().enumerate() {
         let ended = match session.run(plan, &mut |event| watch(PlanEvent::Run(index, plan, event)))? {
-            Finished::Record(record, trainers) => {
+            Finished::Record(record, trained) => {
                 save_record(&folder, &record)?;
-                RunEnd::Trained(record, trainers)
+                RunEnd::Trained(record, trained)
             }
             Finished::Kept(record) => RunEnd::Kept(record),
             Finished::Stopped => RunEnd::Stopped,

@@ -8,42 +8,41 @@ use image::{ImageFormat, RgbImage};
 use infonerf_dataset::SceneSource;
 use infonerf_loss::Need;
 use infonerf_metrics::to_rgb8;
-use infonerf_render::{Pivot, TrainedModel};
+use infonerf_render::Pivot;
 use infonerf_report::{CameraErrors, Record, TestViews, depth_image, error_image, write_atomically};
 use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol, View};
 use infonerf_train::config::{Disturbance, Unseen};
 use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, information};
 
-use crate::{Control, RunEvent, RunPlan, Session, Watch};
+use crate::{Control, RunEvent, RunPlan, Session, Trained, Watch};
 
 /// Renders and measures the test views, writes the images, and returns the record without its memory; `None` if `watch`
-/// stops it. `trainers` made `progress` with the `left_out` fields that went empty.
+/// stops it. The fields made `progress` with the `left_out` ones that went empty.
 pub(super) fn evaluate(
     session: &Session,
-    plan: &RunPlan,
+    Trained { plan, trainers, models, .. }: &Trained,
     folder: &Path,
-    trainers: &[Trainer],
     progress: &Progress,
     left_out: usize,
     watch: &mut Watch<'_>,
 ) -> Result<Option<Record>> {
     let (scene, renderer) = (trainers[0].scene(), trainers[0].renderer());
-    let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained_with_residuals).collect();
     let protocol = plan.config.eval.metric_protocol();
     let mut evaluation = Evaluation::new(&session.networks, &protocol);
-    for (index, view) in scene.test.iter().enumerate() {
-        if watch(RunEvent::Evaluating { view: index, views: scene.test.len() }) == Control::Stop {
+    let tested = plan.config.eval.measured(&scene.test);
+    for (index, view) in tested.iter().enumerate() {
+        if watch(RunEvent::Evaluating { view: index, views: tested.len() }) == Control::Stop {
             return Ok(None);
         }
         let fit = (Pivot::of(scene), plan.config.eval.pose_steps);
-        let result = evaluation.add_fitted(renderer, &members, view, fit)?;
+        let result = evaluation.add_fitted(renderer, models, view, fit)?;
         write_pictures(folder, scene, view, &result)?;
     }
     let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
     let evaluated = evaluation.finish().context("no test views")?;
     let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
     let information = information_of(plan, trainers);
-    let files = |views: &[View]| -> Vec<String> {
+    let files = |views: &[&View]| -> Vec<String> {
         let is_built_in = matches!(plan.source, SceneSource::Procedural(_));
         views.iter().filter(|_| !is_built_in).map(|view| view.file.clone()).collect()
     };
@@ -64,13 +63,13 @@ pub(super) fn evaluate(
         preset: plan.preset.name().to_owned(),
         device: session.device.name.name().to_owned(),
         train_views: scene.train.iter().map(|view| view.id).collect(),
-        train_files: files(&scene.train),
+        train_files: files(&scene.train.iter().collect::<Vec<_>>()),
         test_views: TestViews {
             protocol: plan.config.eval.test.to_string(),
-            count: scene.test.len(),
-            ids: scene.test.iter().map(|view| view.id).collect(),
+            count: tested.len(),
+            ids: tested.iter().map(|view| view.id).collect(),
         },
-        test_files: files(&scene.test),
+        test_files: files(&tested),
         image_size: [scene.test[0].image.width as usize, scene.test[0].image.height as usize],
         iterations: progress.step as u64,
         train_seconds: progress.seconds,

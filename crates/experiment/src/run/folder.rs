@@ -44,6 +44,24 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Prepares the run in `folder` for more training: removes its record, and moves an only field to `first`, the folder of the
+/// first field from now on.
+pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
+    for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
+        if is_own_record(&entry.path()) {
+            fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
+        }
+    }
+    fs::create_dir_all(first).with_context(|| first.display().to_string())?;
+    for name in ["checkpoint", "checkpoint.previous", "metrics.jsonl"] {
+        let (from, to) = (folder.join(name), first.join(name));
+        if from != to && from.exists() {
+            fs::rename(&from, &to).with_context(|| from.display().to_string())?;
+        }
+    }
+    Ok(())
+}
+
 /// Keeps a second process out of the folder of a run or a sweep, which `what` names, for as long as the file lives. Also
 /// returns a warning where the file system knows no locks.
 pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String>)> {

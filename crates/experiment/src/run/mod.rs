@@ -12,7 +12,7 @@ mod volume;
 
 use std::fs;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -24,6 +24,7 @@ use infonerf_train::{Event, Trainer, without_collapsed};
 
 pub use evaluate::{picture_notes, save_png};
 pub use folder::is_finished;
+use folder::reopen;
 pub(crate) use folder::{clear, lock};
 use memory::PeakMemory;
 pub(crate) use train::{Training, load_checkpoint, train};
@@ -107,8 +108,8 @@ pub type Watch<'a> = dyn FnMut(RunEvent<'_>) -> Control + 'a;
 
 /// The result of a run.
 pub enum Finished {
-    /// The run is done. The fields are those that pictures are made of.
-    Record(Box<Record>, Vec<Trainer>),
+    /// The run is done: its record and its fields.
+    Record(Box<Record>, Box<Trained>),
     /// The run was done before; its record.
     Kept(Box<Record>),
     /// The run was stopped by its watcher, and can be continued.
@@ -122,14 +123,20 @@ pub(crate) struct OpenRun {
     config: String,
     /// Whether an earlier process has begun it.
     pub(crate) continues: bool,
+    /// Whether it was begun with fewer steps or a smaller budget.
+    pub(crate) has_grown: bool,
     _lock: fs::File,
 }
 
 impl OpenRun {
-    /// Removes what an earlier run left, unless that is continued, and writes what this one is made of.
-    pub(crate) fn begin(&self) -> Result<()> {
+    /// Removes what an earlier run left, unless that is continued, and writes what this one is made of. Its first field is
+    /// in the folder `first`.
+    pub(crate) fn begin(&self, first: &Path) -> Result<()> {
         if !self.continues {
             clear(&self.folder)?;
+        }
+        if self.has_grown {
+            reopen(&self.folder, first)?;
         }
         // In this order: a run that has a config has an identity.
         self.identity.write(&self.folder)?;
@@ -175,7 +182,7 @@ impl Session {
         let identity = Identity::of(plan, self.device.name.name())?;
         let run = self.open_run(self.run_folder(plan), identity, plan.to_toml()?, watch)?;
         let record = plan.record_path(&run.folder);
-        if run.continues && record.exists() {
+        if run.continues && !run.has_grown && record.exists() {
             let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
             return Ok(Finished::Kept(Box::new(record)));
         }
@@ -183,11 +190,13 @@ impl Session {
         let Some(trainers) = self.train_members(plan, &run, watch)? else { return Ok(Finished::Stopped) };
         let progress = total_progress(&trainers);
         let (trainers, collapsed) = without_collapsed(trainers);
-        let evaluated = evaluate::evaluate(self, plan, &run.folder, &trainers, &progress, collapsed, watch)?;
+        let trained = Trained::new(plan.clone(), trainers, Vec::new());
+        let evaluated = evaluate::evaluate(self, &trained, &run.folder, &progress, collapsed, watch)?;
         Ok(match evaluated {
             Some(record) => {
-                let record = Record { peak_rss_bytes: memory.peak(), ..record };
-                Finished::Record(Box::new(record), trainers)
+                let mut record = Record { peak_rss_bytes: memory.peak(), ..record };
+                record.notes.extend(run.identity.grown());
+                Finished::Record(Box::new(record), Box::new(trained))
             }
             None => Finished::Stopped,
         })
@@ -197,7 +206,7 @@ impl Session {
     pub(crate) fn open_run(
         &self,
         folder: PathBuf,
-        identity: Identity,
+        mut identity: Identity,
         config: String,
         watch: &mut Watch<'_>,
     ) -> Result<OpenRun> {
@@ -207,10 +216,8 @@ impl Session {
             watch(RunEvent::Warning(warning));
         }
         let continues = !self.overwrites() && folder.join("config.toml").exists();
-        if continues {
-            identity.refuse_another(&folder, &config)?;
-        }
-        Ok(OpenRun { folder, identity, config, continues, _lock: lock })
+        let has_grown = continues && identity.continues(&folder, &config)?;
+        Ok(OpenRun { folder, identity, config, continues, has_grown, _lock: lock })
     }
 
     /// Trains the fields of a run, as many at a time as the device holds; `None` if `watch` stops it.
@@ -232,7 +239,7 @@ impl Session {
         let mut first_steps = 0.0;
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
-        run.begin()?;
+        run.begin(&plan.member_folder(&run.folder, 0))?;
         let mut trainers = Vec::new();
         for first in (0..members).step_by(at_once) {
             let fields = first..members.min(first + at_once);

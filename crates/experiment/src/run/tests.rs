@@ -37,7 +37,7 @@ fn run(out: &Path, plan: &RunPlan, existing: Existing, watch: &mut Watch<'_>) ->
 
 fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize) {
     match run(out, plan, existing, &mut |_| Control::Continue) {
-        Finished::Record(record, trainers) => (record, trainers.len()),
+        Finished::Record(record, trained) => (record, trained.trainers.len()),
         _ => panic!("the run did not come to its end"),
     }
 }
@@ -116,6 +116,30 @@ fn missing_fields_and_unfinished_training_are_warned_of() {
     let folder = other.path().join(&plan.experiment).join(plan.directory());
     let warnings = Trained::read(plan, &folder, &device).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("unfinished: 33.3 %")), "{warnings:?}");
+}
+
+/// A finished run goes on with more steps, and with a second field where a larger budget pays for one.
+#[test]
+fn finished_run_goes_on() {
+    let out = tempfile::tempdir().unwrap();
+    let (first, _) = record(out.path(), &plan(&[]), Existing::Continue);
+    let more = plan(&["train.iterations=5"]);
+    let curve = || fs::read_to_string(out.path().join(&more.experiment).join(more.directory()).join("metrics.jsonl"));
+    let before = curve().unwrap();
+    let (longer, _) = record(out.path(), &more, Existing::Continue);
+    assert_eq!((first.iterations, longer.iterations), (3, 5));
+    let grown = "train.iterations was 3 and is 5";
+    assert!(longer.notes.iter().any(|note| note.contains(grown)), "{:?}", longer.notes);
+    assert!(curve().unwrap().starts_with(&before), "no step is taken twice");
+    let session = Session::new(open(DeviceName::Flex).unwrap(), out.path(), Existing::Continue);
+    for other in ["train.iterations=4", "train.rays=17"] {
+        let refused = session.run(&plan(&["train.iterations=5", other]), &mut |_| Control::Continue);
+        assert!(refused.err().is_some_and(|error| error.to_string().contains("another config")), "{other}");
+    }
+    let budgeted = |budget| RunPlan { budget: Some(budget), ..plan(&["train.ensemble.seconds_per_member=0.1"]) };
+    let out = tempfile::tempdir().unwrap();
+    assert_eq!(record(out.path(), &budgeted(0.1), Existing::Continue).1, 1);
+    assert_eq!(record(out.path(), &budgeted(0.2), Existing::Continue).1, 2);
 }
 
 #[test]

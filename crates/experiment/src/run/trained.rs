@@ -16,12 +16,20 @@ pub struct Trained {
     pub plan: RunPlan,
     /// One for each field that pictures are made of.
     pub trainers: Vec<Trainer>,
+    /// The fields, with the residuals of the training views if `render.residuals` is set: what pictures are made of. They keep
+    /// the residuals that a picture needed.
+    pub models: Vec<TrainedModel>,
     /// Warnings: why newer checkpoints were refused, which fields are left out, and whether training has come to its
     /// end.
     pub warnings: Vec<String>,
 }
 
 impl Trained {
+    pub(crate) fn new(plan: RunPlan, trainers: Vec<Trainer>, warnings: Vec<String>) -> Self {
+        let models = trainers.iter().map(Trainer::trained_with_residuals).collect();
+        Self { plan, trainers, models, warnings }
+    }
+
     /// Reads the run in `folder`, as `plan` has changed it.
     ///
     /// # Errors
@@ -79,7 +87,7 @@ impl Trained {
         if collapsed > 0 {
             warnings.push(format!("{}: {collapsed} fields went empty and are left out", folder.display()));
         }
-        Ok(Self { plan, trainers, warnings })
+        Ok(Self::new(plan, trainers, warnings))
     }
 
     /// Returns the scene.
@@ -92,14 +100,9 @@ impl Trained {
         self.trainers[0].renderer()
     }
 
-    /// Returns the fields alone, from which pictures are rendered. Worth keeping.
-    pub fn models(&self) -> Vec<TrainedModel> {
-        self.trainers.iter().map(Trainer::trained).collect()
-    }
-
-    /// Returns the fields with the residuals of the training views, if `render.residuals` is set.
-    pub fn models_with_residuals(&self) -> Vec<TrainedModel> {
-        self.trainers.iter().map(Trainer::trained_with_residuals).collect()
+    /// Returns the fields alone, without residuals.
+    pub fn fields(&self) -> Vec<TrainedModel> {
+        self.models.iter().map(|model| TrainedModel { residuals: None, ..model.clone() }).collect()
     }
 }
 

@@ -31,7 +31,7 @@ pub struct TrainedVolume {
 impl Trained {
     /// Returns the fields, to be exported within the scene's box.
     pub fn volume(&self) -> TrainedVolume {
-        let (renderer, models) = (self.renderer(), self.models());
+        let (renderer, models) = (self.renderer(), self.fields());
         TrainedVolume {
             step: models.iter().map(|model| renderer.step_length(model.at)).fold(f32::INFINITY, f32::min),
             models,

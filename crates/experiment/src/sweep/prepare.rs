@@ -45,10 +45,8 @@ impl Sweep {
         for (index, plan) in self.runs().enumerate() {
             let run = prepared.folder.join(plan.directory());
             let is_begun = run.join("config.toml").exists();
-            if is_begun {
-                Identity::of(plan, device.name())?.refuse_another(&run, &plan.to_toml()?)?;
-            }
-            if is_begun && plan.record_path(&run).exists() {
+            let is_same = is_begun && !Identity::of(plan, device.name())?.continues(&run, &plan.to_toml()?)?;
+            if is_same && plan.record_path(&run).exists() {
                 prepared.kept += 1;
             } else {
                 prepared.missing.push(index);

@@ -1,13 +1,13 @@
 use std::sync::OnceLock;
 
 use burn::tensor::{Device, Tensor};
-use glam::{I64Vec3, Vec3};
+use glam::Vec3;
 use infonerf_ops::sampling::march::Cells;
 use infonerf_ops::upload;
 use infonerf_scene::{Aabb, Ray};
 use rayon::prelude::*;
 
-use super::lookup::{CellState, Lookup, widen};
+use super::state::{CellState, cell_states, widen};
 use crate::config::OccupancyConfig;
 use crate::noise::Noise;
 
@@ -30,7 +30,7 @@ pub struct OccupancyGrid {
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
-    lookup: Lookup,
+    states: Vec<CellState>,
     /// Density of each cell on the GPU that was given it last; −1 of an empty one.
     on_device: OnceLock<Tensor<1>>,
 }
@@ -47,7 +47,7 @@ impl OccupancyGrid {
             occupied: vec![true; cells],
             updated: false,
             tight: bounds,
-            lookup: Lookup::unknown(config.resolution),
+            states: vec![CellState::UNKNOWN; cells],
             on_device: OnceLock::new(),
         }
     }
@@ -183,15 +183,15 @@ impl OccupancyGrid {
     }
 
     #[inline]
-    pub(crate) fn state_at(&self, place: I64Vec3) -> CellState {
-        self.lookup.at(place)
+    pub(crate) fn state_at(&self, p: Vec3) -> CellState {
+        self.cell(self.in_cells(p)).map_or(CellState::UNKNOWN, |cell| self.states[cell])
     }
 
-    /// Computes the box and the lookup of the occupied cells, with the density near each if it is known.
+    /// Computes the box of the occupied cells and the states of all, with the density near each if it is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         self.tighten();
-        self.lookup = Lookup::new(self.config.resolution, &self.occupied, nearby);
+        self.states = cell_states(self.config.resolution, &self.occupied, nearby);
     }
 
     fn tighten(&mut self) {
@@ -295,7 +295,6 @@ impl OccupancyGrid {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::fixed;
     use super::*;
     use crate::noise::RandomStream;
 
@@ -322,7 +321,7 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        let distance = |p: Vec3| grid.state_at(fixed(grid.in_cells(p))).distance();
+        let distance = |p: Vec3| grid.state_at(p).distance();
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
@@ -373,7 +372,7 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let distance = grid.state_at(fixed(grid.in_cells(ray.origin))).distance();
+            let distance = grid.state_at(ray.origin).distance();
             let pace = grid.cells_along(ray.direction).abs().max_element();
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {

@@ -1,7 +1,7 @@
 //! Occupancy grid: knowledge of which space is empty.
 
 mod grid;
-mod lookup;
+mod state;
 
 pub use self::grid::OccupancyGrid;
-pub(crate) use self::lookup::{CellState, fixed};
+pub(crate) use self::state::CellState;

@@ -145,7 +145,7 @@ pub fn unread_format(path: &Path) -> Option<SceneError> {
         let reason = format!(
             "{name} is not read; convert it, such as with ImageMagick: `magick mogrify -format jpg *.{extension}`"
         );
-        SceneError::malformed(path, "PNG or JPEG", reason)
+        SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason)
     })
 }
 
@@ -226,7 +226,9 @@ mod tests {
         }
         let phone = dir.path().join("IMG_1.HEIC");
         fs::write(&phone, "ftypheic").unwrap();
-        assert!(refusal(&phone).contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it"));
+        assert!(
+            refusal(&phone).contains("IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it")
+        );
     }
 
     #[test]

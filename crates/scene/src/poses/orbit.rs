@@ -11,19 +11,16 @@ use crate::Camera;
 ///
 /// Cameras that surround a scene (or a single one) give a full circle about the up direction at
 /// their mean distance and mean elevation, starting at the first camera's azimuth. Several cameras
-/// within 26° of their mean direction, as in a forward-facing capture, give a small circle about
-/// that direction at 0.7 of the greatest angle instead: from behind there is nothing to see.
+/// within 26° of their mean direction, as in a forward-facing capture, give a small ellipse about that direction
+/// instead, at 0.7 of their greatest angles to its left and right and above and below: elsewhere there is nothing to see.
 pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
-    let (axis, half_angle) = region.cap();
     let radius = 0.5 * (region.radii().0 + region.radii().1);
     let turn = |i: usize| TAU * i as f64 / n as f64;
 
     if region.faces_forward() {
-        let side = region.up().cross(axis).normalize_or(axis.any_orthonormal_vector());
-        let top = axis.cross(side);
-        let (sin, cos) = (0.7 * half_angle).sin_cos();
-        let direction = |a: f64| cos * axis + sin * (a.cos() * side + a.sin() * top);
+        let (axis, side, top) = forward_swing(&region);
+        let direction = |a: f64| (axis + a.cos() * side + a.sin() * top).normalize();
         return (0..n).map(|i| region.pose(direction(turn(i)), radius)).collect();
     }
 
@@ -34,23 +31,21 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
 /// Returns `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high,
 /// all at the mean distance.
 ///
-/// With the angle θ along it, cameras that face one way swing about their mean direction by `(a sin θ, ½ a sin 2θ)`, a
-/// being 0.7 of their greatest angle to it. Around an object azimuth and elevation swing by as much about the first camera's
+/// With the angle θ along it, cameras that face one way swing about their mean direction by `(a sin θ, b sin 2θ)`, a
+/// being 0.7 of their greatest angle to its left and right, b of that above and below, at most a/2. Around an object azimuth and elevation swing by as much about the first camera's
 /// azimuth and the mean elevation, with a = 0.6 (34°), and never over the top.
 pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
-    let (axis, half_angle) = region.cap();
     let radius = 0.5 * (region.radii().0 + region.radii().1);
     let swing = |i: usize, width: f64, height: f64| {
         let angle = TAU * i as f64 / n as f64;
         (width * angle.sin(), height * (2.0 * angle).sin())
     };
     if region.faces_forward() {
-        let side = region.up().cross(axis).normalize_or(axis.any_orthonormal_vector());
-        let top = axis.cross(side);
-        let width = 0.7 * half_angle;
-        let direction = |(x, y): (f64, f64)| (axis + x.tan() * side + y.tan() * top).normalize();
-        return (0..n).map(|i| region.pose(direction(swing(i, width, 0.5 * width)), radius)).collect();
+        let (axis, side, top) = forward_swing(&region);
+        let height = (0.5 * side.length() / top.length().max(1e-9)).min(1.0);
+        let direction = |(x, y): (f64, f64)| (axis + x * side + y * top).normalize();
+        return (0..n).map(|i| region.pose(direction(swing(i, 1.0, height)), radius)).collect();
     }
     let level = OrbitAngles::of(&region);
     let room = (FRAC_PI_2 - TOP - level.elevation.abs()).max(0.0);
@@ -62,6 +57,18 @@ pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
 const SWING: f64 = 0.6;
 /// Least angle between a figure eight and the point straight above the scene, radians.
 const TOP: f64 = 0.15;
+
+/// Returns the mean direction of cameras that face forward, and how far paths swing from it sideways and upwards: at 0.7 of the
+/// greatest angles of the cameras along each.
+fn forward_swing(region: &ViewRegion) -> (DVec3, DVec3, DVec3) {
+    let (axis, _) = region.cap();
+    let side = region.up().cross(axis).normalize_or(axis.any_orthonormal_vector());
+    let swing = |along: DVec3| {
+        let angles = region.directions().iter().map(|direction| direction.dot(along).atan2(direction.dot(axis)).abs());
+        (0.7 * angles.fold(0.0, f64::max)).tan() * along
+    };
+    (axis, swing(side), swing(axis.cross(side)))
+}
 
 /// Azimuth and elevation about a scene: 0 is the first camera's azimuth.
 struct OrbitAngles {
@@ -109,6 +116,17 @@ mod tests {
         }
         assert!(orbit(&forward_cameras(), 12).iter().all(|p| p.z_axis.z > 0.9), "forward");
         assert_eq!((orbit(&[], 0).len(), orbit(&[], 3).len()), (0, 3));
+    }
+
+    /// Of cameras in a row, paths stay in the row.
+    #[test]
+    fn forward_paths_stay_among_the_cameras() {
+        let row: Vec<Camera> = forward_cameras().into_iter().filter(|camera| camera.to_world.w_axis.y > 0.0).collect();
+        for pose in [orbit(&row, 12), figure_eight(&row, 12)].concat() {
+            let position = pose.w_axis;
+            assert!((position.y - 0.5).abs() < 0.05 && position.x.abs() < 0.75, "{position}");
+        }
+        assert!(orbit(&row, 12).iter().any(|pose| pose.w_axis.x > 0.6));
     }
 
     #[test]

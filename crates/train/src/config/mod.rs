@@ -105,12 +105,21 @@ pub struct EvalConfig {
     /// Steps that fit each test view's pose before it is measured (BARF, [`crate::fit_test_pose`]); 0 for none.
     #[serde(default, skip_serializing_if = "is_default")]
     pub pose_steps: usize,
+    /// Maximal number of test views that are measured, spread evenly over all; 0 for all of them.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub max_views: usize,
 }
 
 impl EvalConfig {
     /// Returns the protocol by which pictures are measured.
     pub fn metric_protocol(&self) -> infonerf_metrics::Protocol {
         infonerf_metrics::Protocol::named(&self.protocol).unwrap_or_default()
+    }
+
+    /// Returns those of the test `views` that are measured.
+    pub fn measured<'a, T>(&self, views: &'a [T]) -> Vec<&'a T> {
+        let step = if self.max_views == 0 { 1 } else { views.len().div_ceil(self.max_views).max(1) };
+        views.iter().step_by(step).collect()
     }
 }
 

@@ -98,22 +98,21 @@ fn write_frames(
     clear(out, route.name())?;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
-    let models = trained.models_with_residuals();
-    let (scene, start) = (trained.scene(), Instant::now());
+    let (scene, models, start) = (trained.scene(), &trained.models, Instant::now());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         if interrupt::asked() {
             bar.finish_and_clear();
             return Ok(None);
         }
-        let image = render_image(trained.renderer(), &models, camera);
+        let image = render_image(trained.renderer(), models, camera);
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
         let depth =
             depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
         save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
         if normals {
-            let image = render_normals(trained.renderer(), &models, camera);
+            let image = render_normals(trained.renderer(), models, camera);
             let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
             save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
         }
@@ -139,12 +138,13 @@ const RENDER_SHARE: f64 = 0.8;
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
     let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
-    let (full, models) = (first(None), trained.models_with_residuals());
+    let full = first(None);
     let small = first(Some(SMALL_SIZE.min(full.width.max(full.height))));
     // The first picture also prepares what the others use.
-    render_image(trained.renderer(), &models, &small);
+    let render = || render_image(trained.renderer(), &trained.models, &small);
+    render();
     let start = Instant::now();
-    render_image(trained.renderer(), &models, &small);
+    render();
     let speed = RENDER_SHARE * f64::from(small.width * small.height) / start.elapsed().as_secs_f64();
     let (frames, size) = affordable_frames((full.width, full.height), speed * budget.as_secs_f64());
     let cameras = route.cameras(trained.scene(), Some(frames), Some(size));
