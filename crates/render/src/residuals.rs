@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::{Vec2, Vec3, Vec4};
-use infonerf_scene::{Camera, Scene, bilinear};
+use infonerf_scene::{Camera, Scene, View, bilinear};
 use rayon::prelude::*;
 
 use crate::rendered_image::RenderedImage;
@@ -53,6 +53,18 @@ impl Residuals {
         assert_eq!(scene.train.len(), cameras.len(), "a camera for each view");
         let sources = cameras.iter().map(|_| OnceLock::new()).collect();
         Self { scene, cameras, sources }
+    }
+
+    /// Returns the residuals for pictures of `longest` pixels on their longest side: none is rendered larger than that.
+    pub fn for_size(self: &Arc<Self>, longest: u32) -> Arc<Self> {
+        if self.cameras.iter().all(|camera| camera.width.max(camera.height) <= longest) {
+            return self.clone();
+        }
+        let train: Vec<View> = self.scene.train.iter().map(|view| view.resized(longest)).collect();
+        let sizes = train.iter().map(|view| (view.camera.width, view.camera.height));
+        let cameras = self.cameras.iter().zip(sizes).map(|(camera, (width, height))| camera.resized(width, height));
+        let cameras = cameras.collect();
+        Arc::new(Self::new(Arc::new(Scene { train, ..self.scene.as_ref().clone() }), cameras))
     }
 
     /// Adds the residuals to `picture`, the field's picture of `camera`, without that of the training view of the file
@@ -147,7 +159,7 @@ fn angular_weight(camera: &Camera, point: Vec3, direction: Vec3) -> f32 {
 #[cfg(test)]
 mod tests {
     use glam::{DMat4, DVec3};
-    use infonerf_scene::{Image, View};
+    use infonerf_scene::Image;
 
     use super::*;
     use crate::Counts;

@@ -43,8 +43,12 @@ impl View {
     /// Returns the view with pixels `factor` times as wide, each the mean over the area that it covers, and without
     /// depth: distances cannot be averaged.
     pub fn reduced(&self, factor: u32) -> Self {
+        self.resized((self.image.width.max(self.image.height) / factor.max(1)).max(1))
+    }
+
+    /// Returns the view with `longest` pixels on its longest side, fewer than it has, as [`Self::reduced`] does.
+    pub fn resized(&self, longest: u32) -> Self {
         let (width, height) = (self.image.width, self.image.height);
-        let longest = (width.max(height) / factor.max(1)).max(1);
         let size = resized_dimensions(width, height, longest);
         let resized = |mask: &Option<Arc<[bool]>>| {
             mask.as_ref().map(|mask| crate::image::resized_mask(mask, (width, height), size).into())

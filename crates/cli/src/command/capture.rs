@@ -66,8 +66,10 @@ const MAX_MEASURED: usize = 8;
 const MAX_SHOWN: usize = 3;
 /// Training time over the time in which the orbit is rendered.
 const ORBIT_SHARE: f64 = 2.0;
-/// Seconds per photograph for reading, stereo and testing, measured on fern at 504×378 on two cores.
-const SECONDS_PER_PHOTOGRAPH: u64 = 2;
+/// Seconds per photograph for reading and checking, and for each of up to [`MAX_RENDERED`] for testing, on two cores.
+const SECONDS_PER_PHOTOGRAPH: [f64; 2] = [0.1, 2.0];
+/// Maximal number of photographs that are rendered for tests and as residuals.
+const MAX_RENDERED: usize = 30;
 
 pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let photographs = photograph_folder(&args.path, &args.out)?;
@@ -133,7 +135,9 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
 /// takes about.
 fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
-    let (budget, around) = (args.budget.as_secs().max(1), SECONDS_PER_PHOTOGRAPH * count as u64);
+    let [read, rendered] = SECONDS_PER_PHOTOGRAPH;
+    let around = (read * count as f64 + rendered * count.min(MAX_RENDERED) as f64).ceil() as u64;
+    let budget = args.budget.as_secs().max(1);
     let orbit = args.budget.div_f64(ORBIT_SHARE).as_secs().max(1);
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);

@@ -100,6 +100,15 @@ impl Trained {
         self.trainers[0].renderer()
     }
 
+    /// Returns the models for pictures of `longest` pixels on their longest side.
+    pub fn models_for_size(&self, longest: u32) -> Vec<TrainedModel> {
+        let at_size = |model: &TrainedModel| {
+            let residuals = model.residuals.as_ref().map(|residuals| residuals.for_size(longest));
+            TrainedModel { residuals, ..model.clone() }
+        };
+        self.models.iter().map(at_size).collect()
+    }
+
     /// Returns the fields alone, without residuals.
     pub fn fields(&self) -> Vec<TrainedModel> {
         self.models.iter().map(|model| TrainedModel { residuals: None, ..model.clone() }).collect()

@@ -12,8 +12,10 @@ use crate::Camera;
 /// Cameras that surround a scene (or a single one) give a full circle about the up direction at
 /// their mean distance and mean elevation, starting at the first camera's azimuth. Several cameras
 /// within 26° of their mean direction, as in a forward-facing capture, give a small ellipse about that direction
-/// instead, at 0.7 of their greatest angles to its left and right and above and below: elsewhere there is nothing to see.
-pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
+/// instead, at 0.7 of their greatest angles to its left and right and above and below: elsewhere there is nothing to see. Before an
+/// `open` background, of which only what was photographed is known, cameras that leave out more than 90° of the circle give
+/// a swing there and back over the arc that they cover.
+pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let radius = 0.5 * (region.radii().0 + region.radii().1);
     let turn = |i: usize| TAU * i as f64 / n as f64;
@@ -25,7 +27,9 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     }
 
     let level = OrbitAngles::of(&region);
-    (0..n).map(|i| region.pose(level.direction(turn(i), level.elevation), radius)).collect()
+    let arc = level.covered(&region).filter(|_| open);
+    let azimuth = |turn: f64| arc.map_or(turn, |(middle, half)| middle - half * turn.cos());
+    (0..n).map(|i| region.pose(level.direction(azimuth(turn(i)), level.elevation), radius)).collect()
 }
 
 /// Returns `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high,
@@ -55,6 +59,8 @@ pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
 
 /// Amplitude of a figure eight around an object, radians.
 const SWING: f64 = 0.6;
+/// Width of the widest arc without cameras that an orbit crosses before an open background, radians.
+const GAP: f64 = FRAC_PI_2;
 /// Least angle between a figure eight and the point straight above the scene, radians.
 const TOP: f64 = 0.15;
 
@@ -89,6 +95,19 @@ impl OrbitAngles {
         Self { start, side: up.cross(start), up, elevation }
     }
 
+    /// Returns the middle of the arc of azimuths that the cameras of `region` cover, and half of its width; `None` if they leave out
+    /// no more than [`GAP`], or there is one.
+    fn covered(&self, region: &ViewRegion) -> Option<(f64, f64)> {
+        let azimuth = |d: &DVec3| d.dot(self.side).atan2(d.dot(self.start));
+        let mut azimuths: Vec<f64> = region.directions().iter().map(azimuth).collect();
+        azimuths.sort_by(f64::total_cmp);
+        let after = azimuths.iter().skip(1).copied().chain(azimuths.first().map(|first| first + TAU));
+        let (gap, end) =
+            azimuths.iter().zip(after).map(|(at, next)| (next - at, next)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let half = 0.5 * (TAU - gap);
+        (gap > GAP && azimuths.len() > 1).then_some((end + half, half))
+    }
+
     fn direction(&self, azimuth: f64, elevation: f64) -> DVec3 {
         let ((s, c), (sin, cos)) = (azimuth.sin_cos(), elevation.sin_cos());
         cos * (c * self.start + s * self.side) + sin * self.up
@@ -103,7 +122,7 @@ mod tests {
     #[test]
     fn object_orbit_is_level_and_closed() {
         let cameras = train_cameras(8);
-        let path = orbit(&cameras, 8);
+        let path = orbit(&cameras, true, 8);
         assert_eq!(path.len(), 8);
         let heights: Vec<_> = path.iter().map(|p| p.w_axis.z).collect();
         assert!(heights.iter().all(|z| (z - heights[0]).abs() < 1e-3 && *z > 0.5));
@@ -114,19 +133,29 @@ mod tests {
             let to_centre = -pose.w_axis.truncate().normalize();
             assert!(forward.dot(to_centre) > 1.0 - 1e-6);
         }
-        assert!(orbit(&forward_cameras(), 12).iter().all(|p| p.z_axis.z > 0.9), "forward");
-        assert_eq!((orbit(&[], 0).len(), orbit(&[], 3).len()), (0, 3));
+        assert!(orbit(&forward_cameras(), true, 12).iter().all(|p| p.z_axis.z > 0.9), "forward");
+        assert_eq!((orbit(&[], true, 0).len(), orbit(&[], false, 3).len()), (0, 3));
+    }
+
+    #[test]
+    fn an_orbit_stays_where_cameras_were() {
+        let arc: Vec<Camera> = train_cameras(8)
+            .into_iter()
+            .filter(|camera| camera.to_world.w_axis.x > 1.0 && camera.to_world.w_axis.z > 0.5)
+            .collect();
+        let lowest = |open: bool| orbit(&arc, open, 60).iter().map(|pose| pose.w_axis.x).fold(f64::INFINITY, f64::min);
+        assert!(arc.len() > 8 && lowest(false) < -2.0 && lowest(true) > 0.0, "{} {}", lowest(false), lowest(true));
     }
 
     /// Of cameras in a row, paths stay in the row.
     #[test]
     fn forward_paths_stay_among_the_cameras() {
         let row: Vec<Camera> = forward_cameras().into_iter().filter(|camera| camera.to_world.w_axis.y > 0.0).collect();
-        for pose in [orbit(&row, 12), figure_eight(&row, 12)].concat() {
+        for pose in [orbit(&row, true, 12), figure_eight(&row, 12)].concat() {
             let position = pose.w_axis;
             assert!((position.y - 0.5).abs() < 0.05 && position.x.abs() < 0.75, "{position}");
         }
-        assert!(orbit(&row, 12).iter().any(|pose| pose.w_axis.x > 0.6));
+        assert!(orbit(&row, true, 12).iter().any(|pose| pose.w_axis.x > 0.6));
     }
 
     #[test]

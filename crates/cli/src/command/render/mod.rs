@@ -98,21 +98,22 @@ fn write_frames(
     clear(out, route.name())?;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
-    let (scene, models, start) = (trained.scene(), &trained.models, Instant::now());
+    let longest = cameras.iter().map(|camera| camera.width.max(camera.height)).max().unwrap_or(1);
+    let (scene, models, start) = (trained.scene(), trained.models_for_size(longest), Instant::now());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         if interrupt::asked() {
             bar.finish_and_clear();
             return Ok(None);
         }
-        let image = render_image(trained.renderer(), models, camera);
+        let image = render_image(trained.renderer(), &models, camera);
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
         let depth =
             depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
         save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
         if normals {
-            let image = render_normals(trained.renderer(), models, camera);
+            let image = render_normals(trained.renderer(), &models, camera);
             let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
             save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
         }
@@ -139,17 +140,21 @@ pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Re
     let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
     let full = first(None);
-    let small = first(Some(SMALL_SIZE.min(full.width.max(full.height))));
+    let longest = SMALL_SIZE.min(full.width.max(full.height));
+    let (small, models) = (first(Some(longest)), trained.models_for_size(longest));
+    let render = || render_image(trained.renderer(), &models, &small);
     // The first picture also prepares what the others use.
-    let render = || render_image(trained.renderer(), &trained.models, &small);
     render();
     let start = Instant::now();
     render();
     let speed = RENDER_SHARE * f64::from(small.width * small.height) / start.elapsed().as_secs_f64();
-    let (frames, size) = affordable_frames((full.width, full.height), speed * budget.as_secs_f64());
+    // Each training view is rendered once for its residual.
+    let views = if models.iter().any(|model| model.residuals.is_some()) { trained.scene().train.len() } else { 0 };
+    let share = f64::from(FRAMES) / (f64::from(FRAMES) + views as f64);
+    let (frames, size) = affordable_frames((full.width, full.height), share * speed * budget.as_secs_f64());
     let cameras = route.cameras(trained.scene(), Some(frames), Some(size));
     let (width, height) = (cameras[0].width, cameras[0].height);
-    let seconds = f64::from(frames) * f64::from(width * height) / speed;
+    let seconds = (f64::from(frames) + views as f64) * f64::from(width * height) / speed;
     outln!("orbit: {frames} frames of {width}x{height}, about {seconds:.0} s");
     write_frames(trained, &route, &cameras, out, false)
 }

@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::Result;
 use glam::DMat4;
 use infonerf_dataset::CameraPath;
-use infonerf_scene::{Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral};
+use infonerf_scene::{
+    Backdrop, Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
+};
 
 /// Frames of a path that is built in, and how many of them are shown per second.
 pub(super) const FRAMES: u32 = 60;
@@ -23,7 +25,7 @@ impl Route {
     /// Returns the path called `name`; reads it from the file `name` if none is.
     pub(super) fn read(name: &str) -> Result<Self> {
         let poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> = match name {
-            "orbit" => |cameras, _, n| orbit(cameras, n),
+            "orbit" => |cameras, scene, n| orbit(cameras, scene.backdrop == Backdrop::Unknown, n),
             "spiral" => |cameras, scene, n| spiral(cameras, (scene.space.near.into(), scene.space.far.into()), n),
             "figure-eight" => |cameras, _, n| figure_eight(cameras, n),
             "interpolate" => |cameras, _, n| interpolate_views(cameras, n),
