@@ -1,5 +1,7 @@
 //! Steps of one length along a ray.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use infonerf_scene::Ray;
 
@@ -43,9 +45,9 @@ pub(crate) struct Step {
 }
 
 /// Samples of consecutive steps and the states of their cells.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Block {
-    first: usize,
+    range: Range<usize>,
     steps: [Step; BLOCK],
     states: [CellState; BLOCK],
 }
@@ -66,8 +68,7 @@ impl<'a> UniformSteps<'a> {
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
         let (line, last) = (warp.along(ray), count as usize);
-        // Before all steps: none is looked up yet.
-        let block = Block { first: usize::MAX, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
+        let block = Block { range: 0..0, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
         let all = Self { line, grid, steps_per_cell: 0.0, near, length, shift, joined, block, next: 0, last };
         let Some(grid) = grid else { return all };
         // A little less, as cells and steps are rounded.
@@ -93,24 +94,21 @@ impl<'a> UniformSteps<'a> {
         Step { t, delta: count as f32 * self.length, point: self.line.point(t) }
     }
 
-    /// Looks up the cell of step `index`, with those that follow it, and returns its place in the block.
-    fn look_up(&mut self, grid: &OccupancyGrid, index: usize) -> usize {
-        let place = index.wrapping_sub(self.block.first);
-        if place < BLOCK {
-            return place;
+    /// Returns the sample of step `index` and the state of its cell, which is looked up with those of the steps that follow.
+    fn look_up(&mut self, grid: &OccupancyGrid, index: usize) -> (Step, CellState) {
+        if !self.block.range.contains(&index) {
+            let steps = std::array::from_fn(|ahead| self.step((index + ahead) as f32, 1));
+            let states = steps.map(|step| grid.state_at(step.point));
+            self.block = Block { range: index..index + BLOCK, steps, states };
         }
-        let steps = std::array::from_fn(|ahead| self.step((index + ahead) as f32, 1));
-        self.block = Block { first: index, steps, states: steps.map(|step| grid.state_at(step.point)) };
-        0
+        let place = index - self.block.range.start;
+        (self.block.steps[place], self.block.states[place])
     }
 
     /// Returns the number of steps from the next on, whose cell has state `first`, that are one sample.
     fn together(&mut self, grid: &OccupancyGrid, first: CellState) -> usize {
         let ([two, four], left) = (self.joined, self.last - self.next);
-        let mut thin = |ahead: usize, most: CellState| {
-            let place = self.look_up(grid, self.next + ahead);
-            self.block.states[place] < most
-        };
+        let mut thin = |ahead: usize, most: CellState| self.look_up(grid, self.next + ahead).1 < most;
         match left {
             4.. if first < four && (1..4).all(|ahead| thin(ahead, four)) => 4,
             2.. if first < two && thin(1, two) => 2,
@@ -129,8 +127,7 @@ impl Iterator for UniformSteps<'_> {
                 self.next += 1;
                 return Some(self.step(at as f32, 1));
             };
-            let place = self.look_up(grid, at);
-            let (step, state) = (self.block.steps[place], self.block.states[place]);
+            let (step, state) = self.look_up(grid, at);
             if let Some(away) = state.distance().checked_sub(1) {
                 // Steps through wide empty space are passed over many at a time.
                 self.next += 1 + (f32::from(away) * self.steps_per_cell) as usize;

@@ -99,6 +99,7 @@ pub(crate) fn angle(point: DVec3, centres: &[DVec3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::{disturb, world};
 
     #[test]
     fn no_point_behind_a_camera_or_of_parallel_rays() {
@@ -108,5 +109,19 @@ mod tests {
         assert_eq!((seen(-0.2), seen(0.0)), (None, None));
         let right_angle = angle(DVec3::ZERO, &[DVec3::X, DVec3::Y, DVec3::X]);
         assert!((right_angle - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn points_are_found_from_what_is_seen() {
+        let (exact, mut noisy) = (world(1, 4, 50), world(1, 4, 50));
+        disturb(&mut noisy.points, 1.0, usize::MAX);
+        let position = |all: &crate::bundle::Bundle, i: usize| {
+            let view = |(camera, pixel): &(usize, DVec2)| (all.poses[*camera], all.lens.unproject(*pixel));
+            triangulate(&all.points[i].seen.iter().map(view).collect::<Vec<_>>()).unwrap()
+        };
+        for (i, point) in exact.points.iter().enumerate() {
+            assert!(position(&exact, i).distance(point.position) < 1e-5);
+            assert!(position(&noisy, i).distance(point.position) < 0.05);
+        }
     }
 }

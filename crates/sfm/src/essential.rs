@@ -173,4 +173,19 @@ mod tests {
             assert!(least < 1e-5, "seed {seed}: {least}");
         }
     }
+
+    /// The sign of an essential matrix is arbitrary: both signs give the same poses, all of them rotations.
+    #[test]
+    fn poses_are_rotations_whatever_the_sign() {
+        let e = DMat3::from_cols(DVec3::ZERO, DVec3::Z, -DVec3::Y) * DMat3::from_rotation_y(0.3);
+        for matrix in [e, -1.0 * e] {
+            let found = poses(&matrix);
+            for pose in &found {
+                assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12 && pose.translation.is_normalized());
+                let again = crate::two_view::cross(pose.translation) * pose.rotation;
+                assert!(again.abs_diff_eq(e, 1e-9) || again.abs_diff_eq(-1.0 * e, 1e-9), "{again}");
+            }
+            assert!(found.iter().any(|pose| turn(&pose.rotation, &DMat3::from_rotation_y(0.3)) < 1e-4));
+        }
+    }
 }

@@ -217,7 +217,7 @@ impl<'a> Mapper<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::world;
+    use crate::testing::{disturb, turn, world};
 
     /// Returns what `tracks` place of a world whose poses are known to 0.01.
     fn refined<'a>(tracks: &'a [Track], all: &Bundle) -> Mapper<'a> {
@@ -243,5 +243,63 @@ mod tests {
         let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
         let found = refined(&fewer, &all);
         assert_eq!(found.placed(), 0, "20 points of the second are 10 without the first");
+    }
+
+    /// The last photograph sees nothing that the others do.
+    #[test]
+    fn all_photographs_with_matches_are_placed() {
+        let mut all = world(11, 5, 120);
+        disturb(&mut all.points, 0.5, 9);
+        let mut tracks: Vec<Track> = all.points.iter().map(|p| p.seen.clone()).collect();
+        tracks.iter_mut().for_each(|track| track.truncate(4));
+        let lens = SimpleRadial { focal: 960.0, k1: 0.0, ..all.lens };
+        let prior = Prior { focal: 960.0, focal_deviation: 0.3, k1_deviation: 0.1 };
+        let matches: Vec<_> = tracks.iter().map(|t| (t[0].1, t[3].1)).collect();
+        let mut poses = vec![Err(String::new()); 5];
+        (poses[0], poses[3]) =
+            (Ok(Pose::IDENTITY), Ok(crate::two_view::two_view(&matches, &lens, 2.5, 0).unwrap().pose));
+        let found = Mapper::new(&tracks, poses, (lens, prior), 2.5, None).run();
+        assert_eq!(found.placed(), 4);
+        assert_eq!(found.poses[4], Err("0 matches with placed photographs, 15 needed".into()));
+        assert!((found.lens.focal / 900.0 - 1.0).abs() < 0.03, "{:?}", found.lens);
+        for i in 1..4 {
+            let first = found.poses[0].as_ref().unwrap().rotation.transpose();
+            let ours = found.poses[i].as_ref().unwrap().rotation * first;
+            assert!(turn(&ours, &(all.poses[i].rotation * all.poses[0].rotation.transpose())) < 0.3);
+        }
+        let seen: usize = found.points().iter().map(|p| p.seen.len()).sum();
+        assert!((380..=430).contains(&seen), "{seen}");
+    }
+
+    /// Cameras 3° and 4 % off; the last sees nothing that the others do, one match in nine is wrong. Without an error they stay.
+    #[test]
+    fn rough_cameras_are_refined_and_certain_ones_stay() {
+        let truth = world(11, 5, 120);
+        let sway = |i: usize| DVec3::new((i as f64).sin(), (2.0 * i as f64).cos(), (3.0 * i as f64).sin());
+        for (size, wrong) in [(1.0, 9), (0.0, usize::MAX)] {
+            let mut points = world(11, 5, 120).points;
+            disturb(&mut points, 0.5 * size, wrong);
+            let mut tracks: Vec<Track> = points.iter().map(|p| p.seen.clone()).collect();
+            tracks.iter_mut().for_each(|track| track.truncate(4));
+            let rough = |(i, pose): (usize, &Pose)| pose.moved(size * 0.045 * sway(i), size * 0.15 * sway(i + 9));
+            let poses: Vec<Pose> = truth.poses.iter().enumerate().map(rough).collect();
+            let expected = PosePrior { poses, turn_deviation: 0.035, shift_deviation: 0.12 };
+            let given = expected.poses.iter().map(|pose| Ok(*pose)).collect();
+            let lens = (truth.lens, Prior::fixed(&truth.lens));
+            let found = Mapper::new(&tracks, given, lens, 2.5, Some(expected.clone())).refine();
+            assert_eq!(found.poses[4], Err("0 points seen, 15 needed".into()));
+            let relative = |a: &Pose, b: &Pose| a.rotation * b.rotation.transpose();
+            for i in 0..4 {
+                let (ours, exact) = (found.poses[i].as_ref().unwrap(), &truth.poses[i]);
+                let first = found.poses[0].as_ref().unwrap();
+                let off = turn(&relative(ours, first), &relative(exact, &truth.poses[0]));
+                let rough = turn(&relative(&expected.poses[i], &expected.poses[0]), &relative(exact, &truth.poses[0]));
+                assert!(off < 0.2 * size + 1e-4 && (i == 0 || size == 0.0 || rough > 1.0), "{i}: {rough} {off}");
+                // The frame is that of the cameras given, whose errors nearly have no mean.
+                assert!(turn(&ours.rotation, &exact.rotation) < 2.0 * size + 1e-4);
+                let shift = ours.centre().distance(exact.centre());
+                assert!(shift < 0.3 * size + 1e-6, "{size} {i}: {shift}");
+            }
+        }
     }
 }

@@ -1,5 +1,8 @@
 //! Features of photographs that look alike, and tracks of those that are one point.
 
+use std::cmp::Reverse;
+use std::collections::BTreeSet;
+
 use gemm::{Parallelism, gemm};
 use glam::DVec2;
 use rayon::prelude::*;
@@ -10,9 +13,17 @@ use crate::sift::{Features, LENGTH};
 pub(crate) const FEWEST: usize = 20;
 /// A match must be closer than this share of the distance to the second best.
 const RATIO: f32 = 0.8;
+/// Number of photographs up to which all pairs are matched.
+const ALL_PAIRS: usize = 24;
+/// Photographs with which each of more is matched at least, and how many after it in their order.
+const NEIGHBOURS: usize = 12;
+const FOLLOWING: usize = 2;
+/// Features of each photograph by which likely pairs are found.
+const STRONGEST: usize = 600;
 /// Rows of similarities that are held at once.
 const BLOCK: usize = 512;
 
+#[derive(Clone)]
 pub(crate) struct Matches {
     pub(crate) a: usize,
     pub(crate) b: usize,
@@ -20,12 +31,32 @@ pub(crate) struct Matches {
     pub(crate) pairs: Vec<(usize, usize)>,
 }
 
-/// Returns the matches of all pairs of photographs that have [`FEWEST`] or more.
+/// Returns the matches of likely pairs of photographs that have [`FEWEST`] or more.
 pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
-    let count = features.len();
-    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
-    let matched = pairs.into_par_iter().map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) });
+    let pairs = likely_pairs(features).into_par_iter();
+    let matched = pairs.map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) });
     matched.filter(|matches| matches.pairs.len() >= FEWEST).collect()
+}
+
+/// Returns the pairs of photographs that are matched: all of few, else each photograph with the [`NEIGHBOURS`] with which its
+/// strongest features have most matches, and with the next [`FOLLOWING`] in their order.
+fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
+    let count = features.len();
+    let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+    if count <= ALL_PAIRS {
+        return all.collect();
+    }
+    let strongest: Vec<Features> = features.iter().map(|features| features.first(STRONGEST)).collect();
+    let all: Vec<(usize, usize)> = all.collect();
+    let alike: Vec<usize> = all.par_iter().map(|&(a, b)| matches(&strongest[a], &strongest[b]).len()).collect();
+    let mut likely: BTreeSet<(usize, usize)> = all.iter().copied().filter(|(a, b)| b - a <= FOLLOWING).collect();
+    for photograph in 0..count {
+        let own = all.iter().zip(&alike).filter(|((a, b), _)| *a == photograph || *b == photograph);
+        let mut own: Vec<_> = own.collect();
+        own.sort_by_key(|(_, alike)| Reverse(**alike));
+        likely.extend(own.into_iter().take(NEIGHBOURS).map(|(pair, _)| *pair));
+    }
+    likely.into_iter().collect()
 }
 
 /// Returns the indices `(a, b)` of features that are each other's closest, by far in both photographs.
@@ -211,5 +242,28 @@ mod tests {
         assert_eq!(joined, all);
         // The last match makes one of the two, in which every photograph is ambiguous.
         assert!(tracks(&features, &matches).is_empty());
+    }
+
+    /// Thirty photographs in a circle, each of which looks like those up to three places away.
+    #[test]
+    fn likely_pairs_are_those_that_look_alike() {
+        let random = |i: usize, k: usize| (((i * LENGTH + k) as f64 * 12.9898).sin() * 43758.5453).fract() as f32;
+        let photograph = |at: usize| {
+            let places = (0..5).flat_map(|near| (0..40).map(move |k| (at + near) % 30 * 40 + k));
+            let unit = |i: usize| {
+                let values: Vec<f32> = (0..LENGTH).map(|k| random(i, k)).collect();
+                let length = values.iter().map(|v| v * v).sum::<f32>().sqrt();
+                values.into_iter().map(move |v| v / length)
+            };
+            let descriptors: Vec<f32> = places.flat_map(unit).collect();
+            Features { pixels: vec![DVec2::ZERO; descriptors.len() / LENGTH], descriptors }
+        };
+        let all: Vec<Features> = (0..30).map(photograph).collect();
+        assert_eq!(likely_pairs(&all[..ALL_PAIRS]).len(), ALL_PAIRS * (ALL_PAIRS - 1) / 2);
+        let likely = likely_pairs(&all);
+        assert!(likely.len() <= 30 * NEIGHBOURS + 60, "{}", likely.len());
+        for (a, b) in (0..30).flat_map(|a| (1..4).map(move |next| (a, (a + next) % 30))) {
+            assert!(likely.contains(&(a.min(b), a.max(b))), "{a} {b}");
+        }
     }
 }

@@ -128,4 +128,19 @@ mod tests {
         let one = (DVec2::ZERO, DVec3::X);
         assert!(p3p([one, one, one]).is_empty());
     }
+
+    #[test]
+    fn roots_of_products() {
+        let roots = [-31.0, -2.5, -1e-3, 0.0, 0.4, 0.41, 7.0, 1e3];
+        let mut c = roots.iter().fold(vec![2.0], |c, r| product(&c, &[-r, 1.0]));
+        // No further real root, and leading zeros.
+        c = product(&c, &[5.0, 1.0, 1.0]);
+        c.extend([0.0, 0.0]);
+        let found = real_roots(&c);
+        assert_eq!(found.len(), roots.len(), "{found:?}");
+        for (a, b) in found.iter().zip(roots) {
+            assert!((a - b).abs() < 1e-7 * (1.0 + b.abs()), "{a} {b}");
+        }
+        assert!(real_roots(&[1.0, 0.0, 1.0]).is_empty() && real_roots(&[3.0]).is_empty() && real_roots(&[]).is_empty());
+    }
 }

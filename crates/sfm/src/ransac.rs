@@ -48,3 +48,20 @@ impl Ransac {
         Some((model, inliers))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_through_noise() {
+        let data: Vec<f64> =
+            (0..60).map(|i| if i % 3 == 0 { f64::from(i * i % 17) - 90.0 } else { 2.0 * f64::from(i) }).collect();
+        let line = |s: &[usize]| vec![(data[s[0]] - data[s[1]]) / (s[0] as f64 - s[1] as f64)];
+        let ransac = Ransac { sample: 2, threshold: 0.01, most: 500, seed: 1 };
+        let error = |m: &f64, i: usize| (m * i as f64 - data[i]).powi(2);
+        let (m, inliers) = ransac.run(60, line, error).unwrap();
+        assert!((m - 2.0).abs() < 1e-9 && inliers.len() == 40);
+        assert!(ransac.run(1, line, error).is_none());
+    }
+}

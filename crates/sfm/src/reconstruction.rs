@@ -1,5 +1,7 @@
 //! Structure from motion: from photographs to cameras and points.
 
+use std::collections::BTreeMap;
+
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -29,6 +31,8 @@ const RIVAL: f64 = 0.9;
 const UNCERTAIN: f64 = 1.2;
 /// A pair shows no depth if one homography explains this share of its matches.
 const FLAT: f64 = 0.95;
+/// Number of photographs from which the focal length is found where it is not known.
+const FEW: usize = 9;
 /// Number of pairs of photographs from which a reconstruction is started in turn.
 const STARTS: usize = 3;
 /// Angles above this, in radians, make a pair no better to start from.
@@ -87,17 +91,59 @@ pub fn reconstruct(
     let longer = size.max_element();
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
-    let (guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
+    let (mut guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
         Some(known) => (vec![known], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
     };
+    let mapped = |guess: f64, matched: &[Matches]| {
+        let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
+        let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
+        map(&features, matched, (lens, prior), TOLERANCE * longer)
+    };
+    if guesses.len() > 1 && count > FEW {
+        let (few, within) = most_matched(&matched, FEW);
+        progress(&format!("finding the focal length from {few} of the photographs"));
+        if let Ok(found) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
+            guesses = vec![found.lens.focal / longer];
+        }
+    }
+    best_guess(&guesses, longer, count, |guess| mapped(guess, &matched), &mut progress)
+}
+
+/// Returns the number of up to `most` photographs with many `matched` features among them, and their matches.
+fn most_matched(matched: &[Matches], most: usize) -> (usize, Vec<Matches>) {
+    let mut chosen: Vec<usize> = Vec::new();
+    let mut gains: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut next = matched.iter().max_by_key(|pair| pair.pairs.len()).map(|pair| pair.a);
+    while let Some(photograph) = next.filter(|_| chosen.len() < most) {
+        chosen.push(photograph);
+        for pair in matched.iter().filter(|pair| pair.a == photograph || pair.b == photograph) {
+            *gains.entry(pair.a + pair.b - photograph).or_default() += pair.pairs.len();
+        }
+        let left = gains.iter().filter(|(other, _)| !chosen.contains(other));
+        next = left.max_by_key(|(_, gain)| **gain).map(|(other, _)| *other);
+    }
+    let is_within = |pair: &&Matches| chosen.contains(&pair.a) && chosen.contains(&pair.b);
+    (chosen.len(), matched.iter().filter(is_within).cloned().collect())
+}
+
+/// Maps `count` photographs with each of the focal lengths `guesses`, over the `longer` side, and returns the map that
+/// places most of them and explains most.
+///
+/// # Errors
+/// As [`reconstruct`].
+fn best_guess(
+    guesses: &[f64],
+    longer: f64,
+    count: usize,
+    map: impl Fn(f64) -> Result<SparseModel, bool>,
+    progress: &mut impl FnMut(&str),
+) -> Result<SparseModel, String> {
     let mut best: Option<((usize, f64), SparseModel)> = None;
     let mut tried = Vec::new();
     let mut flat = false;
-    for guess in guesses {
-        let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
-        let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
-        let found = match map(&features, &matched, (lens, prior), TOLERANCE * longer) {
+    for &guess in guesses {
+        let found = match map(guess) {
             Ok(found) => found,
             Err(is_flat) => {
                 flat |= is_flat;
@@ -172,4 +218,34 @@ fn map(
     let starts: Vec<_> = pairs.par_iter().take(STARTS).map(start).collect();
     let best = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
     best.map(|(_, mapper, points)| SparseModel { lens: mapper.lens, poses: mapper.poses, points }).ok_or(false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn usual_focal_lengths_are_likelier() {
+        let found = [0.85, 0.5, 1.4, 0.2, 5.0].map(plausibility);
+        assert_eq!(found[0], 1.0);
+        assert!((found[1] - found[2]).abs() < 0.1 && found[1] < 0.6 && found[3] < 0.2 && found[4] < 0.3, "{found:?}");
+        assert!(found.iter().all(|value| *value > 0.0));
+    }
+
+    /// Photographs 0, 1, 2 and 5 have most matches in common; 3 and 4 have some with each other.
+    #[test]
+    fn photographs_with_most_matches_are_chosen() {
+        let pair = |a: usize, b: usize, count: usize| Matches { a, b, pairs: vec![(0, 0); count] };
+        let all = [pair(0, 1, 30), pair(0, 5, 50), pair(1, 2, 45), pair(3, 4, 60), pair(2, 5, 40), pair(0, 3, 21)];
+        let chosen = |most: usize| {
+            let (count, within) = most_matched(&all[..3], most);
+            (count, within.iter().map(|pair| (pair.a, pair.b)).collect::<Vec<_>>())
+        };
+        assert_eq!(chosen(2), (2, vec![(0, 5)]));
+        assert_eq!(chosen(3), (3, vec![(0, 1), (0, 5)]));
+        assert_eq!(chosen(9), (4, vec![(0, 1), (0, 5), (1, 2)]));
+        let (count, within) = most_matched(&all, 3);
+        assert_eq!((count, within.len()), (3, 2), "from the pair with most on");
+        assert_eq!(most_matched(&[], 9).0, 0);
+    }
 }

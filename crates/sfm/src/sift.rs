@@ -32,10 +32,18 @@ const DOUBLED: usize = 1024;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Features {
-    /// Positions in pixels; the centre of the first pixel is (0.5, 0.5).
+    /// Positions in pixels, by falling contrast; the centre of the first pixel is (0.5, 0.5).
     pub(crate) pixels: Vec<DVec2>,
     /// [`LENGTH`] values each, of unit length.
     pub(crate) descriptors: Vec<f32>,
+}
+
+impl Features {
+    /// Returns the `most` features of highest contrast.
+    pub(crate) fn first(&self, most: usize) -> Self {
+        let count = most.min(self.pixels.len());
+        Self { pixels: self.pixels[..count].to_vec(), descriptors: self.descriptors[..LENGTH * count].to_vec() }
+    }
 }
 
 /// Finds the features of `image`, the `most` of highest contrast.

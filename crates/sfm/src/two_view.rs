@@ -210,4 +210,21 @@ mod tests {
         let [flat, deep] = [turned, moved].map(|second| flatness(&rays(&second), threshold, 0));
         assert!(flat > 0.99 && deep < 0.5, "{flat} {deep}");
     }
+
+    #[test]
+    fn true_poses_explain_what_is_seen_and_others_do_not() {
+        let all = world(3, 2, 60);
+        let share = |poses: [&Pose; 2]| {
+            let seen = |point: &Point| {
+                let ray = |k: usize| all.lens.unproject(point.seen[k].1);
+                explains(poses, (ray(0), ray(1)), 1e-3)
+            };
+            all.points.iter().filter(|point| seen(point)).count()
+        };
+        let [a, b] = [&all.poses[0], &all.poses[1]];
+        assert_eq!(share([a, b]), 60);
+        let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let flipped = [a, b].map(|pose| Pose { rotation: flip * pose.rotation, translation: flip * pose.translation });
+        assert!(share([&flipped[0], &flipped[1]]) < 15 && share([b, a]) < 15);
+    }
 }

@@ -10,7 +10,7 @@ use super::Capture;
 use crate::frame::Frame;
 
 /// Photographs that are matched, at most.
-const MAX_IMAGES: usize = 16;
+const MAX_IMAGES: usize = 24;
 /// Length of a run of photographs with consecutive names, which often overlap; several runs are matched.
 const RUN: usize = 4;
 /// Longest side of the images that are matched, in pixels.
@@ -24,6 +24,13 @@ const MIN_MATCHES: usize = 60;
 const EXPLAINED: f64 = 0.5;
 /// Another convention is named if it explains at least this share of the matches.
 const CONVINCING: f64 = 0.7;
+/// Poses that explain more than [`EXPLAINED`] are doubted too if another convention explains this much, and so much more.
+const BETTER: (f64, f64) = (0.85, 0.2);
+/// Matches of a photograph with others from which on it is judged alone, and the share below which its pose is doubted.
+const OF_ONE: (usize, f64) = (30, 0.3);
+/// Plausible principal points over the sides of the image, and ratios of vertical and horizontal focal length.
+const CENTRAL: std::ops::RangeInclusive<f64> = 0.25..=0.75;
+const SQUARE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Plausible focal lengths over the longer side of the image: fields of view from 5° to 118°.
 const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 
@@ -37,7 +44,8 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let chosen = spread(frames.len());
     let read: Result<Vec<_>, _> = chosen.par_iter().map(|&i| small(frames[i])).collect();
     let (images, cameras): (Vec<GreyImage>, Vec<Camera>) = read?.into_iter().unzip();
-    let mut doubts = implausible(&frames, &chosen, &cameras);
+    let names: Vec<&str> = chosen.iter().map(|&i| frames[i].name.as_str()).collect();
+    let mut doubts = implausible(&names, &cameras);
     let focal: Vec<f64> = cameras.iter().map(|camera| (camera.fx * camera.fy).sqrt()).collect();
     let matches = verified_matches(&images, &focal, FEATURES);
     let count: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
@@ -45,13 +53,12 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         return Ok(doubts);
     }
     let poses: Vec<DMat4> = frames.iter().map(|frame| frame.pose).collect();
-    let share = |poses: &[DMat4], factor: f64| share(&matches, &cameras, &chosen, poses, factor);
+    let explained = |poses: &[DMat4], factor: f64| explained(&matches, &cameras, &chosen, poses, factor);
+    let share =
+        |poses: &[DMat4], factor: f64| explained(poses, factor).iter().sum::<usize>() as f64 / count.max(1) as f64;
     let given = share(&poses, 1.0);
-    if given >= EXPLAINED {
-        return Ok(doubts);
-    }
-    let names: Vec<&str> = frames.iter().map(|frame| frame.name.as_str()).collect();
-    let conventions = conventions(&poses, &names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name));
+    let all_names: Vec<&str> = frames.iter().map(|frame| frame.name.as_str()).collect();
+    let conventions = conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name));
     let mean = focal.iter().sum::<f64>() / focal.len() as f64;
     let longer = f64::from(cameras[0].width.max(cameras[0].height));
     let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0].map(|times| {
@@ -59,6 +66,17 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     });
     let best = conventions.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+    let is_better = best.as_ref().is_some_and(|(share, _)| *share >= BETTER.0 && *share >= given + BETTER.1);
+    if given >= EXPLAINED && !is_better {
+        for (image, explained, all) in wrong(&matches, &explained(&poses, 1.0), chosen.len()) {
+            doubts.push(format!(
+                "the camera of {} explains {} of {all} matches with other photographs: is its pose right?",
+                names[image],
+                percent(explained as f64 / all as f64)
+            ));
+        }
+        return Ok(doubts);
+    }
     let advice = match best {
         Some((share, name)) if share >= CONVINCING => format!("{name} they would explain {}", percent(share)),
         _ => "are they of these photographs, and in this order?".to_owned(),
@@ -101,18 +119,31 @@ fn small(frame: &Frame) -> Result<(GreyImage, Camera), SceneError> {
 }
 
 /// Describes focal lengths and principal points that no camera has.
-fn implausible(frames: &[&Frame], chosen: &[usize], cameras: &[Camera]) -> Vec<String> {
-    let name = |i: usize| &frames[chosen[i]].name;
+fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     let mut doubts = Vec::new();
     let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
     if let Some(i) = cameras.iter().position(|c| c.lens.is_perspective() && !FOCAL_LENGTHS.contains(&over_longer(c))) {
-        let (name, found) = (name(i), over_longer(&cameras[i]));
+        let (name, found) = (names[i], over_longer(&cameras[i]));
         let doubt = "image widths: is it in pixels, and for images of this size?";
         doubts.push(format!("the focal length of {name} is {found:.2} {doubt}"));
     }
-    let inside = |c: &Camera| (0.0..=f64::from(c.width)).contains(&c.cx) && (0.0..=f64::from(c.height)).contains(&c.cy);
-    if let Some(i) = cameras.iter().position(|c| !inside(c)) {
-        doubts.push(format!("the principal point of {} lies outside the image", name(i)));
+    let central =
+        |c: &Camera| CENTRAL.contains(&(c.cx / f64::from(c.width))) && CENTRAL.contains(&(c.cy / f64::from(c.height)));
+    if let Some(i) = cameras.iter().position(|c| !central(c)) {
+        let c = &cameras[i];
+        doubts.push(format!(
+            "the principal point of {} is at {:.2} of the width and {:.2} of the height: is it for images of this size?",
+            names[i],
+            c.cx / f64::from(c.width),
+            c.cy / f64::from(c.height)
+        ));
+    }
+    if let Some(i) = cameras.iter().position(|c| !SQUARE.contains(&(c.fy / c.fx))) {
+        let ratio = cameras[i].fy / cameras[i].fx;
+        doubts.push(format!(
+            "the focal lengths of {} differ by a factor of {ratio:.2}: are its pixels not square?",
+            names[i]
+        ));
     }
     doubts
 }
@@ -120,13 +151,29 @@ fn implausible(frames: &[&Frame], chosen: &[usize], cameras: &[Camera]) -> Vec<S
 /// Returns poses as other programs may mean the given matrices, each with the words that follow "taken as".
 fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(String, Vec<DMat4>)> {
     let flip = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
+    let turn = |pose: &DMat4| DMat3::from_mat4(*pose);
+    let with_turn = |pose: &DMat4, turn: DMat3| {
+        DMat4::from_cols(turn.x_axis.extend(0.0), turn.y_axis.extend(0.0), turn.z_axis.extend(0.0), pose.w_axis)
+    };
+    let with_place = |pose: &DMat4, place: DVec3| DMat4 { w_axis: place.extend(1.0), ..*pose };
     let each = |change: &dyn Fn(&DMat4) -> DMat4| given.iter().map(change).collect::<Vec<_>>();
     let rolled = |degrees: f64| each(&|pose| *pose * DMat4::from_rotation_z(degrees.to_radians()));
     let mut all = vec![
         ("with OpenCV's axes (y down, z forward)".to_owned(), each(&|pose| *pose * flip)),
         ("as world-to-camera matrices".to_owned(), each(&|pose| pose.inverse())),
         ("as world-to-camera matrices with OpenCV's axes".to_owned(), each(&|pose| pose.inverse() * flip)),
+        ("with transposed rotations".to_owned(), each(&|pose| with_turn(pose, turn(pose).transpose()))),
+        ("with transposed rotations and OpenCV's axes".to_owned(), {
+            each(&|pose| with_turn(pose, turn(pose).transpose()) * flip)
+        }),
+        ("with the translations taken as those of world-to-camera matrices".to_owned(), {
+            each(&|pose| with_place(pose, -(turn(pose) * pose.w_axis.truncate())))
+        }),
     ];
+    let shifted = |by: usize| (0..given.len()).map(|i| given[(i + by) % given.len()]).collect();
+    all.push(("each with the pose of the next photograph".to_owned(), shifted(1)));
+    all.push(("each with the pose of the photograph before".to_owned(), shifted(given.len() - 1)));
+    all.push(("in the opposite order".to_owned(), given.iter().rev().copied().collect()));
     all.extend([90.0, 180.0, 270.0].map(|degrees| (format!("with cameras rolled by {degrees}°"), rolled(degrees))));
     let mut as_text: Vec<usize> = (0..names.len()).collect();
     as_text.sort_by_key(|&i| names[i]);
@@ -142,8 +189,37 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(String, Vec<DMat4>)> {
     all
 }
 
-/// Returns the share of `matches` that cameras at `poses` explain, their focal lengths multiplied by `factor`.
-fn share(matches: &[ImageMatches], cameras: &[Camera], chosen: &[usize], poses: &[DMat4], factor: f64) -> f64 {
+/// Returns the photographs, out of `count`, whose cameras explain few of their matches with the others, worst first: place, and
+/// number of `explained` and of all its matches. What it has with one that is worse does not count.
+fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(usize, usize, usize)> {
+    let mut found: Vec<(usize, usize, usize)> = Vec::new();
+    loop {
+        let is_known = |image: usize| found.iter().any(|(wrong, ..)| *wrong == image);
+        let of = |image: usize| {
+            let own = matches.iter().zip(explained).filter(|(pair, _)| pair.a == image || pair.b == image);
+            let own = own.filter(|(pair, _)| !is_known(pair.a) && !is_known(pair.b));
+            own.fold((image, 0, 0), |(_, sum, all), (pair, explained)| {
+                (image, sum + explained, all + pair.pixels.len())
+            })
+        };
+        let share = |(_, explained, all): &(usize, usize, usize)| *explained as f64 / *all as f64;
+        let judged = (0..count).map(of).filter(|(_, _, all)| *all >= OF_ONE.0);
+        let worst = judged.min_by(|a, b| share(a).total_cmp(&share(b)));
+        match worst.filter(|worst| share(worst) < OF_ONE.1) {
+            Some(worst) => found.push(worst),
+            None => return found,
+        }
+    }
+}
+
+/// Returns how many of the matches of each pair cameras at `poses` explain, their focal lengths multiplied by `factor`.
+fn explained(
+    matches: &[ImageMatches],
+    cameras: &[Camera],
+    chosen: &[usize],
+    poses: &[DMat4],
+    factor: f64,
+) -> Vec<usize> {
     let explained = |pair: &ImageMatches| {
         let [a, b] = [pair.a, pair.b].map(|i| camera_pose(&poses[chosen[i]]));
         let longer = f64::from(cameras[pair.a].width.max(cameras[pair.a].height));
@@ -154,8 +230,7 @@ fn share(matches: &[ImageMatches], cameras: &[Camera], chosen: &[usize], poses: 
         };
         pair.pixels.iter().filter(|pixels| is_explained(pixels)).count()
     };
-    let all: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
-    matches.par_iter().map(explained).sum::<usize>() as f64 / all.max(1) as f64
+    matches.par_iter().map(explained).collect()
 }
 
 /// Returns `(x, y) / z`, in the camera's axes of computer vision, of what is seen at a pixel.
@@ -212,11 +287,16 @@ mod tests {
         let quarter = DMat4::from_rotation_z(90f64.to_radians());
         /// Pose and focal length that a capture gives for a camera.
         type Given<'a> = &'a dyn Fn(usize, &[Camera]) -> (DMat4, f64);
-        let cases: [(Given<'_>, &str); 5] = [
+        let transposed =
+            |pose: &DMat4| DMat4 { w_axis: pose.w_axis, ..DMat4::from_mat3(DMat3::from_mat4(*pose).transpose()) };
+        let cases: [(Given<'_>, &str); 8] = [
             (&|i, all| (all[i].to_world * flip, all[i].fx), "with OpenCV's axes"),
             (&|i, all| (all[i].to_world.inverse(), all[i].fx), "as world-to-camera matrices they"),
             (&|i, all| (all[i].to_world * quarter, all[i].fx), "with cameras rolled by 270°"),
             (&|i, all| (all[order[i]].to_world, all[i].fx), "in the order of"),
+            (&|i, all| (transposed(&all[i].to_world), all[i].fx), "with transposed rotations they"),
+            (&|i, all| (all[(i + 1) % 12].to_world, all[i].fx), "each with the pose of the photograph before"),
+            (&|i, all| (all[11 - i].to_world, all[i].fx), "in the opposite order"),
             (&|i, all| (all[i].to_world, 24.0), "with focal lengths of about"),
         ];
         for (given, named) in cases {
@@ -225,6 +305,35 @@ mod tests {
             assert!(last.contains("matches between 12 photographs") && last.contains(named), "{named}: {found:?}");
         }
         assert!(doubts(|i, all| (all[i].to_world, 24.0))[0].contains("is 0.15 image widths: is it in pixels"));
+    }
+
+    /// Two photographs have poses of others, one of them that of a camera which looks away.
+    #[test]
+    fn photographs_with_wrong_poses_are_named() {
+        let away = DMat4::from_rotation_y(std::f64::consts::PI);
+        let found = doubts(|i, all| match i {
+            3 => (all[3].to_world * away, all[3].fx),
+            8 => (all[5].to_world, all[8].fx),
+            _ => (all[i].to_world, all[i].fx),
+        });
+        let names =
+            |name: &str| found.iter().any(|doubt| doubt.contains(name) && doubt.ends_with("is its pose right?"));
+        assert!(found.len() == 2 && names("images/p3") && names("images/p8"), "{found:?}");
+    }
+
+    #[test]
+    fn implausible_intrinsics_are_named() {
+        let camera = Camera::pinhole((100, 80), [90.0; 2], [50.0, 40.0], DMat4::IDENTITY);
+        let doubts = |other: Camera| implausible(&["a", "b"], &[camera.clone(), other]);
+        assert_eq!(doubts(camera.clone()), [""; 0]);
+        for (other, said) in [
+            (Camera { fx: 3.0, fy: 3.0, ..camera.clone() }, "the focal length of b is 0.03 image widths"),
+            (Camera { cx: 0.0, ..camera.clone() }, "the principal point of b is at 0.00 of the width and 0.50"),
+            (Camera { fy: 180.0, ..camera.clone() }, "the focal lengths of b differ by a factor of 2.00"),
+        ] {
+            let found = doubts(other);
+            assert!(found.len() == 1 && found[0].starts_with(said), "{found:?}");
+        }
     }
 
     #[test]

@@ -148,7 +148,10 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     let turned = DMat3::from_quat(rotation.normalize()).transpose();
     let position = -(turned * DVec3::from(translation));
     if !position.is_finite() || position.abs().max_element() > crate::files::FARTHEST {
-        return Err(fault("a position within 1e9 of the origin", format!("{position}")));
+        return Err(fault(
+            &format!("a position within {:e} of the origin", crate::files::FARTHEST),
+            format!("{position}"),
+        ));
     }
     Ok(opengl(turned, position))
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 use infonerf_scene::SceneError;
 
 /// Greatest coordinate that is read, scene units.
-pub(crate) const FARTHEST: f64 = 1e9;
+pub(crate) const FARTHEST: f64 = 1e11;
 
 /// Reads a file. One of more than `limit` bytes is refused unread.
 pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {

@@ -246,7 +246,7 @@ mod tests {
         assert!(text.contains("transforms_train.json, transforms.json, poses_bounds.npy"), "{text}");
         image(8, 0).write_png(&dir.path().join("a.png")).unwrap();
         let text = message(dir.path(), &request());
-        let advice = format!("these are photographs: `infonerf scene from-images {}`", dir.path().display());
+        let advice = format!("these are photographs: `infonerf capture {}`", dir.path().display());
         assert!(text.contains(&advice), "{text}");
     }
 

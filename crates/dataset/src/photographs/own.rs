@@ -162,7 +162,7 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use infonerf_scene::{PoseError, SceneRequest, Similarity, TestProtocol};
+    use infonerf_scene::{PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
     use super::*;
     use crate::SceneSource;
@@ -203,8 +203,11 @@ mod tests {
             fs::remove_file(&png).unwrap();
         }
         find(guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
-        let found =
-            load(guard.path(), &SceneRequest { test: TestProtocol::Training, ..SceneRequest::default() }).unwrap();
+        let found = load(
+            guard.path(),
+            &SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..SceneRequest::default() },
+        )
+        .unwrap();
         let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }

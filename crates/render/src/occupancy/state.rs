@@ -1,4 +1,4 @@
-//! What a cell of a grid holds, or how far it is from anything.
+//! State of a cell of a grid: what it holds, or how far it is from anything.
 
 /// Maximal distance to occupied cells that is known exactly.
 const MAX_DISTANCE: u16 = 16;

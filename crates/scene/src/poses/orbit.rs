@@ -147,7 +147,7 @@ mod tests {
         assert!(arc.len() > 8 && lowest(false) < -2.0 && lowest(true) > 0.0, "{} {}", lowest(false), lowest(true));
     }
 
-    /// Of cameras in a row, paths stay in the row.
+    /// Paths before cameras in a row stay in the row.
     #[test]
     fn forward_paths_stay_among_the_cameras() {
         let row: Vec<Camera> = forward_cameras().into_iter().filter(|camera| camera.to_world.w_axis.y > 0.0).collect();
