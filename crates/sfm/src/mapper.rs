@@ -20,6 +20,8 @@ const TRIED: usize = 30;
 /// Factors on the tolerance, one adjustment each, where cameras are known roughly.
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
 const FOR_LENS: usize = 3;
+/// Factor by which the number of placed photographs grows from one bundle adjustment to the next.
+const GROWTH: f64 = 1.1;
 
 #[derive(Clone)]
 pub(crate) struct Mapper<'a> {
@@ -50,8 +52,21 @@ impl<'a> Mapper<'a> {
     /// Places what can be placed.
     pub(crate) fn run(mut self) -> Self {
         self.settle(2);
-        while self.place_next() {
-            self.settle(1);
+        let mut settled = self.placed();
+        loop {
+            if self.place_next() {
+                if self.placed() as f64 >= GROWTH * settled as f64 {
+                    self.settle(1);
+                    settled = self.placed();
+                } else {
+                    self.triangulate();
+                }
+            } else if settled < self.placed() {
+                self.settle(1);
+                settled = self.placed();
+            } else {
+                break;
+            }
         }
         self.settle(5);
         self.keep_certain()
@@ -115,14 +130,19 @@ impl<'a> Mapper<'a> {
         seen.filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel)).map(|(i, _, pixel)| (i, pixel)).collect()
     }
 
+    /// Triangulates the tracks that have no point.
+    fn triangulate(&mut self) {
+        for track in 0..self.tracks.len() {
+            if self.positions[track].is_none() {
+                self.positions[track] = self.triangulated(track);
+            }
+        }
+    }
+
     /// Triangulates, adjusts, and drops points that then fit too few views, `rounds` times.
     fn settle(&mut self, rounds: usize) {
         for _ in 0..rounds {
-            for track in 0..self.tracks.len() {
-                if self.positions[track].is_none() {
-                    self.positions[track] = self.triangulated(track);
-                }
-            }
+            self.triangulate();
             let (indices, points): (Vec<usize>, Vec<Point>) = self.found().into_iter().unzip();
             let poses = self.poses.iter().map(|pose| *pose.as_ref().unwrap_or(&Pose::IDENTITY)).collect();
             let prior = if self.placed() < FOR_LENS { Prior::fixed(&self.lens) } else { self.prior };

@@ -91,7 +91,7 @@ pub fn reconstruct(
     let longer = size.max_element();
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
-    let (mut guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
+    let (guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
         Some(known) => (vec![known], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
     };
@@ -103,8 +103,12 @@ pub fn reconstruct(
     if guesses.len() > 1 && count > FEW {
         let (few, within) = most_matched(&matched, FEW);
         progress(&format!("finding the focal length from {few} of the photographs"));
-        if let Ok(found) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
-            guesses = vec![found.lens.focal / longer];
+        if let Ok(start) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
+            let prior = Prior { focal: start.lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
+            let found = extended(&features, &matched, start, prior, TOLERANCE * longer);
+            let placed = found.poses.iter().flatten().count();
+            progress(&format!("{placed} of {count} photographs placed by {} points", found.points.len()));
+            return Ok(found);
         }
     }
     best_guess(&guesses, longer, count, |guess| mapped(guess, &matched), &mut progress)
@@ -184,6 +188,21 @@ fn best_guess(
 /// stand in a row: seen from so far, a point's depth is free, so that any match agrees.
 fn plausibility(focal: f64) -> f64 {
     1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
+}
+
+/// Returns the map of all photographs that begins with those of `start`.
+fn extended(
+    features: &[Features],
+    matched: &[Matches],
+    start: SparseModel,
+    prior: Prior,
+    tolerance: f64,
+) -> SparseModel {
+    let agreed = verified(features, matched, &start.lens, tolerance).into_iter().map(|(matches, _)| matches);
+    let tracks = tracks(features, &agreed.collect::<Vec<_>>());
+    let mapper = Mapper::new(&tracks, start.poses, (start.lens, prior), tolerance, None).run();
+    let points = mapper.points();
+    SparseModel { lens: mapper.lens, poses: mapper.poses, points }
 }
 
 /// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.

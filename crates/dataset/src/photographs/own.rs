@@ -164,6 +164,7 @@ mod tests {
     use glam::DVec3;
     use infonerf_scene::{PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
+    use super::super::{colmap, program};
     use super::*;
     use crate::SceneSource;
     use crate::loaders::testing::{load, request, set_orientation, shared_data};
@@ -212,53 +213,63 @@ mod tests {
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }
 
-    /// Prints the table of docs/photographs.md.
+    /// Prints the table of docs/photographs.md: the poses of this crate's solver, and COLMAP's if it is on PATH.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn poses_of_published_captures() {
         let llff = |name| (name, format!("nerf_llff_data/{name}"), "images_8");
-        let captures = [llff("fern"), llff("flower"), ("tumbler", "colmap_tumbler".into(), "images")];
-        eprintln!(
-            "| photographs | placed | rotation, degrees | position, % | focal length, found / published | points | seconds |"
-        );
-        eprintln!("|---|---|---|---|---|---|---|");
+        let captures = [llff("fern"), llff("flower"), llff("room"), ("tumbler", "colmap_tumbler".into(), "images")];
+        let columns = "placed | degrees | position, % | focal length | seconds |";
+        eprintln!("| photographs | published focal length | {columns} COLMAP: {columns}");
+        eprintln!("|{}", "---|".repeat(12));
+        let solve = |images: &Path, by_colmap: bool| -> Result<Reconstruction, SceneError> {
+            let colmap = program(colmap::PROGRAM, std::env::var_os("PATH")).filter(|_| by_colmap);
+            match colmap {
+                Some(colmap) => colmap::find(&colmap, &images.with_extension("work"), images, &mut |_: &str| ()),
+                None if by_colmap => Err(SceneError::malformed(images, "colmap", "it is not on PATH")),
+                None => find(images, None, |_| {}).map(|found| found.model),
+            }
+        };
         for (capture, dir, folder) in captures {
             let dir = shared_data(&dir);
             let scene = load(&dir, &SceneRequest { image_size: Some(16), ..request() }).unwrap();
             let views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
+            let truth = |image: &ColmapImage| {
+                let stem = Path::new(&image.name).file_stem();
+                &views.iter().find(|view| Path::new(&view.name).file_name() == stem).unwrap().camera
+            };
             let mut files = list_images(&dir.join(folder)).unwrap();
             files.sort_by_key(|path| (file_name(path).len(), file_name(path)));
-            for (count, spread) in [(4, false), (4, true), (9, false), (9, true)] {
+            let selections = [(4, false), (4, true), (9, false), (9, true), (20, true), (60, true)];
+            for (count, spread) in selections.into_iter().filter(|(count, _)| *count <= files.len()) {
                 let pick = |i: usize| if spread { i * (files.len() - 1) / (count - 1) } else { i + 2 };
                 let guard = tempfile::tempdir().unwrap();
+                let images = guard.path().join("images");
+                fs::create_dir(&images).unwrap();
                 for path in (0..count).map(|i| &files[pick(i)]) {
-                    fs::copy(path, guard.path().join(file_name(path))).unwrap();
+                    fs::copy(path, images.join(file_name(path))).unwrap();
                 }
-                let started = std::time::Instant::now();
-                let found = find(guard.path(), None, |_| {});
-                let result = found.and_then(|found| found.write(&guard.path().join("sparse")));
-                let seconds = started.elapsed().as_secs_f64();
-                let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
-                if let Err(error) = result {
-                    eprintln!("| {which} | {error} | | | | | {seconds:.0} |");
-                    continue;
-                }
-                let read = Reconstruction::read(guard.path()).unwrap();
-                let truth = |image: &ColmapImage| {
-                    let stem = Path::new(&image.name).file_stem();
-                    &views.iter().find(|view| Path::new(&view.name).file_name() == stem).unwrap().camera
+                let row = |by_colmap: bool| {
+                    let started = std::time::Instant::now();
+                    let solved = solve(&images, by_colmap);
+                    let seconds = started.elapsed().as_secs_f64();
+                    let Ok(model) = solved else {
+                        return (0, f64::INFINITY, format!("0 | – | – | – | {seconds:.0} |"));
+                    };
+                    let found = model.images.iter().map(|image| truth(image).with_pose(image.pose)).collect::<Vec<_>>();
+                    let truth = model.images.iter().map(|image| truth(image).clone()).collect::<Vec<_>>();
+                    let (turn, off) = errors(&found, &truth, scene.space.centre.as_dvec3());
+                    let (_, camera) = model.cameras.first_key_value().unwrap();
+                    let focal = camera.parameters[0] / f64::from(camera.width.max(camera.height));
+                    let placed = found.len();
+                    (placed, turn, format!("{placed} | {turn:.2} | {off:.1} | {focal:.2} | {seconds:.0} |"))
                 };
-                let (found, truth): (Vec<Camera>, Vec<Camera>) =
-                    read.images.iter().map(|image| (truth(image).with_pose(image.pose), truth(image).clone())).unzip();
-                let (turn, off) = errors(&found, &truth, scene.space.centre.as_dvec3());
-                let focal = read.cameras[&1].parameters[0] / f64::from(read.cameras[&1].width);
-                let published = views[0].camera.fx / f64::from(views[0].camera.width);
-                let (placed, points) = (found.len(), read.points.len());
-                eprintln!(
-                    "| {which} | {placed} | {turn:.2} | {off:.1} | {focal:.2} / {published:.2} | {points} | {seconds:.0} |"
-                );
-                if !spread || capture != "tumbler" {
-                    assert!(placed == count && turn < 1.0 && off < 5.0);
+                let ((placed, turn, ours), (.., colmaps)) = (row(false), row(true));
+                let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
+                let published = views[0].camera.fx / f64::from(views[0].camera.width.max(views[0].camera.height));
+                eprintln!("| {which} | {published:.2} | {ours} {colmaps}");
+                if capture != "tumbler" || !spread {
+                    assert!(placed == count && turn < 1.0, "{placed} {turn}");
                 }
             }
         }
