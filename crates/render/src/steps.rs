@@ -89,6 +89,7 @@ impl<'a> UniformSteps<'a> {
     }
 
     /// Returns the sample that stands for `count` steps from the step `at` on, which may lie between two.
+    #[inline]
     fn step(&self, at: f32, count: usize) -> Step {
         let t = self.line.warp.distance(self.near + (at + self.shift) * self.length);
         Step { t, delta: count as f32 * self.length, point: self.line.point(t) }

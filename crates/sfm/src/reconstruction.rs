@@ -27,6 +27,8 @@ const USUAL: (f64, f64) = (0.85, 0.5);
 /// Rivals of the best reconstruction: those whose score is at least this share of its, from which the uncertainty of
 /// the focal length is judged.
 const RIVAL: f64 = 0.9;
+/// Two guesses of which all photographs are placed with focal lengths this close, by the logarithm of their ratio, end the search.
+const SAME_FOCAL: f64 = 0.02;
 /// Ratio between rival focal lengths above which the focal length is reported as uncertain.
 const UNCERTAIN: f64 = 1.2;
 /// A pair shows no depth if one homography explains this share of its matches.
@@ -160,9 +162,16 @@ fn best_guess(
             "focal length {from:.2} of the longer side: {placed} of {count} photographs placed by {points} points, adjusted to {to:.2} and k1 = {k1:.3}",
         ));
         let score = (placed, found.points.iter().map(|p| p.seen.len()).sum::<usize>() as f64 * plausibility(to));
+        let is_known = placed == count
+            && tried
+                .iter()
+                .any(|&(all, _, other): &(usize, f64, f64)| all == count && (to / other).ln().abs() < SAME_FOCAL);
         tried.push((placed, score.1, to));
         if best.as_ref().is_none_or(|(most, _)| score > *most) {
             best = Some((score, found));
+        }
+        if is_known {
+            break;
         }
     }
     let none = || {
