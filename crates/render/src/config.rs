@@ -143,19 +143,13 @@ impl RenderConfig {
 
     /// Returns the keys that are set but have no effect with the others as they are, one line each.
     pub fn without_effect(&self) -> Vec<&'static str> {
-        let stop = self.early_stop_transmittance > 0.0 && !self.marches();
-        let hidden = self.hidden_depth > 0.0 && !self.occupancy.enabled;
-        [
-            (
-                stop,
-                "render.early_stop_transmittance has no effect on pictures with render.fine_samples or without \
-                    render.placement = \"mid\"",
-            ),
-            (hidden, "render.hidden_depth has no effect without render.occupancy.enabled"),
-        ]
-        .into_iter()
-        .filter_map(|(applies, line)| applies.then_some(line))
-        .collect()
+        let stop = (self.early_stop_transmittance > 0.0 && !self.marches()).then_some(
+            "render.early_stop_transmittance has no effect on pictures with render.fine_samples or without \
+             render.placement = \"mid\"",
+        );
+        let hidden = (self.hidden_depth > 0.0 && !self.occupancy.enabled)
+            .then_some("render.hidden_depth has no effect without render.occupancy.enabled");
+        stop.into_iter().chain(hidden).collect()
     }
 
     /// Whether a coarse pass places the samples of a fine one.

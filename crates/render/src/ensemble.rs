@@ -34,36 +34,25 @@ pub(crate) fn combine(mut pictures: Vec<RenderedImage>) -> RenderedImage {
         return pictures.remove(0);
     }
     let share = 1.0 / pictures.len() as f32;
-    let pixels = pictures[0].rgb.len();
-    let (mut acc, mut depth) = (vec![0f32; pixels], vec![0f32; pixels]);
-    for picture in &pictures {
-        for (((acc, depth), &a), &d) in acc.iter_mut().zip(&mut depth).zip(&picture.acc).zip(&picture.depth) {
-            *acc += share * a;
-            // Where a member hits nothing its distance counts for nothing.
-            *depth += if d.is_finite() { share * a * d } else { 0.0 };
-        }
+    let RenderedImage { width, height, .. } = pictures[0];
+    let mut mean = RenderedImage { width, height, ..RenderedImage::default() };
+    for pixel in 0..pictures[0].rgb.len() {
+        let acc: f32 = pictures.iter().map(|picture| share * picture.acc[pixel]).sum();
+        // Where a member hits nothing its distance counts for nothing.
+        let hits = pictures.iter().filter(|picture| picture.depth[pixel].is_finite());
+        let weight: f32 = hits.clone().map(|picture| share * picture.acc[pixel]).sum();
+        let depth: f32 = hits.map(|picture| share * picture.acc[pixel] * picture.depth[pixel]).sum();
+        mean.rgb.push([0, 1, 2].map(|channel| pictures.iter().map(|one| share * one.rgb[pixel][channel]).sum()));
+        mean.depth.push(if acc > HIT { depth / weight } else { f32::INFINITY });
+        mean.acc.push(acc);
     }
-    let weight = |pixel: usize| {
-        let seen = pictures.iter().filter(|picture| picture.depth[pixel].is_finite());
-        seen.map(|picture| share * picture.acc[pixel]).sum::<f32>()
-    };
-    for (pixel, depth) in depth.iter_mut().enumerate() {
-        *depth = if acc[pixel] > HIT { *depth / weight(pixel) } else { f32::INFINITY };
-    }
-    let counts = pictures.iter().skip(1).fold(pictures[0].counts, |mut sum, picture| {
-        sum += picture.counts;
-        sum
-    });
-    let (width, height) = (pictures[0].width, pictures[0].height);
-    let mean = |pixel: usize| [0, 1, 2].map(|channel| pictures.iter().map(|one| share * one.rgb[pixel][channel]).sum());
-    let rgb = (0..pixels).map(mean).collect();
-    RenderedImage { width, height, rgb, depth, acc, counts }
+    pictures.iter().for_each(|picture| mean.counts += picture.counts);
+    mean
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Counts;
 
     const SIZE: u32 = 40;
 
@@ -76,7 +65,7 @@ mod tests {
             rgb: pixels.clone().map(|inside| if inside { [0.2, 0.4, 0.1] } else { [1.0; 3] }).collect(),
             depth: pixels.clone().map(|inside| if inside { depth } else { f32::INFINITY }).collect(),
             acc: pixels.map(|inside| if inside { 1.0 } else { 0.0 }).collect(),
-            counts: Counts::default(),
+            ..RenderedImage::default()
         }
     }
 

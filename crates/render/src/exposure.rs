@@ -59,35 +59,28 @@ impl Exposure {
     }
 }
 
-impl RenderOutput {
-    fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
-        let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
-        Self { color, ..self }
-    }
-}
-
 impl Passes {
     /// Returns both passes with the exposure of each ray's training view.
     pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
-        Self {
-            coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
-            fine: self.fine.exposed(exposure, views),
-        }
+        let exposed = |pass: RenderOutput| {
+            let color = pass.color.map(|color| exposure.apply(color, pass.acc.clone(), pass.background, views));
+            RenderOutput { color, ..pass }
+        };
+        Self { coarse: self.coarse.map(exposed), fine: exposed(self.fine) }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Counts;
 
     #[test]
     fn picture_takes_the_exposure_of_its_view() {
         let device = Device::flex();
         let parameter = |values: [f32; 6]| Param::from_data(TensorData::new(values.to_vec(), [2, 3]), &device);
         let (gain, bias) = (parameter([1.0, 1.0, 1.0, 2.0, 1.0, 0.5]), parameter([0.0, 0.0, 0.0, 0.0, 0.25, 0.0]));
-        let (rgb, depth, acc) = (vec![[0.25; 3]; 2], vec![1.0; 2], vec![1.0; 2]);
-        let picture = RenderedImage { width: 2, height: 1, rgb, depth, acc, counts: Counts::default() };
+        let (rgb, acc) = (vec![[0.25; 3]; 2], vec![1.0; 2]);
+        let picture = RenderedImage { rgb, acc, ..RenderedImage::default() };
         assert_eq!(Exposure { gain, bias }.expose(picture, [1.0; 3], 1).rgb, [[0.5, 0.5, 0.125]; 2]);
     }
 }

@@ -1,3 +1,4 @@
+use glam::{Vec3, Vec4};
 use infonerf_field::Field;
 use infonerf_ops::{has_host_kernels, to_host};
 use infonerf_scene::{Backdrop, Camera, Ray};
@@ -6,7 +7,7 @@ use rayon::prelude::*;
 use crate::fill::filled;
 use crate::march::march;
 use crate::model::TrainedModel;
-use crate::output::{Counts, RenderOutput, RenderRequest};
+use crate::output::{RenderOutput, RenderRequest};
 use crate::rendered_image::{HIT, RenderedImage};
 use crate::renderer::Renderer;
 
@@ -47,14 +48,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         .flat_map_iter(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))
         .collect();
-    let mut image = RenderedImage {
-        width: camera.width,
-        height: camera.height,
-        rgb: Vec::with_capacity(rays.len()),
-        depth: Vec::with_capacity(rays.len()),
-        acc: Vec::with_capacity(rays.len()),
-        counts: Counts::default(),
-    };
+    let mut image = RenderedImage { width: camera.width, height: camera.height, ..RenderedImage::default() };
     if renderer.sampler.config.marches() {
         let host = trained.model.fine.on_host(trained.at);
         let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
@@ -64,9 +58,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         };
         for (marched, counts) in parts {
             image.counts += counts;
-            for ray in marched {
-                image.push(ray.rgb, ray.depth, 1.0 - ray.trans);
-            }
+            marched.into_iter().for_each(|ray| image.push(ray.rgb, ray.depth, 1.0 - ray.trans));
         }
         return image.before(renderer);
     }
@@ -74,8 +66,12 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         let rays = renderer.rays(rays.to_vec(), &trained.model.fine.device());
         let request = RenderRequest { color: true, hidden: true };
         let passes = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at);
-        image.append(&passes.fine);
         image.counts += passes.counts();
+        let RenderOutput { color, depth, acc, .. } = passes.fine;
+        let color = to_host(color.expect("colour was asked for"));
+        for ((rgb, depth), acc) in color.as_chunks().0.iter().zip(to_host(depth)).zip(to_host(acc)) {
+            image.push(*rgb, depth, acc);
+        }
     }
     image.before(renderer)
 }
@@ -84,24 +80,13 @@ impl RenderedImage {
     /// Puts the picture before the scene's backdrop; before an unknown one, rays that meet nothing show what is next to them.
     fn before(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop == Backdrop::Unknown {
-            let background = renderer.background;
-            let own = |(rgb, acc): (&[f32; 3], &f32)| {
-                let [r, g, b] = std::array::from_fn(|channel| rgb[channel] - (1.0 - acc) * background[channel]);
-                [r, g, b, *acc]
-            };
-            let pixels: Vec<[f32; 4]> = self.rgb.iter().zip(&self.acc).map(own).collect();
-            self.rgb = filled(&pixels, (self.width as usize, self.height as usize), background);
+            let background = Vec3::from(renderer.background);
+            let own = |(rgb, acc): (&[f32; 3], &f32)| (Vec3::from(*rgb) - (1.0 - acc) * background).extend(*acc);
+            let pixels: Vec<Vec4> = self.rgb.iter().zip(&self.acc).map(own).collect();
+            let shown = filled(&pixels, (self.width as usize, self.height as usize), background);
+            self.rgb = shown.into_iter().map(|color| color.to_array()).collect();
         }
         self
-    }
-
-    fn append(&mut self, output: &RenderOutput) {
-        let rgb = to_host(output.color.clone().expect("colour was asked for"));
-        let acc = to_host(output.acc.clone());
-        let depth = to_host(output.depth.clone());
-        for ((rgb, depth), acc) in rgb.chunks_exact(3).zip(depth).zip(acc) {
-            self.push([rgb[0], rgb[1], rgb[2]], depth, acc);
-        }
     }
 
     fn push(&mut self, rgb: [f32; 3], depth: f32, acc: f32) {
@@ -124,13 +109,7 @@ pub(crate) mod testing {
             placement,
             early_stop_transmittance: 1e-3,
             hidden_depth: 1.0,
-            occupancy: OccupancyConfig {
-                enabled: true,
-                resolution: 2,
-                warmup: 0,
-                every: 1,
-                ..OccupancyConfig::default()
-            },
+            occupancy: OccupancyConfig { enabled: true, resolution: 2, ..OccupancyConfig::default() },
             ..RenderConfig::default()
         }
     }
@@ -140,7 +119,7 @@ pub(crate) mod testing {
 mod tests {
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
-    use glam::{DMat4, DVec3, Vec3};
+    use glam::{DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;
@@ -181,11 +160,8 @@ mod tests {
         let model = Model::of(GreyField { none: Tensor::zeros([1], &Device::flex()), sigma });
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.1, 0.1, 4.0)));
         let at = Moment { step: 10, progress: 0.25 };
-        (
-            Renderer::new(&config, &scene),
-            TrainedModel { model, occupancy: Some(grid), at, frame: None, residuals: None },
-            camera,
-        )
+        let trained = TrainedModel { occupancy: Some(grid), ..TrainedModel::of(model, at) };
+        (Renderer::new(&config, &scene), trained, camera)
     }
 
     #[test]

@@ -36,7 +36,7 @@
 //! let scene: Scene = load("knot", &request).unwrap();
 //! let config = RenderConfig { samples: 16.0.into(), fine_samples: 0, placement: Placement::Mid, ..RenderConfig::default() };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
-//! let trained = TrainedModel { model: Model::of(fog), occupancy: None, at: Moment::START, frame: None, residuals: None };
+//! let trained = TrainedModel::of(Model::of(fog), Moment::START);
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```

@@ -121,6 +121,7 @@ struct MarchingRays<'a> {
     evaluated: u64,
 }
 
+#[derive(Default)]
 struct MarchRound {
     /// Samples of each ray that has not stopped.
     counts: Vec<usize>,
@@ -133,17 +134,6 @@ struct MarchRound {
 }
 
 impl MarchRound {
-    fn for_rays(rays: usize) -> Self {
-        let samples = ROUND * rays;
-        Self {
-            counts: Vec::with_capacity(rays),
-            rays: Vec::with_capacity(rays),
-            t: Vec::with_capacity(samples),
-            delta: Vec::with_capacity(samples),
-            positions: Vec::with_capacity(samples),
-        }
-    }
-
     fn sample_directions(&self) -> Vec<[f32; 3]> {
         let rays = self.rays.iter().zip(&self.counts);
         rays.flat_map(|(ray, &count)| std::iter::repeat_n(ray.direction.to_array(), count)).collect()
@@ -154,13 +144,12 @@ impl<'a> MarchingRays<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
         let (sampler, grid) = (&renderer.sampler, trained.occupancy.as_ref());
         let step = sampler.step_length(trained.at);
+        let steps =
+            |ray: &Ray| sampler.interval(ray).map(|ends| UniformSteps::new(sampler, ray, ends, (step, 0.5), grid));
         Self {
             renderer,
             rays,
-            steps: rays
-                .iter()
-                .map(|ray| sampler.interval(ray).map(|ends| sampler.steps(ray, ends, step, 0.5, grid)))
-                .collect(),
+            steps: rays.iter().map(steps).collect(),
             marched: vec![MarchedRay { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
             active: (0..rays.len()).collect(),
             evaluated: 0,
@@ -168,7 +157,7 @@ impl<'a> MarchingRays<'a> {
     }
 
     fn next_round(&mut self) -> Option<MarchRound> {
-        let mut round = MarchRound::for_rays(self.active.len());
+        let mut round = MarchRound::default();
         let stop = self.renderer.sampler.config.early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
@@ -212,9 +201,7 @@ impl MarchedRay {
             Compositing::Exponential => self.trans * numeric::alpha(tau),
             Compositing::Additive => tau.min(self.trans),
         };
-        for (sum, c) in self.rgb.iter_mut().zip(color) {
-            *sum += w * c;
-        }
+        self.rgb.iter_mut().zip(color).for_each(|(sum, c)| *sum += w * c);
         self.depth += w * t;
         self.trans -= w;
     }

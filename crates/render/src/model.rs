@@ -35,8 +35,7 @@ impl<F: Field> Model<F> {
         Self {
             coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
             fine: self.fine.conditioned(sources, seed),
-            exposure: self.exposure.clone(),
-            cameras: self.cameras.clone(),
+            ..self.clone()
         }
     }
 }
@@ -88,6 +87,11 @@ pub struct TrainedModel<F: Field = RadianceField> {
 }
 
 impl<F: Field> TrainedModel<F> {
+    /// Returns a model at the moment of its last step, in the scene's frame, with neither empty space nor residuals.
+    pub fn of(model: Model<F>, at: Moment) -> Self {
+        Self { model, occupancy: None, at, frame: None, residuals: None }
+    }
+
     /// Returns a camera of the scene in the frame of the model.
     pub fn camera(&self, camera: &Camera) -> Camera {
         self.frame.map_or_else(|| camera.clone(), |frame| frame.camera(camera))

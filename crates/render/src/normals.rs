@@ -26,13 +26,8 @@ pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>]
         let normals = |field: &F| Normals { field: field.clone(), warp: renderer.warp().clone() };
         let coarse = member.model.coarse.as_ref().map(normals);
         let model = Model { coarse, ..Model::of(normals(&member.model.fine)) };
-        let trained = TrainedModel {
-            model,
-            occupancy: member.occupancy.clone(),
-            at: member.at,
-            frame: member.frame,
-            residuals: None,
-        };
+        let occupancy = member.occupancy.clone();
+        let trained = TrainedModel { occupancy, frame: member.frame, ..TrainedModel::of(model, member.at) };
         let mut image = render_one(&black, &trained, camera, None);
         let to_camera = member.camera(camera).rotation().transpose().as_mat3();
         image.rgb.iter_mut().for_each(|normal| *normal = (to_camera * Vec3::from(*normal)).to_array());
@@ -109,8 +104,7 @@ mod tests {
             let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
             let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
             let ball = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
-            let at = Moment::END;
-            let trained = TrainedModel { model: Model::of(ball), occupancy: None, at, frame, residuals: None };
+            let trained = TrainedModel { frame, ..TrainedModel::of(Model::of(ball), Moment::END) };
             let image = render_normals(&renderer, &[trained.clone(), trained], &camera);
             for (pixel, (normal, &acc)) in image.rgb.iter().zip(&image.acc).enumerate() {
                 let ray = camera.ray((pixel % 9) as f32 + 0.5, (pixel / 9) as f32 + 0.5);
@@ -139,13 +133,7 @@ mod tests {
         let field = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::new(0.0, 1.2, 0.0) };
         let density = |p: Vec3| -f64::from(warp.point(p).distance(field.centre));
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.5, 3.0, 9.0)));
-        let trained = TrainedModel {
-            model: Model::of(field.clone()),
-            occupancy: None,
-            at: Moment::END,
-            frame: None,
-            residuals: None,
-        };
+        let trained = TrainedModel::of(Model::of(field.clone()), Moment::END);
         let image = render_normals(&renderer, &[trained], &camera);
         let met = camera.ray(0.5, 0.5).at(image.depth[0]);
         let gradient = Vec3::AXES.map(|axis| (density(met + 1e-2 * axis) - density(met - 1e-2 * axis)) as f32);

@@ -7,7 +7,7 @@ use crate::output::Counts;
 pub(crate) const HIT: f32 = 0.5;
 
 /// A rendered picture with distances, opacities and sample counts. All row-major.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RenderedImage {
     /// Columns.
     pub width: u32,
