@@ -76,19 +76,16 @@ impl Residuals {
         left_out: Option<&str>,
         render: impl Fn(usize, &Camera) -> RenderedImage,
     ) {
-        let sources: Vec<(&Camera, &Source)> = self
-            .nearest(picture, camera, left_out)
-            .into_iter()
-            .map(|view| {
-                let source = self.sources[view].get_or_init(|| self.source(view, &render(view, &self.cameras[view])));
-                (&self.cameras[view], source)
-            })
-            .collect();
+        let source = |view: usize| {
+            let camera = &self.cameras[view];
+            (camera, self.sources[view].get_or_init(|| self.source(view, &render(view, camera))))
+        };
+        let sources: Vec<_> = self.nearest(picture, camera, left_out).into_iter().map(source).collect();
         let correction = |pixel: usize| {
             let (point, direction) = picture.point(camera, pixel)?;
+            let (mut sum, mut total) = (Vec3::ZERO, 0.0);
             let seen = sources.iter().filter_map(|(camera, source)| source.at(camera, point, direction));
-            let (sum, total) = seen
-                .fold((Vec3::ZERO, 0.0), |(sum, total), (residual, weight)| (sum + weight * residual, total + weight));
+            seen.for_each(|(residual, weight)| (sum, total) = (sum + weight * residual, total + weight));
             Some(sum / (total + PRIOR))
         };
         let corrections: Vec<Option<Vec3>> = (0..picture.rgb.len()).into_par_iter().map(correction).collect();
@@ -202,13 +199,18 @@ mod tests {
         Scene { train: vec![View::new(0, "photograph", camera, image)], ..Scene::default() }
     }
 
+    /// The residuals of `scene`, whose model has its frame.
+    fn residuals(scene: &Scene) -> Residuals {
+        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        Residuals::new(Arc::new(scene.clone()), cameras)
+    }
+
     /// Returns how far a picture by the residuals of `scene` is from the grey one, with what the photograph's pattern
     /// is at the same points. The field has `factor` of the photograph's true distances.
-    fn added(scene: Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
-        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+    fn added(scene: &Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
         let mut shown = picture(at, 1.0);
         shown.depth[0] = f32::INFINITY;
-        Residuals::new(Arc::new(scene), cameras).add_to(&mut shown, at, None, |_, camera| picture(camera, factor));
+        residuals(&scene).add_to(&mut shown, at, None, |_, camera| picture(camera, factor));
         assert_eq!(shown.rgb[0], [GREY; 3], "a ray that meets nothing");
         let patterns = plane(at).map(|(point, _)| pattern(point));
         shown.rgb.iter().map(|rgb| rgb[0] - GREY).zip(patterns).skip(1).collect()
@@ -220,11 +222,11 @@ mod tests {
         for at in [photograph.clone(), camera(0.2)] {
             let points: Vec<Vec3> = plane(&at).map(|(point, _)| point).skip(1).collect();
             let mut seen = 0;
-            for ((added, pattern), point) in added(photographed(), &at, 1.0).into_iter().zip(points) {
+            for ((added, pattern), point) in added(&photographed(), &at, 1.0).into_iter().zip(points) {
                 let angle = (point - at.position()).angle_between(point - photograph.position());
                 let weight = (ANGLE / (ANGLE + angle)).powi(2);
-                let expected =
-                    if seen_at(&photograph, point).is_some() { weight / (weight + PRIOR) * pattern } else { 0.0 };
+                let is_seen = seen_at(&photograph, point).is_some();
+                let expected = if is_seen { weight / (weight + PRIOR) * pattern } else { 0.0 };
                 seen += usize::from(expected != 0.0);
                 assert!((added - expected).abs() < 2e-3, "{added} {expected}");
             }
@@ -234,18 +236,19 @@ mod tests {
 
     #[test]
     fn hidden_and_invalid_pixels_add_nothing() {
-        let unchanged = |scene, factor| added(scene, &camera(0.1), factor).iter().all(|(added, _)| *added == 0.0);
-        assert!(!unchanged(photographed(), 1.0));
-        assert!(unchanged(photographed(), 0.8), "something before the plane hides it");
         let mut scene = photographed();
+        let unchanged =
+            |scene: &Scene, factor| added(scene, &camera(0.1), factor).iter().all(|(added, _)| *added == 0.0);
+        assert!(!unchanged(&scene, 1.0));
+        assert!(unchanged(&scene, 0.8), "something before the plane hides it");
         scene.train[0].valid = Some(vec![false; (SIZE * SIZE) as usize].into());
-        assert!(unchanged(scene, 1.0), "pixels that do not count");
+        assert!(unchanged(&scene, 1.0), "pixels that do not count");
     }
 
     /// Between the last pixel that the field fills in the photograph and the next one, what is beyond counts as not seen.
     #[test]
     fn residuals_reach_up_to_silhouettes() {
-        let (photograph, at) = (camera(0.0), camera(0.004));
+        let at = camera(0.004);
         let half = SIZE as usize / 2;
         let with_half_a_plane = |camera: &Camera| {
             let mut shown = picture(camera, 1.0);
@@ -253,8 +256,7 @@ mod tests {
             shown
         };
         let mut shown = picture(&at, 1.0);
-        let residuals = Residuals::new(Arc::new(photographed()), vec![photograph]);
-        residuals.add_to(&mut shown, &at, None, |_, camera| with_half_a_plane(camera));
+        residuals(&photographed()).add_to(&mut shown, &at, None, |_, camera| with_half_a_plane(camera));
         for (pixel, ((point, _), rgb)) in plane(&at).zip(&shown.rgb).enumerate() {
             let expected = if pixel % (SIZE as usize) < half { pattern(point) } else { 0.0 };
             assert!((rgb[0] - GREY - expected).abs() < 0.01, "{pixel}: {rgb:?} {expected}");
@@ -267,10 +269,8 @@ mod tests {
         let at = camera(0.0);
         let mut scene = photographed();
         let changed = |scene: &Scene| {
-            let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
-            let (mut shown, render) = (picture(&at, 1.0), |_: usize, camera: &Camera| picture(camera, 1.0));
-            let file = scene.train[0].file.as_str();
-            Residuals::new(Arc::new(scene.clone()), cameras).add_to(&mut shown, &at, Some(file), render);
+            let (mut shown, file) = (picture(&at, 1.0), scene.train[0].file.as_str());
+            residuals(scene).add_to(&mut shown, &at, Some(file), |_, camera| picture(camera, 1.0));
             shown.rgb.iter().any(|rgb| *rgb != [GREY; 3])
         };
         assert!(!changed(&scene));
@@ -285,9 +285,7 @@ mod tests {
             let view = View { camera: camera(0.1 * i as f64), ..scene.train[0].clone() };
             scene.train.push(view);
         }
-        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
-        let residuals = Residuals::new(Arc::new(scene), cameras);
-        let at = camera(0.0);
+        let (residuals, at) = (residuals(&scene), camera(0.0));
         residuals.add_to(&mut picture(&at, 1.0), &at, None, |_, camera| picture(camera, 1.0));
         let looked_at: Vec<bool> = residuals.sources.iter().map(|source| source.get().is_some()).collect();
         assert!(looked_at[..NEAREST].iter().all(|&used| used) && !looked_at[NEAREST], "{looked_at:?}");

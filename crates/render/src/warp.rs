@@ -338,9 +338,8 @@ fn mean_camera(scene: &Scene) -> Option<Camera> {
 #[cfg(test)]
 mod tests {
     use glam::{DMat4, DVec3};
+    use infonerf_scene::Space;
     use proptest::prelude::*;
-
-    use infonerf_scene as scene;
 
     use super::*;
 
@@ -348,7 +347,7 @@ mod tests {
         let camera = |x| Camera::from_fov(40, 30, 1.0, DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
         Scene {
             all_train_cameras: vec![camera(-0.1), camera(0.1)],
-            space: scene::Space {
+            space: Space {
                 layout: Layout::Forward,
                 bounded: false,
                 near: 1.0,
@@ -360,16 +359,20 @@ mod tests {
         }
     }
 
+    fn warps() -> [Warp; 3] {
+        let contraction = Warp::Contraction { centre: Vec3::X, radius: 3.0 };
+        [Warp::of(&forward(), SpaceChoice::Ndc), contraction, Warp::Identity]
+    }
+
     /// Value and gradient, also within the ball that contraction only scales.
     #[test]
     fn tensors_are_warped_as_points_are() {
         use burn::tensor::Device;
-        use infonerf_ops::{from_host, to_host};
+        use infonerf_ops::from_host;
 
         let device = Device::flex().autodiff();
         let points = [[0.3, -0.2, -1.7], [0.1, 0.4, -9.0], [-2.0, 5.0, -30.0]];
-        let contraction = Warp::Contraction { centre: Vec3::new(0.1, 0.0, -1.0), radius: 2.0 };
-        for warp in [Warp::Identity, Warp::of(&forward(), SpaceChoice::Ndc), contraction] {
+        for warp in warps() {
             for axis in 0..3 {
                 let p = from_host(points.as_flattened(), 3, &device).require_grad();
                 let warped = warp.points(p.clone());
@@ -422,10 +425,8 @@ mod tests {
             assert!(warp.point(p).distance(expected) < 1e-5, "{p}: {}", warp.point(p));
         }
         let bounds = warp.bounds(&forward());
-        assert!(
-            bounds.min.z >= -1.0 - 1e-5 && bounds.max.z <= 1.0 && bounds.min.x <= -1.0 && bounds.max.y >= 1.0,
-            "{bounds:?}"
-        );
+        assert!(bounds.min.z >= -1.0 - 1e-5 && bounds.max.z <= 1.0, "{bounds:?}");
+        assert!(bounds.min.x <= -1.0 && bounds.max.y >= 1.0, "{bounds:?}");
     }
 
     #[test]
@@ -438,7 +439,7 @@ mod tests {
 
     #[test]
     fn points_beyond_the_horizon_are_brought_there() {
-        for warp in [Warp::of(&forward(), SpaceChoice::Auto), Warp::Contraction { centre: Vec3::X, radius: 2.0 }] {
+        for warp in warps() {
             for q in [Vec3::splat(1.5), Vec3::new(0.1, 0.2, 3.0)] {
                 assert!(warp.world(q).is_finite(), "{warp:?} {q}");
             }
@@ -450,7 +451,7 @@ mod tests {
         #[test]
         fn the_world_is_found_again(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
             let p = Vec3::new(x * z, y * z, -z);
-            for warp in [Warp::of(&forward(), SpaceChoice::Ndc), Warp::Contraction { centre: Vec3::X, radius: 3.0 }, Warp::Identity] {
+            for warp in warps() {
                 let found = warp.world(warp.point(p));
                 prop_assert!(found.distance(p) < 2e-3 * p.length(), "{warp:?} {p}: {found}");
             }
@@ -483,8 +484,7 @@ mod tests {
         /// The coordinate rises with the distance, and `distance` inverts it.
         #[test]
         fn coordinates_and_distances_agree(t in 1.0f32..1000.0, further in 1.01f32..2.0) {
-            let warps = [Warp::of(&forward(), SpaceChoice::Ndc), Warp::Contraction { centre: Vec3::ZERO, radius: 3.0 }, Warp::Identity];
-            for warp in warps {
+            for warp in warps() {
                 let s = warp.coordinate(t);
                 prop_assert!(warp.coordinate(t * further) > s);
                 prop_assert!((warp.distance(s) / t - 1.0).abs() < 1e-3, "{warp:?} {t}: {}", warp.distance(s));

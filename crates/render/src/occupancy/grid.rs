@@ -29,7 +29,7 @@ pub struct OccupancyGrid {
     occupied: Vec<bool>,
     updated: bool,
     /// The smallest box around all occupied cells.
-    tight: Aabb,
+    pub(crate) tight: Aabb,
     states: Vec<CellState>,
     /// Density of each cell on the GPU that was given it last; −1 of an empty one.
     on_device: OnceLock<Tensor<1>>,
@@ -59,9 +59,8 @@ impl OccupancyGrid {
 
     /// Whether an update is due at `step`.
     pub fn is_due(&self, step: usize) -> bool {
-        self.config.enabled
-            && step >= self.config.warmup
-            && (step - self.config.warmup).is_multiple_of(self.config.every)
+        let OccupancyConfig { enabled, warmup, every, .. } = self.config;
+        enabled && step >= warmup && (step - warmup).is_multiple_of(every)
     }
 
     /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
@@ -88,8 +87,7 @@ impl OccupancyGrid {
     }
 
     fn mean_density(&self) -> f32 {
-        let sum = self.density.iter().fold(0.0, |sum, density| sum + f64::from(*density));
-        (sum / self.density.len() as f64) as f32
+        (self.density.iter().map(|density| f64::from(*density)).sum::<f64>() / self.density.len() as f64) as f32
     }
 
     /// Whether an update evaluates a cell: all the first time, then half of the occupied and an eighth of the others, at random.
@@ -102,19 +100,14 @@ impl OccupancyGrid {
     fn dilate(&mut self) {
         let n = self.config.resolution;
         let before = std::mem::take(&mut self.occupied);
-        self.occupied = (0..before.len())
-            .into_par_iter()
-            .map(|cell| {
-                let (x, y, z) = (cell % n, cell / n % n, cell / (n * n));
-                let near = (x > 0 && before[cell - 1])
-                    || (x + 1 < n && before[cell + 1])
-                    || (y > 0 && before[cell - n])
-                    || (y + 1 < n && before[cell + n])
-                    || (z > 0 && before[cell - n * n])
-                    || (z + 1 < n && before[cell + n * n]);
-                before[cell] || near
-            })
-            .collect();
+        let dilated = |cell: usize| {
+            let is_near = |stride: usize| {
+                let along = cell / stride % n;
+                (along > 0 && before[cell - stride]) || (along + 1 < n && before[cell + stride])
+            };
+            before[cell] || [1, n, n * n].into_iter().any(is_near)
+        };
+        self.occupied = (0..before.len()).into_par_iter().map(dilated).collect();
     }
 
     /// Returns a grid of `factor` times the resolution for pictures: each part of an occupied cell is evaluated at
@@ -155,7 +148,7 @@ impl OccupancyGrid {
 
     /// Whether the cell at `p` is occupied; true outside the box.
     pub fn is_occupied(&self, p: Vec3) -> bool {
-        self.cell(self.in_cells(p)).is_none_or(|cell| self.occupied[cell])
+        self.occupied_density(p).is_some()
     }
 
     /// Returns the number of cells along each axis.
@@ -168,13 +161,8 @@ impl OccupancyGrid {
         self.bounds
     }
 
-    /// Returns the smallest box around all occupied cells.
-    pub fn tight_bounds(&self) -> Aabb {
-        self.tight
-    }
-
     /// Returns a point in units of cells, from the corner of the box.
-    pub(crate) fn in_cells(&self, p: Vec3) -> Vec3 {
+    fn in_cells(&self, p: Vec3) -> Vec3 {
         self.cells_along(p - self.bounds.min)
     }
 
@@ -190,28 +178,17 @@ impl OccupancyGrid {
     /// Computes the box of the occupied cells and the states of all, with the density near each if it is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
-        self.tighten();
-        self.states = cell_states(self.config.resolution, &self.occupied, nearby);
-    }
-
-    fn tighten(&mut self) {
         let occupied = (0..self.occupied.len()).filter(|&cell| self.occupied[cell]).map(|cell| self.coordinates(cell));
-        let corners = occupied.fold(None, |corners: Option<(Vec3, Vec3)>, cell| {
-            let (low, high) = corners.unwrap_or((cell, cell));
-            Some((low.min(cell), high.max(cell)))
-        });
-        self.tight = corners.map_or(self.bounds, |(low, high)| Aabb {
-            min: self.bounds.min + low * self.cell_size(),
-            max: self.bounds.min + (high + 1.0) * self.cell_size(),
-        });
+        let corner = |cells: Vec3| self.bounds.min + cells * self.cell_size();
+        let tight =
+            Aabb::containing(occupied).map(|Aabb { min, max }| Aabb { min: corner(min), max: corner(max + 1.0) });
+        self.tight = tight.unwrap_or(self.bounds);
+        self.states = cell_states(self.config.resolution, &self.occupied, nearby);
     }
 
     /// Returns the density of the cell at `p`; `None` if it is empty, 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
-        match self.cell(self.in_cells(p)) {
-            Some(cell) => self.occupied[cell].then(|| self.density[cell]),
-            None => Some(0.0),
-        }
+        self.cell(self.in_cells(p)).map_or(Some(0.0), |cell| self.occupied[cell].then(|| self.density[cell]))
     }
 
     /// Returns the mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all
@@ -299,25 +276,29 @@ mod tests {
     use crate::noise::RandomStream;
 
     fn config() -> OccupancyConfig {
-        OccupancyConfig {
-            enabled: true,
-            resolution: 16,
-            warmup: 10,
-            every: 4,
-            decay: 0.9,
-            ..OccupancyConfig::default()
-        }
+        OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, ..OccupancyConfig::default() }
+    }
+
+    /// A grid over a cube of 16³ cells.
+    fn grid() -> OccupancyGrid {
+        OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0))
+    }
+
+    fn noise(step: u64) -> Noise {
+        Noise::new(0, step, RandomStream::Occupancy)
+    }
+
+    /// Densities of points, three numbers each.
+    fn densities(sigma: impl Fn(Vec3) -> f32) -> impl Fn(Vec<f32>) -> Vec<f32> {
+        move |points| points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
     }
 
     #[test]
     fn keeps_a_ball_and_drops_the_rest() {
-        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        let ball = |points: Vec<f32>| -> Vec<f32> {
-            points.chunks(3).map(|p| if Vec3::from_slice(p).length() < 0.5 { 20.0 } else { 0.0 }).collect()
-        };
+        let (mut grid, ball) = (grid(), densities(|p| if p.length() < 0.5 { 20.0 } else { 0.0 }));
         assert_eq!(grid.fraction(), 1.0);
         for step in 0..8 {
-            assert!(grid.update(Noise::new(0, step, RandomStream::Occupancy), 0.02, ball));
+            assert!(grid.update(noise(step), 0.02, &ball));
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
@@ -346,17 +327,13 @@ mod tests {
             };
             let sigma = |p: Vec3| 10f32.powf(logs[cell(p)]);
             for update in 0..3 {
-                grid.update(Noise::new(seed, update, RandomStream::Occupancy), step, |points| {
-                    points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
-                });
+                grid.update(Noise::new(seed, update, RandomStream::Occupancy), step, densities(sigma));
                 let p = Vec3::from(at);
                 let alpha = -(-sigma(p) * step).exp_m1();
                 prop_assert!(alpha < alpha_threshold * (1.0 + 1e-5) || grid.is_occupied(p), "alpha {alpha} was dropped");
             }
         }
-    }
 
-    proptest! {
         /// A sample that is passed over is in an empty cell.
         #[test]
         fn nothing_occupied_is_passed_over(
@@ -386,9 +363,8 @@ mod tests {
     #[test]
     fn fog_that_is_trained_is_in_pictures() {
         let (step, threshold) = (0.02, config().threshold(0.02));
-        let fog = |points: Vec<f32>| points.chunks(3).map(|p| threshold * (0.9 + 0.05 * p[0])).collect::<Vec<f32>>();
-        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), step, fog));
+        let (mut grid, fog) = (grid(), densities(|p| threshold * (0.9 + 0.05 * p.x)));
+        assert!(grid.update(noise(0), step, &fog));
         let refined = grid.refined(2, Noise::new(0, 0, RandomStream::RefinedOccupancy), step, fog);
         assert!(refined.fraction() >= grid.fraction() && grid.fraction() > 0.5, "{}", refined.fraction());
     }
@@ -396,9 +372,8 @@ mod tests {
     /// Also after an update that found nothing: later updates evaluate a part of the cells.
     #[test]
     fn a_restored_grid_resumes() {
-        let [mut first, mut second] = [0, 1].map(|_| OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0)));
-        let noise = |step| Noise::new(0, step, RandomStream::Occupancy);
-        assert!(!first.update(noise(0), 0.02, |points| vec![0.0; points.len() / 3]));
+        let [mut first, mut second] = [grid(), grid()];
+        assert!(!first.update(noise(0), 0.02, densities(|_| 0.0)));
         assert_eq!(first.fraction(), 1.0, "an empty field reopens everything");
         let (density, occupied, updated) = first.state();
         second.restore(density.to_vec(), occupied.to_vec(), updated).unwrap();
@@ -416,11 +391,8 @@ mod tests {
     /// A wall thinner than an interval, whose midpoint lies in an empty cell.
     #[test]
     fn an_interval_is_kept_for_any_part_of_it() {
-        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        let wall = |points: Vec<f32>| -> Vec<f32> {
-            points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
-        };
-        assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), 0.02, wall));
+        let mut grid = grid();
+        assert!(grid.update(noise(0), 0.02, densities(|p| if p.x > 0.5 && p.x < 0.625 { 20.0 } else { 0.0 })));
         let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);
         assert_eq!(grid.occupied_density(ray.at(1.0)), None);
         // One of the sixteen cells is the wall.
@@ -433,8 +405,7 @@ mod tests {
 
     #[test]
     fn is_due_after_the_warmup() {
-        let grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        let due: Vec<usize> = (0..20).filter(|&step| grid.is_due(step)).collect();
+        let due: Vec<usize> = (0..20).filter(|&step| grid().is_due(step)).collect();
         assert_eq!(due, [10, 14, 18]);
     }
 }
