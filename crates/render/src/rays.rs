@@ -140,11 +140,8 @@ impl RayBatch {
         if samples.segments.samples() > 0 && (self.is_tracked || is_gpu(device)) {
             let [origins, directions] = [&self.origins, &self.directions].map(|rows| on(rows, device));
             let t = on(&samples.distance, device);
-            return self.points_at(
-                warp.points(points_on_rays(origins, directions, t, &samples.segments)),
-                samples,
-                device,
-            );
+            let positions = warp.points(points_on_rays(origins, directions, t, &samples.segments));
+            return self.points_at(positions, samples, device);
         }
         // On the host one pass over the samples makes them.
         let t = samples.t();

@@ -47,7 +47,7 @@ impl Renderer {
 
     /// Returns the map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
-        self.sampler.warp()
+        &self.sampler.warp
     }
 
     /// Returns a batch's background: random in training before an unknown backdrop, so that the field learns to be opaque.

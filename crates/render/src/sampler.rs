@@ -50,7 +50,7 @@ pub(crate) struct Sampler {
     near: f32,
     pub(crate) longest: f32,
     bounds: Aabb,
-    warp: Warp,
+    pub(crate) warp: Warp,
 }
 
 impl Sampler {
@@ -63,10 +63,6 @@ impl Sampler {
             warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
         };
         Self { config: config.clone(), range, near, longest, bounds, warp }
-    }
-
-    pub(crate) fn warp(&self) -> &Warp {
-        &self.warp
     }
 
     /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
@@ -96,7 +92,7 @@ impl Sampler {
             |index, samples| {
                 let (ray, Some(ends)) = (&rays.on_host[index], rays.ends[index]) else { return };
                 let shift = rays.jitter.map_or(0.5, |noise| noise.uniform(index, 0));
-                let steps = self.steps(ray, ends, march_config.step, shift, skip.grid);
+                let steps = UniformSteps::new(self, ray, ends, (march_config.step, shift), skip.grid);
                 self.keep(steps.map(|step| (step.point, (step.t, step.delta))), ray, skip, |point, (t, delta)| {
                     samples.push(t, delta, point.to_array());
                 });
@@ -117,18 +113,6 @@ impl Sampler {
             rays.points_at(positions, &samples, device)
         };
         PlacedSamples { samples: samples.on(device), points, kept: None }
-    }
-
-    /// Returns the steps of one ray but those in cells that `grid` knows to be empty.
-    pub(crate) fn steps<'a>(
-        &'a self,
-        ray: &Ray,
-        ends: [f32; 2],
-        step: f32,
-        shift: f32,
-        grid: Option<&'a OccupancyGrid>,
-    ) -> UniformSteps<'a> {
-        UniformSteps::new(ray, &self.warp, ends, (step, shift), grid, self.clips())
     }
 
     /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
@@ -182,6 +166,7 @@ impl Sampler {
                 (distance, delta, None)
             }
             Some(_) => {
+                let own = distance.device();
                 let [distance, delta] = [distance, delta].map(to_host);
                 let of_ray = |(row, &ray): (usize, &usize)| {
                     let mut kept = Vec::new();
@@ -193,13 +178,8 @@ impl Sampler {
                 let kept: Vec<Vec<usize>> = hits.par_iter().enumerate().map(of_ray).collect();
                 hits.iter().zip(&kept).for_each(|(&ray, kept)| counts[ray] = kept.len());
                 let kept = kept.concat();
-                let pick = |values: &[f32]| {
-                    upload(
-                        kept.iter().map(|&index| values[index]).collect(),
-                        [kept.len()],
-                        &rays.geometry()[0].device(),
-                    )
-                };
+                let pick =
+                    |values: &[f32]| upload(kept.iter().map(|&index| values[index]).collect(), [kept.len()], &own);
                 (pick(&distance), pick(&delta), Some(kept))
             }
         };
@@ -209,7 +189,7 @@ impl Sampler {
         PlacedSamples { samples, points, kept }
     }
 
-    fn clips(&self) -> bool {
+    pub(crate) fn clips(&self) -> bool {
         self.config.clip_to_bounds && self.warp.is_identity()
     }
 
@@ -304,7 +284,7 @@ mod tests {
             let config =
                 RenderConfig { samples: 9.0.into(), fine_samples: 7, clip_to_bounds: true, space, ..config(placement) };
             let sampler = Sampler::new(&config, &scene());
-            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp().bounds(&scene()));
+            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp.bounds(&scene()));
             grid.restore(vec![0.5; 8], vec![true; 8], true).unwrap();
             for jitter in [None, Some(noise())] {
                 let rays = rays(&sampler);
@@ -348,7 +328,7 @@ mod tests {
                 RenderConfig { samples: 40.0.into(), clip_to_bounds: true, space, ..config(Placement::Mid) };
             config.occupancy.resolution = 8;
             let sampler = Sampler::new(&config, &scene());
-            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp().bounds(&scene()));
+            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp.bounds(&scene()));
             let (density, occupied) =
                 (0..512).map(|cell| (4.0 * noise().uniform(cell, 0), noise().uniform(cell, 1) < 0.6)).unzip();
             grid.restore(density, occupied, true).unwrap();
@@ -359,17 +339,14 @@ mod tests {
             let mut want = Vec::new();
             for (index, ray) in rays.on_host.iter().enumerate() {
                 let Some(ends) = rays.ends[index] else { continue };
-                let steps = sampler.steps(ray, ends, sampler.step_length(at), noise().uniform(index, 0), None);
+                let places = (sampler.step_length(at), noise().uniform(index, 0));
+                let steps = UniformSteps::new(&sampler, ray, ends, places, None);
                 let steps = steps.map(|step| ((), (step.t, step.delta)));
                 sampler.keep(steps, ray, skip, |(), (t, _)| want.push(t));
             }
             assert_eq!(marched.t(), want);
-            assert!(
-                want.len() > 8 && all.segments.samples() > want.len(),
-                "{} of {}",
-                want.len(),
-                all.segments.samples()
-            );
+            let (kept, given) = (want.len(), all.segments.samples());
+            assert!(kept > 8 && given > kept, "{kept} of {given}");
             assert_eq!((marched.candidates, all.candidates), (120, 120));
         }
     }
