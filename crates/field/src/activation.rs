@@ -1,4 +1,3 @@
-use burn::tensor::Tensor;
 use infonerf_ops::mlp::Activation;
 use serde::{Deserialize, Serialize};
 
@@ -10,13 +9,6 @@ pub enum DensityActivation {
     Relu,
     /// ln(1 + eˣ⁻¹), as in mip-NeRF: positive everywhere, so that an empty field can recover.
     Softplus,
-}
-
-impl DensityActivation {
-    /// Applies the activation.
-    pub fn apply<const D: usize>(self, raw: Tensor<D>) -> Tensor<D> {
-        Activation::from(self).apply(raw)
-    }
 }
 
 impl From<DensityActivation> for Activation {

@@ -1,5 +1,8 @@
 //! Checks of sizes that fields share.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
 use burn::tensor::{Device, FloatDType};
 use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
@@ -8,6 +11,17 @@ use infonerf_schedule::{Fault, Schedule};
 /// Refuses the value `found` at `key` of `[field]` unless it is `good`.
 pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
     Fault::unless(good, key, expected, found).map_err(|fault| fault.within("field"))
+}
+
+/// Refuses a number `found` at `key` of `[field]` outside of `range`.
+pub(crate) fn check_range<T: PartialOrd + Display>(key: &str, range: RangeInclusive<T>, found: T) -> Result<(), Fault> {
+    check(key, &format!("{} to {}", range.start(), range.end()), &found, range.contains(&found))
+}
+
+/// Refuses a width that is odd, or not from 2 to `most`.
+pub(crate) fn check_width(width: usize, most: usize) -> Result<(), Fault> {
+    let good = (2..=most).contains(&width) && width.is_multiple_of(2);
+    check("width", &format!("an even number from 2 to {most}"), width, good)
 }
 
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
@@ -19,7 +33,7 @@ pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(
 /// Checks s and b in σ = s·softplus(x + b).
 pub(crate) fn check_density(scale: f32, bias: f32) -> Result<(), Fault> {
     check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
-    check("density_bias", "-50 to 50", bias, (-50.0..=50.0).contains(&bias))
+    check_range("density_bias", -50.0..=50.0, bias)
 }
 
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {

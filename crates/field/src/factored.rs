@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_density, check_detail};
+use crate::check::{check, check_density, check_detail, check_range};
 use crate::detail::part_weights;
 use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Penalty};
 use crate::init::{parameter, uniform};
@@ -64,17 +64,45 @@ impl FieldSpec for FactoredConfig {
         let good = (1..=8).contains(&self.resolutions.len()) && self.resolutions.iter().all(|r| (2..=2048).contains(r));
         check("resolutions", "1 to 8 numbers from 2 to 2048", format!("{:?}", self.resolutions), good)?;
         check("channels", "2, 4, 8 or 16", self.channels, [2, 4, 8, 16].contains(&self.channels))?;
-        check("frequencies", "0 to 16", self.frequencies, self.frequencies <= 16)?;
-        check("layers", "0 to 8", self.layers, self.layers <= 8)?;
-        check("width", "1 to 256", self.width, (1..=256).contains(&self.width))?;
-        check("view_dependence", "0 to 1", self.view_dependence, (0.0..=1.0).contains(&self.view_dependence))?;
+        check_range("frequencies", 0..=16, self.frequencies)?;
+        check_range("layers", 0..=8, self.layers)?;
+        check_range("width", 1..=256, self.width)?;
+        check_range("view_dependence", 0.0..=1.0, self.view_dependence)?;
         check_density(self.density_scale, self.density_bias)?;
-        check("negligible", "0 to 0.1", self.negligible, (0.0..=0.1).contains(&self.negligible))?;
+        check_range("negligible", 0.0..=0.1, self.negligible)?;
         check_detail(&self.detail)
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<FactoredField, Fault> {
-        Ok(FactoredField::new(self, setup))
+        let &FieldSetup { bounds, seed, device, .. } = setup;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let levels: Vec<(usize, usize)> = self.resolutions.iter().map(|&r| (r, self.channels)).collect();
+        let density = (self.density_scale / setup.longest_side(), self.density_bias);
+        let mlp = (self.layers, self.width);
+        let layout = FactoredLayout::new(self.frequencies, &levels, mlp, self.view_dependence > 0.0, density);
+        let mut tables = Vec::with_capacity(layout.table_len());
+        for level in &layout.levels {
+            tables.extend(uniform(&mut rng, 3 * level.plane_len(), 0.1));
+            tables.extend(uniform(&mut rng, 3 * level.line_len(), 0.17).into_iter().map(|x| 1.0 + x));
+        }
+        let mut weights = Vec::with_capacity(layout.weight_len());
+        for (index, layer) in layout.layers.iter().enumerate() {
+            let gain = if index + 1 == layout.layers.len() { 0.5 } else { 1.0 };
+            let mut matrix = uniform(&mut rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt());
+            if index + 1 == layout.layers.len() {
+                // Colour does not depend on the direction before training.
+                matrix[4 * layer.inputs..].fill(0.0);
+            }
+            weights.extend(matrix);
+            weights.extend(std::iter::repeat_n(0.0, layer.outputs));
+        }
+        Ok(FactoredField {
+            tables: parameter(tables, [layout.table_len()], device),
+            weights: parameter(weights, [layout.weight_len()], device),
+            layout: Arc::new(layout),
+            config: self.clone(),
+            bounds,
+        })
     }
 
     fn footprint(&self) -> Footprint {
@@ -101,38 +129,6 @@ pub struct FactoredField {
 }
 
 impl FactoredField {
-    fn new(config: &FactoredConfig, setup: &FieldSetup<'_>) -> Self {
-        let &FieldSetup { bounds, seed, device, .. } = setup;
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
-        let density = (config.density_scale / setup.longest_side(), config.density_bias);
-        let mlp = (config.layers, config.width);
-        let layout = FactoredLayout::new(config.frequencies, &levels, mlp, config.view_dependence > 0.0, density);
-        let mut tables = Vec::with_capacity(layout.table_len());
-        for level in &layout.levels {
-            tables.extend(uniform(&mut rng, 3 * level.plane_len(), 0.1));
-            tables.extend(uniform(&mut rng, 3 * level.line_len(), 0.17).into_iter().map(|x| 1.0 + x));
-        }
-        let mut weights = Vec::with_capacity(layout.weight_len());
-        for (index, layer) in layout.layers.iter().enumerate() {
-            let gain = if index + 1 == layout.layers.len() { 0.5 } else { 1.0 };
-            let mut matrix = uniform(&mut rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt());
-            if index + 1 == layout.layers.len() {
-                // Colour does not depend on the direction before training.
-                matrix[4 * layer.inputs..].fill(0.0);
-            }
-            weights.extend(matrix);
-            weights.extend(std::iter::repeat_n(0.0, layer.outputs));
-        }
-        Self {
-            tables: parameter(tables, [layout.table_len()], device),
-            weights: parameter(weights, [layout.weight_len()], device),
-            layout: Arc::new(layout),
-            config: config.clone(),
-            bounds,
-        }
-    }
-
     /// Returns planes and lines, `[layout.table_len()]`: see [`Self::layout`].
     pub fn tables(&self) -> Tensor<1> {
         self.tables.val()
@@ -240,10 +236,8 @@ mod tests {
             let got = field.on_host(Moment::START).unwrap()(&points, &directions);
             for (i, got) in got.iter().enumerate() {
                 let want = [sigma[i], color[3 * i], color[3 * i + 1], color[3 * i + 2]];
-                assert!(
-                    got.iter().zip(want).all(|(got, want)| (got - want).abs() <= 1e-6 * want.abs()),
-                    "{i}: {got:?}, {want:?}"
-                );
+                let agrees = got.iter().zip(want).all(|(got, want)| (got - want).abs() <= 1e-6 * want.abs());
+                assert!(agrees, "{i}: {got:?}, {want:?}");
             }
         }
         #[allow(deprecated, reason = "a CPU backend without our kernels")]

@@ -10,7 +10,7 @@ use infonerf_ops::{RayGaussians, frustum_gaussians};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail};
+use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
 use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::Init;
@@ -62,8 +62,7 @@ impl FieldSpec for MipConfig {
 
     fn validate(&self) -> Result<(), Fault> {
         self.size().validate()?;
-        let frequencies = self.position_frequencies;
-        check("position_frequencies", "1 to 20", frequencies, (1..=20).contains(&frequencies))?;
+        check_range("position_frequencies", 1..=20, self.position_frequencies)?;
         check_detail(&self.detail)
     }
 

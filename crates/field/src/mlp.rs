@@ -9,7 +9,7 @@ use infonerf_schedule::Fault;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::check::{check, check_precision};
+use crate::check::{check_precision, check_range, check_width};
 use crate::field::FieldSetup;
 use crate::init::Init;
 use crate::points::{FieldOutput, Points};
@@ -30,10 +30,9 @@ pub(crate) struct MlpSize {
 
 impl MlpSize {
     pub(crate) fn validate(&self) -> Result<(), Fault> {
-        let &Self { layers, width, direction_frequencies, .. } = self;
-        check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
-        check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
-        check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
+        check_range("layers", 1..=64, self.layers)?;
+        check_width(self.width, 4096)?;
+        check_range("direction_frequencies", 0..=20, self.direction_frequencies)
     }
 
     /// Builds an MLP whose initial weights are drawn by the seed of `setup`.
@@ -52,16 +51,12 @@ pub(crate) struct Mlp {
     view: Linear,
     rgb: Linear,
     #[module(skip)]
-    skip: usize,
-    #[module(skip)]
-    direction_frequencies: usize,
-    #[module(skip)]
-    precision: Precision,
+    size: MlpSize,
 }
 
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
-        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision } = size;
+        let MlpSize { inputs, layers, width, skip, direction_frequencies, .. } = size;
         let trunk = (0..layers)
             .map(|layer| {
                 let fan_in = match layer {
@@ -78,9 +73,7 @@ impl Mlp {
             feature: init.linear(rng, width, width, device),
             view: init.linear(rng, width + encoded_width(3, direction_frequencies), width / 2, device),
             rgb: init.linear(rng, width / 2, 3, device),
-            skip,
-            direction_frequencies,
-            precision,
+            size,
         }
     }
 
@@ -94,17 +87,17 @@ impl Mlp {
     ) -> FieldOutput {
         let network = RadianceMlp {
             trunk: self.trunk.iter().map(dense).collect(),
-            skip: self.skip,
+            skip: self.size.skip,
             sigma: dense(&self.sigma),
             color: color.then(|| ColorBranch {
                 feature: dense(&self.feature),
                 view: dense(&self.view),
                 rgb: dense(&self.rgb),
                 directions: points.directions.clone(),
-                frequencies: self.direction_frequencies,
+                frequencies: self.size.direction_frequencies,
                 segments: points.segments.clone(),
             }),
-            precision: self.precision,
+            precision: self.size.precision,
         };
         let (sigma, color) = density_and_color(encoded, &network, activation);
         FieldOutput { sigma, color }
