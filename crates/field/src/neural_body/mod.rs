@@ -20,7 +20,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::check;
+use crate::check::{check, check_range, check_width};
 use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Sources};
 use crate::init::{Init, normal, parameter};
 use crate::points::{FieldOutput, Points, along_axes};
@@ -68,15 +68,12 @@ impl FieldSpec for NeuralBodyConfig {
 
     fn validate(&self) -> Result<(), Fault> {
         check("voxel", "above 0, at most 1", self.voxel, self.voxel > 0.0 && self.voxel <= 1.0)?;
-        check("code", "1 to 256", self.code, (1..=256).contains(&self.code))?;
-        check("channels", "1 to 256", self.channels, (1..=256).contains(&self.channels))?;
-        let width = self.width;
-        let good = (2..=4096).contains(&width) && width.is_multiple_of(2);
-        check("width", "an even number from 2 to 4096", width, good)?;
-        check("appearance", "1 to 4096", self.appearance, (1..=4096).contains(&self.appearance))?;
-        let frequencies = [self.position_frequencies, self.direction_frequencies];
-        check("position_frequencies", "0 to 20", frequencies[0], frequencies[0] <= 20)?;
-        check("direction_frequencies", "0 to 20", frequencies[1], frequencies[1] <= 20)
+        check_range("code", 1..=256, self.code)?;
+        check_range("channels", 1..=256, self.channels)?;
+        check_width(self.width, 4096)?;
+        check_range("appearance", 1..=4096, self.appearance)?;
+        check_range("position_frequencies", 0..=20, self.position_frequencies)?;
+        check_range("direction_frequencies", 0..=20, self.direction_frequencies)
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, Fault> {
@@ -154,35 +151,24 @@ impl BodyVoxels {
         let &BodyVertices { vertices, axes, origin } = body;
         let mut grid = Self { axes, origin, low: [0.0; 3], voxel, size: [0; 3] };
         let framed: Vec<[f32; 3]> = vertices.iter().map(|&vertex| grid.framed(vertex)).collect();
-        let along =
-            |axis: usize, pick: fn(f32, f32) -> f32, start: f32| framed.iter().map(|p| p[axis]).fold(start, pick);
         for axis in 0..3 {
-            grid.low[axis] = along(axis, f32::min, f32::INFINITY) - MARGIN;
-            let high = along(axis, f32::max, f32::NEG_INFINITY) + MARGIN;
+            let along = framed.iter().map(|p| p[axis]);
+            grid.low[axis] = along.clone().fold(f32::INFINITY, f32::min) - MARGIN;
+            let high = along.fold(f32::NEG_INFINITY, f32::max) + MARGIN;
             let cells = ((high - grid.low[axis]) / voxel).ceil();
             let good = cells >= 1.0 && cells <= MAX_SIDE as f32 - 1.0;
             check("voxel", "voxels of which a body's box has at most 1023 along each axis", voxel, good)?;
             grid.size[axis] = (cells as usize | 31) + 1;
         }
-        let cells = grid.size.iter().product::<usize>();
-        check(
-            "voxel",
-            "voxels of which a body's box has at most 2^26 (is a vertex far from the others?)",
-            voxel,
-            cells <= MAX_CELLS,
-        )?;
+        let good = grid.size.iter().product::<usize>() <= MAX_CELLS;
+        let expected = "voxels of which a body's box has at most 2^26 (is a vertex far from the others?)";
+        check("voxel", expected, voxel, good)?;
         Ok(grid)
     }
 
     /// Maps a point of the world to the body's frame: Rᵀ(x − origin).
     fn framed(&self, point: [f32; 3]) -> [f32; 3] {
         self.axes.map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.origin[i])).sum())
-    }
-
-    /// Maps a point of the world to voxels from the grid's first corner.
-    fn in_voxels(&self, point: [f32; 3]) -> [f32; 3] {
-        let framed = self.framed(point);
-        [0, 1, 2].map(|axis| (framed[axis] - self.low[axis]) / self.voxel)
     }
 
     /// Maps points of the world, `[M, 3]`, to voxels from the grid's first corner.
@@ -193,7 +179,8 @@ impl BodyVoxels {
 
     /// Returns the voxel nearest to a vertex.
     fn cell(&self, vertex: [f32; 3]) -> [usize; 3] {
-        self.in_voxels(vertex).map(|x| x.round() as usize)
+        let framed = self.framed(vertex);
+        [0, 1, 2].map(|axis| ((framed[axis] - self.low[axis]) / self.voxel).round() as usize)
     }
 
     /// Returns the cells of a level of `size` per voxel of the grid: the released code stretches every level over the grid so that the

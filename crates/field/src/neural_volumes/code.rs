@@ -1,11 +1,11 @@
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::upload;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::field::Penalty;
-use crate::init::normal;
+use crate::init::{normal, parameter};
 
 impl Penalty {
     /// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019), in nats:
@@ -26,16 +26,10 @@ impl Code {
     /// Draws a code, `[1, size]`: μ + σε with ε drawn by `seed`, or μ without one.
     pub(super) fn draw(&self, seed: Option<u64>) -> Tensor<2> {
         let mean = self.mean.clone();
-        let code = match seed {
-            Some(seed) => {
-                let [size] = mean.dims();
-                let drawn = normal(&mut ChaCha8Rng::seed_from_u64(seed), size);
-                let drawn = upload(drawn, [size], &mean.device());
-                mean + self.log_deviation.clone().exp() * drawn
-            }
-            None => mean,
-        };
-        code.unsqueeze()
+        let Some(seed) = seed else { return mean.unsqueeze() };
+        let [size] = mean.dims();
+        let drawn = upload(normal(&mut ChaCha8Rng::seed_from_u64(seed), size), [size], &mean.device());
+        (mean + self.log_deviation.clone().exp() * drawn).unsqueeze()
     }
 
     pub(super) fn divergence(&self) -> Tensor<1> {
@@ -59,7 +53,7 @@ pub(super) struct Latent {
 impl Latent {
     /// Draws a code of `size` elements from the standard normal distribution.
     pub(super) fn new(size: usize, rng: &mut impl Rng, device: &Device) -> Self {
-        let parameter = |values: Vec<f32>| Param::from_data(TensorData::new(values, [size]), device);
+        let parameter = |values: Vec<f32>| parameter(values, [size], device);
         Self { mean: parameter(normal(rng, size)), log_deviation: parameter(vec![FIRST_LOG_DEVIATION; size]) }
     }
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::code::Code;
 use super::{COLOR, LEAKY_GAIN, LEAKY_SLOPE};
-use crate::check::check;
+use crate::check::{check, check_range};
 use crate::field::SourceView;
 use crate::init::{self, glorot_linear};
 
@@ -39,10 +39,10 @@ pub struct CodeEncoderConfig {
 impl CodeEncoderConfig {
     pub(super) fn validate(&self) -> Result<(), Fault> {
         let &Self { images, size, width } = self;
-        check("encoder.images", "1 to 16", images, (1..=16).contains(&images))?;
+        check_range("encoder.images", 1..=16, images)?;
         let good = |side: &usize| (16..=1024).contains(side) && side.is_multiple_of(16);
         check("encoder.size", "two multiples of 16 from 16 to 1024", format!("{size:?}"), size.iter().all(good))?;
-        check("encoder.width", "1 to 256", width, (1..=256).contains(&width))
+        check_range("encoder.width", 1..=256, width)
     }
 
     /// Returns the channels of each convolution: w, w, 2w, 2w, then 4w, as long as rows and columns can be halved.
@@ -90,19 +90,18 @@ struct Tower {
 
 impl Tower {
     fn new(channels: &[usize], rng: &mut impl Rng, device: &Device) -> Self {
-        let inputs = std::iter::once(3).chain(channels.iter().copied());
-        Self {
-            layers: inputs
-                .zip(channels)
-                .map(|(inputs, &outputs)| convolution(rng, [inputs, outputs], device))
-                .collect(),
-        }
+        let layer = |(inputs, &outputs): (usize, &usize)| {
+            // Weights are uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
+            let fans = KERNEL * KERNEL * (inputs + outputs);
+            let bound = LEAKY_GAIN * (6.0 / fans as f32).sqrt();
+            init::convolution(rng, [inputs, outputs], [KERNEL, 2, 1], bound, device)
+        };
+        Self { layers: std::iter::once(3).chain(channels.iter().copied()).zip(channels).map(layer).collect() }
     }
 
     /// Maps an image `[1, 3, rows, columns]` to its features, `[1, F]`.
     fn features(&self, image: Tensor<4>) -> Tensor<2> {
-        let convolved = self.layers.iter().fold(image, |x, layer| leaky_relu(layer.forward(x), LEAKY_SLOPE));
-        convolved.flatten(1, 3)
+        self.layers.iter().fold(image, |x, layer| leaky_relu(layer.forward(x), LEAKY_SLOPE)).flatten(1, 3)
     }
 }
 
@@ -142,12 +141,6 @@ fn image(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Ten
     let pixels = upload(normalised, [view.rgb.len(), 3], device);
     let resized = bilinear(pixels, &Taps::resize(1, (view.height, view.width), (rows, columns)));
     resized.reshape([1, rows, columns, 3]).permute([0, 3, 1, 2])
-}
-
-/// Builds a convolution that halves the resolution; weights uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
-fn convolution(rng: &mut impl Rng, channels: [usize; 2], device: &Device) -> Conv2d {
-    let fans = KERNEL * KERNEL * (channels[0] + channels[1]);
-    init::convolution(rng, channels, [KERNEL, 2, 1], LEAKY_GAIN * (6.0 / fans as f32).sqrt(), device)
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::check;
+use crate::check::{check, check_range};
 use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, Sources};
 use crate::points::{FieldOutput, Points};
 use code::{Code, Latent};
@@ -55,14 +55,9 @@ pub struct NeuralVolumesConfig {
 impl fmt::Display for NeuralVolumesConfig {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { latent, resolution, width, maps, .. } = self;
-        write!(
-            f,
-            "{resolution}³ voxels, decoded from {latent} numbers at width {width}, warped by {maps} affine maps"
-        )?;
-        match &self.encoder {
-            Some(encoder) => write!(f, ", encoded from {} images", encoder.images),
-            None => Ok(()),
-        }
+        write!(f, "{resolution}³ voxels, decoded from {latent} numbers at width {width}, ")?;
+        write!(f, "warped by {maps} affine maps")?;
+        self.encoder.as_ref().map_or(Ok(()), |encoder| write!(f, ", encoded from {} images", encoder.images))
     }
 }
 
@@ -70,20 +65,13 @@ impl FieldSpec for NeuralVolumesConfig {
     type Field = NeuralVolumes;
 
     fn validate(&self) -> Result<(), Fault> {
-        check("latent", "1 to 4096", self.latent, (1..=4096).contains(&self.latent))?;
-        let resolution = self.resolution;
-        let good = (4..=256).contains(&resolution) && resolution.is_power_of_two();
-        check("resolution", "a power of two from 4 to 256", resolution, good)?;
-        let width = self.width;
-        check(
-            "width",
-            "a multiple of 8 from 8 to 2048",
-            width,
-            (8..=2048).contains(&width) && width.is_multiple_of(8),
-        )?;
-        check("maps", "1 to 64", self.maps, (1..=64).contains(&self.maps))?;
-        let warp = self.warp_resolution;
-        check("warp_resolution", "2 to 64", warp, (2..=64).contains(&warp))?;
+        check_range("latent", 1..=4096, self.latent)?;
+        let good = (4..=256).contains(&self.resolution) && self.resolution.is_power_of_two();
+        check("resolution", "a power of two from 4 to 256", self.resolution, good)?;
+        let good = (8..=2048).contains(&self.width) && self.width.is_multiple_of(8);
+        check("width", "a multiple of 8 from 8 to 2048", self.width, good)?;
+        check_range("maps", 1..=64, self.maps)?;
+        check_range("warp_resolution", 2..=64, self.warp_resolution)?;
         self.encoder.as_ref().map_or(Ok(()), CodeEncoderConfig::validate)
     }
 
@@ -149,15 +137,6 @@ enum Codes {
     Learned(Latent),
 }
 
-impl Codes {
-    fn of(&self, sources: &Sources) -> Code {
-        match self {
-            Self::Encoded(encoder) => encoder.code(&sources.views),
-            Self::Learned(latent) => latent.code(),
-        }
-    }
-}
-
 #[derive(Module, Debug)]
 struct Decoded {
     /// Colour and opacity per unit of the cube of each voxel, `[resolution³, 4]`.
@@ -171,12 +150,6 @@ struct Decoded {
 impl NeuralVolumes {
     fn decoded(&self) -> &Decoded {
         self.decoded.as_ref().expect("Neural Volumes are conditioned before they are evaluated")
-    }
-
-    /// Maps positions `[M, 3]` to the cube [−1, 1]³.
-    fn in_cube(&self, positions: Tensor<2>) -> Tensor<2> {
-        let middle = upload(self.middle.to_vec(), [1, 3], &positions.device());
-        (positions - middle) / self.half_side
     }
 
     /// Computes the mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
@@ -201,7 +174,9 @@ impl Field for NeuralVolumes {
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let samples = points.len();
         let Decoded { voxels, warp, .. } = self.decoded();
-        let cube = self.in_cube(points.positions.clone());
+        // In the cube [−1, 1]³.
+        let middle = upload(self.middle.to_vec(), [1, 3], &points.positions.device());
+        let cube = (points.positions.clone() - middle) / self.half_side;
         // 1 in the open cube, else 0.
         let inside = cube.clone().abs().max_dim(1).lower_elem(1.0).float();
         let warped = trilinear(warp.clone(), in_voxels(cube, self.warp.grid()), self.warp.grid());
@@ -219,7 +194,10 @@ impl Field for NeuralVolumes {
     /// # Panics
     /// If there are fewer images than the encoder needs.
     fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
-        let code = self.codes.of(sources);
+        let code = match &self.codes {
+            Codes::Encoded(encoder) => encoder.code(&sources.views),
+            Codes::Learned(latent) => latent.code(),
+        };
         let drawn = code.draw(seed);
         let raw = self.template.voxels(drawn.clone());
         let (bias, scale, white) = COLOR;

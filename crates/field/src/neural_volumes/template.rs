@@ -64,11 +64,10 @@ fn transposed_convolution(rng: &mut impl Rng, channels: [usize; 2], gain: f32, d
         ConvTranspose3dConfig::new(channels, [KERNEL; 3]).with_stride([2; 3]).with_padding([1; 3]).init(device);
     let [inputs, outputs] = channels;
     let blocks = uniform(rng, inputs * outputs * 8, gain * (6.0 / (8 * (inputs + outputs)) as f32).sqrt());
-    let of_kernel = |block: &[f32]| {
-        let along = |i: usize| i / 2;
-        (0..KERNEL.pow(3)).map(|i| block[along(i / 16) * 4 + along(i / 4 % 4) * 2 + along(i % 4)]).collect::<Vec<f32>>()
+    let of_kernel = |block: &[f32; 8]| {
+        std::array::from_fn::<_, { KERNEL.pow(3) }, _>(|i| block[i / 32 * 4 + i / 8 % 2 * 2 + i / 2 % 2])
     };
-    let weight: Vec<f32> = blocks.chunks_exact(8).flat_map(of_kernel).collect();
+    let weight: Vec<f32> = blocks.as_chunks().0.iter().flat_map(of_kernel).collect();
     layer.weight = parameter(weight, [inputs, outputs, KERNEL, KERNEL, KERNEL], device);
     layer.bias = Some(parameter(vec![0.0; outputs], [outputs], device));
     layer

@@ -12,8 +12,8 @@ use crate::init::he_linear;
 #[derive(Module, Debug)]
 pub(super) struct ResnetMlp {
     input: Linear,
-    /// The layers that read features, of all blocks before the average, side by side.
-    features: Linear,
+    /// The layers that read features, of all blocks before the average, side by side: `[P, C]` → `[P, pool_after·width]`.
+    pub(super) features: Linear,
     blocks: Vec<MlpBlock>,
     output: Linear,
     #[module(skip)]
@@ -61,13 +61,8 @@ impl ResnetMlp {
         }
     }
 
-    /// Applies all feature-reading layers at once: `[P, C]` → `[P, pool_after·width]`.
-    pub(super) fn inject(&self, features: Tensor<2>) -> Tensor<2> {
-        self.features.forward(features)
-    }
-
     /// - `x`: encoded points in each of `views` views, `[V·M, inputs]`, view by view.
-    /// - `injected`: [`Self::inject`] of the features there, `[V·M, pool_after·width]`.
+    /// - `injected`: `features` of those there, `[V·M, pool_after·width]`.
     ///
     /// Returns raw red, green, blue and density, `[M, 4]`.
     pub(super) fn forward(&self, x: Tensor<2>, injected: Tensor<2>, views: usize) -> Tensor<2> {

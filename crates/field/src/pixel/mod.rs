@@ -12,6 +12,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::mlp::Activation;
 use infonerf_ops::to_host;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
@@ -19,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::activation::DensityActivation;
-use crate::check::check;
+use crate::check::{check, check_range};
 use crate::field::{
     Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages, SourceView, Sources,
 };
@@ -74,11 +75,11 @@ impl FieldSpec for PixelNerfConfig {
         let encoder = &self.encoder;
         let good = (1..=4).contains(&encoder.blocks.len()) && encoder.blocks.iter().all(|n| (1..=64).contains(n));
         check("encoder.blocks", "1 to 4 numbers from 1 to 64", format!("{:?}", encoder.blocks), good)?;
-        check("encoder.width", "1 to 512", encoder.width, (1..=512).contains(&encoder.width))?;
-        check("blocks", "1 to 64", self.blocks, (1..=64).contains(&self.blocks))?;
+        check_range("encoder.width", 1..=512, encoder.width)?;
+        check_range("blocks", 1..=64, self.blocks)?;
         check("pool_after", "1 to field.blocks", self.pool_after, (1..=self.blocks).contains(&self.pool_after))?;
-        check("width", "1 to 4096", self.width, (1..=4096).contains(&self.width))?;
-        check("frequencies", "0 to 20", self.frequencies, self.frequencies <= 20)?;
+        check_range("width", 1..=4096, self.width)?;
+        check_range("frequencies", 0..=20, self.frequencies)?;
         let lowest = self.lowest_frequency;
         check("lowest_frequency", "above 0, at most 1000", lowest, lowest > 0.0 && lowest <= 1e3)
     }
@@ -128,7 +129,7 @@ pub struct PixelNerf {
 
 #[derive(Module, Debug)]
 struct EncodedSources {
-    /// Layers that read features, applied to each texel of each view: `[V·h·w, pool_after·width]`.
+    /// The MLP's layers that read features, applied to each texel of each view: `[V·h·w, pool_after·width]`.
     injected: Tensor<2>,
     #[module(skip)]
     sources: Sources,
@@ -158,7 +159,10 @@ impl Field for PixelNerf {
         let injected = bilinear(sources.injected.clone(), &taps(&pixels, views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
-        FieldOutput { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
+        FieldOutput {
+            sigma: Activation::from(self.config.density).apply(raw),
+            color: color.then(|| sigmoid(out.narrow(1, 0, 3))),
+        }
     }
 
     fn device(&self) -> Device {
@@ -167,7 +171,7 @@ impl Field for PixelNerf {
 
     fn conditioned(&self, sources: &Sources, _seed: Option<u64>) -> Self {
         // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
-        let injected = self.mlp.inject(self.encoder.features(&sources.views, &self.device()));
+        let injected = self.mlp.features.forward(self.encoder.features(&sources.views, &self.device()));
         Self { encoded: Some(EncodedSources { injected, sources: sources.clone() }), ..self.clone() }
     }
 }

@@ -10,24 +10,16 @@ use crate::points::{Points, along_axes};
 /// Least depth before a camera, scene units: points that are not before it are projected as if at that depth.
 const MIN_DEPTH: f32 = 1e-3;
 
-fn rotate(view: &SourceView, v: [f32; 3]) -> [f32; 3] {
-    view.to_camera.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
-}
-
-fn project(view: &SourceView, p: [f32; 3]) -> (f32, f32) {
-    let [x, y, z] = [0, 1, 2].map(|axis| rotate(view, p)[axis] + view.to_camera[axis][3]);
+fn project(view: &SourceView, p: &[f32; 3]) -> (f32, f32) {
+    let [x, y, z] = view.to_camera.map(|[a, b, c, shift]| a * p[0] + b * p[1] + c * p[2] + shift);
     let depth = (-z).max(MIN_DEPTH);
     (view.centre[0] + view.focal[0] * x / depth, view.centre[1] - view.focal[1] * y / depth)
-}
-
-fn triples(flat: &[f32]) -> impl ExactSizeIterator<Item = [f32; 3]> + '_ {
-    flat.chunks_exact(3).map(|v| [v[0], v[1], v[2]])
 }
 
 /// Returns `(view, x, y)` of each of `positions` (`[M, 3]` row-major) in each view, in pixels, view by view.
 pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32, f32)> {
     let of_view = |(index, view): (usize, &SourceView)| -> Vec<_> {
-        triples(positions).map(|p| project(view, p)).map(|(x, y)| (index, x, y)).collect()
+        positions.as_chunks().0.iter().map(|p| project(view, p)).map(|(x, y)| (index, x, y)).collect()
     };
     views.par_iter().enumerate().flat_map_iter(of_view).collect()
 }
