@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::means::mean_squared_difference;
-use infonerf_ops::{Segments, composite, to_host};
+use infonerf_ops::{Segments, composite, to_host, upload};
 use infonerf_render::{Passes, RenderOutput, Samples};
 
 use crate::objective::LossConfig;
@@ -47,10 +47,8 @@ pub const COARSE: usize = 4;
 fn depths() -> Depths<f32> {
     let seen = vec![vec![0.3, 1.2, 0.7], vec![], vec![2.0, 0.1], vec![0.01, 0.02]];
     let unseen = vec![vec![0.9], vec![0.5, 3.0, 0.2, 0.4]];
-    let near = |rays: &[Vec<f32>]| {
-        let turned = |ray: &Vec<f32>| ray.iter().rev().map(|tau| 0.8 * tau + 0.05).collect();
-        rays.iter().map(turned).collect::<Vec<Vec<f32>>>()
-    };
+    let turned = |ray: &Vec<f32>| ray.iter().rev().map(|tau| 0.8 * tau + 0.05).collect();
+    let near = |rays: &[Vec<f32>]| rays.iter().map(turned).collect();
     let coarse = vec![vec![1.0, 0.2], vec![0.4], vec![0.6, 0.6], vec![0.3]];
     [seen.clone(), unseen.clone(), near(&seen), near(&unseen), coarse]
 }
@@ -67,24 +65,16 @@ pub const PIXELS: [[f64; 3]; 4] = [[0.1, 0.9, 0.4], [0.0, 0.0, 0.2], [1.0, 0.3, 
 fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
     let segments = Segments::from_counts(rays.iter().map(Vec::len));
     let count = segments.samples();
-    let tau = infonerf_ops::upload(rays.concat(), [count], device);
+    let tau = upload(rays.concat(), [count], device);
     let tau = if device.is_autodiff() { tau.require_grad() } else { tau };
     let places = || rays.iter().flat_map(|ray| 0..ray.len());
     let colors: Vec<f32> = places().flat_map(color).map(|c| c as f32).collect();
     let t: Vec<f32> = places().map(|i| i as f32 + 0.5).collect();
-    let seen = composite(tau.clone(), infonerf_ops::upload(colors, [count, 3], device), &segments);
+    let seen = composite(tau.clone(), upload(colors, [count, 3], device), &segments);
     let depth = Tensor::zeros([rays.len()], device);
-    let samples =
-        Samples::new(segments, infonerf_ops::upload(t, [count], device), Tensor::ones([count], device), count);
-    let output = RenderOutput {
-        samples,
-        tau: tau.clone(),
-        color: Some(seen.values),
-        depth,
-        acc: seen.acc,
-        background: [0.0; 3],
-    };
-    (tau, output)
+    let samples = Samples::new(segments, upload(t, [count], device), Tensor::ones([count], device), count);
+    let (color, acc) = (Some(seen.values), seen.acc);
+    (tau.clone(), RenderOutput { samples, tau, color, depth, acc, background: [0.0; 3] })
 }
 
 /// Renders of [`depths`], with the tensors of optical depths that they depend on.
@@ -93,10 +83,10 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
     let mut outputs = depths.iter().map(|rays| output(rays, device));
     let [seen, unseen, near_seen, near_unseen, coarse] = std::array::from_fn(|_| outputs.next().unwrap());
     let rays = PIXELS.len();
-    let rgb = PIXELS.iter().flatten().map(|c| *c as f32).collect::<Vec<_>>();
+    let on_host = PIXELS.map(|pixel| pixel.map(|c| c as f32)).to_vec();
     let target = Target {
-        rgb: infonerf_ops::upload(rgb, [rays, 3], device),
-        on_host: PIXELS.map(|pixel| pixel.map(|c| c as f32)).to_vec(),
+        rgb: upload(on_host.concat(), [rays, 3], device),
+        on_host,
         pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
         background: [1.0; 3],
     };
@@ -115,7 +105,12 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
 }
 
 /// Checks the value of `term`, and its gradient in every optical depth, against `formula` and its central differences.
-pub fn check(term: &dyn Term, set_up: impl Fn(&mut Renders), formula: impl Fn(&Depths<f64>) -> f64) {
+pub fn check(term: &dyn Term, formula: impl Fn(&Depths<f64>) -> f64) {
+    check_with(term, |_| (), formula);
+}
+
+/// Checks `term` as [`check`] does, on renders after `set_up`.
+pub fn check_with(term: &dyn Term, set_up: impl Fn(&mut Renders), formula: impl Fn(&Depths<f64>) -> f64) {
     let (tau, mut renders) = scenario(&Device::flex().autodiff());
     set_up(&mut renders);
     let value = term.value(&renders);
@@ -136,10 +131,8 @@ pub fn check(term: &dyn Term, set_up: impl Fn(&mut Renders), formula: impl Fn(&D
                 };
                 let want = (moved(1e-6) - moved(-1e-6)) / 2e-6;
                 let got = f64::from(got.next().unwrap_or(0.0));
-                assert!(
-                    (got - want).abs() <= 1e-5 * (1.0 + want.abs()),
-                    "bundle {bundle}, ray {ray}, {i}: {got}, {want}"
-                );
+                let agrees = (got - want).abs() <= 1e-5 * (1.0 + want.abs());
+                assert!(agrees, "bundle {bundle}, ray {ray}, {i}: {got}, {want}");
             }
         }
     }

@@ -94,7 +94,7 @@ impl TermSpec for EntropyConfig {
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let pairs = renders.pairs(self.rays_with_neighbours());
-        let neighbours = pairs.map(|(_, near)| near).filter(|_| self.neighbours);
+        let neighbours = pairs.filter(|_| self.neighbours).map(|(_, near)| near);
         renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
             let sum = match self.bits_and_measure(output) {
                 (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
@@ -133,7 +133,7 @@ mod tests {
                         if hits { entropy(ray, RayDistribution::Alpha, 1e-3f32.into()) } else { 0.0 }
                     };
                     let of_bundles = |d: &Depths<f64>| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), formula);
-                    check(&term, |_| (), of_bundles);
+                    check(&term, of_bundles);
                 }
             }
         }
@@ -157,11 +157,7 @@ mod tests {
             ));
             assert_eq!(term.needs().len(), needs);
             let epsilon = f64::from(term.epsilon);
-            check(
-                &term,
-                |_| (),
-                |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)),
-            );
+            check(&term, |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)));
         }
     }
 }

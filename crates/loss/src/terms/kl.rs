@@ -84,18 +84,14 @@ mod tests {
         ] {
             for direction in ["paper", "reversed"] {
                 let term = config(&format!("kl = {{ rays = '{rays}', direction = '{direction}', epsilon = 1e-3 }}")).kl;
-                check(
-                    &term,
-                    |_| (),
-                    |d: &Depths<f64>| {
-                        let pairs: Vec<_> = pairs.iter().flat_map(|&(of, near)| d[of].iter().zip(&d[near])).collect();
-                        let gain = |(p, q): &(&Vec<f64>, &Vec<f64>)| match direction {
-                            "paper" => divergence(p, q, 1e-3f32.into()),
-                            _ => divergence(q, p, 1e-3f32.into()),
-                        };
-                        pairs.iter().map(gain).sum::<f64>() / pairs.len() as f64
-                    },
-                );
+                check(&term, |d: &Depths<f64>| {
+                    let pairs: Vec<_> = pairs.iter().flat_map(|&(of, near)| d[of].iter().zip(&d[near])).collect();
+                    let gain = |(p, q): &(&Vec<f64>, &Vec<f64>)| match direction {
+                        "paper" => divergence(p, q, 1e-3f32.into()),
+                        _ => divergence(q, p, 1e-3f32.into()),
+                    };
+                    pairs.iter().map(gain).sum::<f64>() / pairs.len() as f64
+                });
             }
         }
     }

@@ -52,7 +52,7 @@ mod tests {
         assert_eq!([prior(0.0), prior(1.0)].map(|x| (x * 1e12).round()), [0.0, 0.0]);
         assert!(prior(0.5) > prior(0.4) && prior(0.5) > prior(0.6));
         let term = config("opacity_prior.rays = 'all'").opacity_prior;
-        check(&term, |_| (), |d| mean(d[SEEN].iter().chain(&d[UNSEEN]), |ray| prior(opacity(ray))));
-        check(&config("").opacity_prior, |_| (), |d| mean(d[SEEN].iter(), |ray| prior(opacity(ray))));
+        check(&term, |d| mean(d[SEEN].iter().chain(&d[UNSEEN]), |ray| prior(opacity(ray))));
+        check(&config("").opacity_prior, |d| mean(d[SEEN].iter(), |ray| prior(opacity(ray))));
     }
 }

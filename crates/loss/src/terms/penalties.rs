@@ -38,10 +38,8 @@ impl TermSpec for TvConfig {
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        Ok(Box::new(PenaltyTerm {
-            name: Penalty::TOTAL_VARIATION,
-            factor: factor(self.views, setup.scene.train.len()),
-        }))
+        let factor = factor(self.views, setup.scene.train.len());
+        Ok(Box::new(PenaltyTerm { name: Penalty::TOTAL_VARIATION, factor }))
     }
 }
 

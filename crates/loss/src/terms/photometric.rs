@@ -73,7 +73,7 @@ mod tests {
     use infonerf_oracle::weights;
 
     use super::*;
-    use crate::testing::{COARSE, PIXELS, SEEN, check, color, config};
+    use crate::testing::{COARSE, PIXELS, SEEN, check, check_with, color, config};
 
     /// Mean over rays of ‖C − Ĉ‖².
     fn squared(rays: &[Vec<f64>]) -> f64 {
@@ -91,9 +91,9 @@ mod tests {
             for coarse in [0.0, 0.1, 1.0] {
                 let term = config(&format!("rgb = {{ norm = '{norm}', coarse = {coarse:?} }}")).rgb;
                 let weight = f64::from(coarse as f32);
-                check(&term, |_| (), |d| (squared(&d[SEEN]) + weight * squared(&d[COARSE])) / channels);
+                check(&term, |d| (squared(&d[SEEN]) + weight * squared(&d[COARSE])) / channels);
                 let single = |renders: &mut Renders| renders.seen.coarse = None;
-                check(&term, single, |d| squared(&d[SEEN]) / channels);
+                check_with(&term, single, |d| squared(&d[SEEN]) / channels);
             }
         }
     }

@@ -107,10 +107,9 @@ mod tests {
 
     #[test]
     fn without_weights_the_file_is_named() {
-        let device = Device::flex();
         let mut config = config("semantic.weights = 'absent.safetensors'").semantic;
         assert_eq!(config.weights_file().map(|(key, _)| key), Some("weights"));
-        let setup = TermSetup { scene: &Default::default(), device: &device };
+        let setup = TermSetup { scene: &Default::default(), device: &Device::flex() };
         let fault = config.build(&setup).unwrap_err();
         assert!(fault.key == "weights" && fault.found.starts_with("absent.safetensors: "), "{fault}");
     }

@@ -46,13 +46,13 @@ mod tests {
     use infonerf_oracle::opacity;
 
     use super::*;
-    use crate::testing::{SEEN, check, config};
+    use crate::testing::{SEEN, check_with, config};
 
     #[test]
     fn background_is_pressed_down_and_foreground_pulled_up() {
         let signs = [1.0, -1.0, -1.0, -1.0];
         let with_background = |renders: &mut Renders| renders.target.on_host[0] = renders.target.background;
-        check(&config("").silhouette, with_background, |d| {
+        check_with(&config("").silhouette, with_background, |d| {
             d[SEEN].iter().zip(signs).map(|(ray, sign)| sign * opacity(ray)).sum::<f64>() / 4.0
         });
     }
