@@ -1,8 +1,7 @@
 use burn::tensor::Tensor;
 use infonerf_schedule::Moment;
 
-use crate::field::Field;
-use crate::points::Points;
+use crate::{Field, Points};
 
 /// Computes density σ, `[M]`, and its gradient ∂σ/∂x, `[M, 3]`, in 1/unit and 1/unit² of the positions' space; −∂σ/∂x points out of
 /// what is dense. The results are in no graph, and parameters get no gradients.

@@ -15,9 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_density, check_detail, check_range};
 use crate::detail::part_weights;
-use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Penalty};
 use crate::init::{parameter, uniform};
-use crate::points::{FieldOutput, Points};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
 
 /// Sizes of [`FactoredField`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -202,7 +201,7 @@ mod tests {
     use infonerf_ops::to_host;
 
     use super::*;
-    use crate::points::Extent;
+    use crate::Extent;
 
     fn field(view_dependence: f32, device: &Device) -> FactoredField {
         let config = FactoredConfig {

@@ -12,10 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
-use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::points::{Extent, FieldOutput, Points};
+use crate::{Extent, Field, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

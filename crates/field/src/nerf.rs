@@ -12,13 +12,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::activation::DensityActivation;
 use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
-use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Sources};
 use crate::init::{Init, normal};
 use crate::mlp::{Mlp, MlpSize};
-use crate::points::{FieldOutput, Points};
+use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -150,7 +148,7 @@ impl Field for NerfMlp {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::points::Extent;
+    use crate::Extent;
 
     fn config() -> NerfConfig {
         NerfConfig {

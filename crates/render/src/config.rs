@@ -2,8 +2,7 @@ use infonerf_ops::sampling::LastInterval;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::placement::Placement;
-use crate::warp::SpaceChoice;
+use crate::{Placement, SpaceChoice};
 
 /// Config of rendering: sampling of rays, compositing, and skipping.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,9 +4,8 @@ use infonerf_field::Field;
 use infonerf_scene::{Camera, View};
 
 use crate::image::render_one;
-use crate::model::TrainedModel;
-use crate::rendered_image::{HIT, RenderedImage};
-use crate::renderer::Renderer;
+use crate::rendered_image::HIT;
+use crate::{RenderedImage, Renderer, TrainedModel};
 
 /// Renders the picture that `camera` sees: of several members their mean.
 ///

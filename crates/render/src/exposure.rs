@@ -2,8 +2,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::{to_host, upload};
 
-use crate::output::{Passes, RenderOutput};
-use crate::rendered_image::RenderedImage;
+use crate::{Passes, RenderOutput, RenderedImage};
 
 /// A gain and a bias per training view and channel: exposure and white balance that differ between images of one scene.
 ///

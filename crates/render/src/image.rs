@@ -6,10 +6,8 @@ use rayon::prelude::*;
 
 use crate::fill::filled;
 use crate::march::march;
-use crate::model::TrainedModel;
-use crate::output::{RenderOutput, RenderRequest};
-use crate::rendered_image::{HIT, RenderedImage};
-use crate::renderer::Renderer;
+use crate::rendered_image::HIT;
+use crate::{RenderOutput, RenderRequest, RenderedImage, Renderer, TrainedModel};
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
@@ -98,8 +96,7 @@ impl RenderedImage {
 
 #[cfg(test)]
 pub(crate) mod testing {
-    use crate::config::{OccupancyConfig, RenderConfig};
-    use crate::placement::Placement;
+    use crate::{OccupancyConfig, Placement, RenderConfig};
 
     /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {

@@ -6,10 +6,7 @@ use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::cameras::CameraRefinement;
-use crate::exposure::Exposure;
-use crate::occupancy::OccupancyGrid;
-use crate::residuals::Residuals;
+use crate::{CameraRefinement, Exposure, OccupancyGrid, Residuals};
 
 /// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]

@@ -9,10 +9,7 @@ use infonerf_schedule::Moment;
 
 use crate::ensemble::combine;
 use crate::image::render_one;
-use crate::model::{Model, TrainedModel};
-use crate::rendered_image::RenderedImage;
-use crate::renderer::Renderer;
-use crate::warp::Warp;
+use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
 
 /// Renders the picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z
 /// towards the camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not
@@ -68,8 +65,7 @@ mod tests {
 
     use super::*;
     use crate::image::testing::config;
-    use crate::placement::Placement;
-    use crate::warp::SpaceChoice;
+    use crate::{Placement, SpaceChoice};
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).
     #[derive(Module, Debug)]

@@ -1,7 +1,7 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{Segments, upload};
 
-use crate::samples::Samples;
+use crate::Samples;
 
 /// Request: outputs to evaluate in addition to opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

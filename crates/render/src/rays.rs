@@ -8,9 +8,8 @@ use infonerf_ops::sampling::{Streams, points_on_rays};
 use infonerf_ops::{is_gpu, upload, upload_together};
 use infonerf_scene::{PixelAt, Ray};
 
-use crate::noise::{Noise, RandomStream};
-use crate::samples::{Samples, on};
-use crate::warp::Warp;
+use crate::samples::on;
+use crate::{Noise, RandomStream, Samples, Warp};
 
 /// Batch of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
 ///

@@ -1,7 +1,7 @@
 use glam::Vec3;
 use infonerf_scene::Camera;
 
-use crate::output::Counts;
+use crate::Counts;
 
 /// Opacity from which a ray is said to hit something, for depth.
 pub(crate) const HIT: f32 = 0.5;

@@ -4,15 +4,11 @@ use infonerf_ops::{CompositeOver, additive_depth, composite_over};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
-use crate::config::{Compositing, RenderConfig};
-use crate::model::Model;
-use crate::noise::{Noise, RandomStream};
-use crate::occupancy::OccupancyGrid;
-use crate::output::{Passes, RenderOutput, RenderRequest};
-use crate::rays::RayBatch;
 use crate::sampler::{PassDistances, PlacedSamples, Sampler, Skip};
-use crate::samples::Samples;
-use crate::warp::Warp;
+use crate::{
+    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBatch, RenderConfig, RenderOutput,
+    RenderRequest, Samples, Warp,
+};
 
 /// Renderer of one scene: renders batches of rays.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, Vec4};
 use infonerf_scene::{Camera, Scene, View, bilinear};
 use rayon::prelude::*;
 
-use crate::rendered_image::RenderedImage;
+use crate::RenderedImage;
 
 const NEAREST: usize = 6;
 /// θ₀ of [`Residuals`], radians.

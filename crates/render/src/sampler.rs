@@ -8,13 +8,9 @@ use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::config::RenderConfig;
-use crate::occupancy::OccupancyGrid;
-use crate::output::RenderOutput;
-use crate::rays::RayBatch;
-use crate::samples::{Samples, on};
+use crate::samples::on;
 use crate::steps::UniformSteps;
-use crate::warp::Warp;
+use crate::{OccupancyGrid, RayBatch, RenderConfig, RenderOutput, Samples, Warp};
 
 /// Knowledge of space by which samples are skipped.
 #[derive(Clone, Copy, Debug)]
@@ -244,10 +240,7 @@ mod tests {
 
     use super::*;
     use crate::image::testing::config;
-    use crate::noise::{Noise, RandomStream};
-    use crate::output::RenderRequest;
-    use crate::placement::Placement;
-    use crate::warp::SpaceChoice;
+    use crate::{Noise, Placement, RandomStream, RenderRequest, SpaceChoice};
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
 

@@ -5,7 +5,8 @@ use std::ops::Range;
 use glam::Vec3;
 use infonerf_scene::Ray;
 
-use crate::occupancy::{CellState, OccupancyGrid};
+use crate::OccupancyGrid;
+use crate::occupancy::CellState;
 use crate::sampler::Sampler;
 use crate::warp::WarpedRay;
 

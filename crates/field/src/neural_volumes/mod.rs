@@ -20,8 +20,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_range};
-use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, Sources};
-use crate::points::{FieldOutput, Points};
+use crate::{
+    Field, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, Points, SourceImages, Sources,
+};
 use code::{Code, Latent};
 use encoder::CodeEncoder;
 use template::Template;

@@ -9,8 +9,7 @@ use infonerf_ops::upload;
 use rand::Rng;
 
 use super::EncoderConfig;
-use crate::field::SourceView;
-use crate::init;
+use crate::{SourceView, init};
 
 /// Factor by which the stem makes images smaller.
 pub(super) const STEM_STRIDE: usize = 2;

@@ -6,8 +6,7 @@ use infonerf_ops::means::weighted_sum;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::renders::{Need, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///

@@ -8,8 +8,7 @@ use infonerf_scene::{Aabb, Ray};
 use rayon::prelude::*;
 
 use super::state::{CellState, cell_states, widen};
-use crate::config::OccupancyConfig;
-use crate::noise::Noise;
+use crate::{Noise, OccupancyConfig};
 
 /// Maximal number of points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
@@ -273,7 +272,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::noise::RandomStream;
+    use crate::RandomStream;
 
     fn config() -> OccupancyConfig {
         OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, ..OccupancyConfig::default() }
