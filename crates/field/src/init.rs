@@ -2,7 +2,7 @@
 
 use burn::module::Param;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
-use burn::nn::{Linear, LinearConfig, PaddingConfig2d};
+use burn::nn::{Linear, PaddingConfig2d};
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use rand_distr::StandardNormal;
@@ -31,9 +31,9 @@ pub(crate) enum Init {
 
 impl Init {
     pub(crate) fn linear(self, rng: &mut impl Rng, fan_in: usize, fan_out: usize, device: &Device) -> Linear {
-        let (bound, bias_bound) = match self {
-            Self::FanIn => ((1.0 / fan_in as f32).sqrt(), (1.0 / fan_in as f32).sqrt()),
-            Self::Glorot => ((6.0 / (fan_in + fan_out) as f32).sqrt(), 0.0),
+        let [bound, bias_bound] = match self {
+            Self::FanIn => [(1.0 / fan_in as f32).sqrt(); 2],
+            Self::Glorot => [(6.0 / (fan_in + fan_out) as f32).sqrt(), 0.0],
         };
         let weight = uniform(rng, fan_in * fan_out, bound);
         dense(weight, uniform(rng, fan_out, bias_bound), device)
@@ -43,10 +43,8 @@ impl Init {
 /// Builds the dense layer of `weight`, `[fan_in, fan_out]` row-major, and `bias`.
 fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     let (fan_in, fan_out) = (weight.len() / bias.len(), bias.len());
-    let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
-    layer.weight = parameter(weight, [fan_in, fan_out], device);
-    layer.bias = Some(parameter(bias, [fan_out], device));
-    layer
+    let weight = parameter(weight, [fan_in, fan_out], device);
+    Linear { weight, bias: Some(parameter(bias, [fan_out], device)) }
 }
 
 /// Builds a dense layer (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in + fan_out)), biases 0.

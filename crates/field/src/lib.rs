@@ -29,9 +29,7 @@
 //! # Ok::<(), infonerf_schedule::Fault>(())
 //! ```
 
-mod activation;
 mod check;
-mod density_gradient;
 mod detail;
 mod factored;
 mod field;
@@ -46,17 +44,15 @@ mod neural_volumes;
 mod pixel;
 mod points;
 
-pub use activation::DensityActivation;
-pub use density_gradient::density_gradient;
 pub use factored::{FactoredConfig, FactoredField};
 pub use field::{
     BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, SourceView,
-    Sources,
+    Sources, density_gradient,
 };
 pub use hash::{HashConfig, HashGrid};
 pub use list::{FieldConfig, RadianceField};
 pub use mip::{MipConfig, MipNerf};
-pub use nerf::{NerfConfig, NerfMlp};
+pub use nerf::{DensityActivation, NerfConfig, NerfMlp};
 pub use neural_body::{NeuralBody, NeuralBodyConfig};
 pub use neural_volumes::{CodeEncoderConfig, NeuralVolumes, NeuralVolumesConfig};
 pub use pixel::{EncoderConfig, PixelNerf, PixelNerfConfig};

@@ -16,7 +16,7 @@ use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
 use crate::init::{Init, normal};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,6 +45,25 @@ pub struct NerfConfig {
     /// Precision of the factors of the network's matrix products: "f32", or "bf16" (8 significant bits; not on `ndarray`).
     #[serde(default)]
     pub precision: Precision,
+}
+
+/// Activation from raw network output to density σ ≥ 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DensityActivation {
+    /// max(x, 0), as in NeRF. If raw output is negative everywhere, there is no gradient and the field stays empty.
+    Relu,
+    /// ln(1 + eˣ⁻¹), as in mip-NeRF: positive everywhere, so that an empty field can recover.
+    Softplus,
+}
+
+impl From<DensityActivation> for Activation {
+    fn from(density: DensityActivation) -> Self {
+        match density {
+            DensityActivation::Relu => Self::Relu,
+            DensityActivation::Softplus => Self::ShiftedSoftplus,
+        }
+    }
 }
 
 fn is_zero(value: &f32) -> bool {

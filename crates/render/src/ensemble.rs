@@ -3,8 +3,7 @@
 use infonerf_field::Field;
 use infonerf_scene::{Camera, View};
 
-use crate::image::render_one;
-use crate::rendered_image::HIT;
+use crate::image::{HIT, render_one};
 use crate::{RenderedImage, Renderer, TrainedModel};
 
 /// Renders the picture that `camera` sees: of several members their mean.

@@ -6,13 +6,32 @@ use rayon::prelude::*;
 
 use crate::fill::filled;
 use crate::march::march;
-use crate::rendered_image::HIT;
-use crate::{RenderOutput, RenderRequest, RenderedImage, Renderer, TrainedModel};
+use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
 /// Rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
+
+/// Opacity from which a ray is said to hit something, for depth.
+pub(crate) const HIT: f32 = 0.5;
+
+/// A rendered picture with distances, opacities and sample counts. All row-major.
+#[derive(Clone, Debug, Default)]
+pub struct RenderedImage {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Colour on the background, not clamped; before an unknown one, on the neighbouring pixels.
+    pub rgb: Vec<[f32; 3]>,
+    /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
+    pub depth: Vec<f32>,
+    /// Opacity.
+    pub acc: Vec<f32>,
+    /// Points along rays before and after skipping.
+    pub counts: Counts,
+}
 
 /// Renders the picture of one member, without the residual of the training view of the file `left_out`.
 pub(crate) fn render_one<F: Field>(
@@ -75,6 +94,13 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
 }
 
 impl RenderedImage {
+    /// Returns the end of the ray of `pixel`, and its direction; `None` if it hits nothing.
+    pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
+        let (width, depth) = (self.width as usize, self.depth[pixel]);
+        let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+        depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
+    }
+
     /// Puts the picture before the scene's backdrop; before an unknown one, rays that meet nothing show what is next to them.
     fn before(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop == Backdrop::Unknown {

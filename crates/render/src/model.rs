@@ -62,12 +62,6 @@ impl ModelFrame {
     }
 }
 
-impl From<Similarity> for ModelFrame {
-    fn from(similarity: Similarity) -> Self {
-        Self { similarity, zoom: 1.0 }
-    }
-}
-
 /// A trained model without gradients and its occupancy grid, from which pictures are rendered.
 #[derive(Clone, Debug)]
 pub struct TrainedModel<F: Field = RadianceField> {

@@ -65,7 +65,7 @@ mod tests {
 
     use super::*;
     use crate::image::testing::config;
-    use crate::{Placement, SpaceChoice};
+    use crate::{ModelFrame, Placement, SpaceChoice};
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).
     #[derive(Module, Debug)]
@@ -93,10 +93,11 @@ mod tests {
     #[test]
     fn normals_of_a_sphere_are_its_points() {
         let rotation = glam::DMat3::from_rotation_x(0.3);
-        let turned = Similarity { rotation, scale: 1.0, translation: DVec3::ZERO };
+        let similarity = Similarity { rotation, scale: 1.0, translation: DVec3::ZERO };
+        let turned = Some(ModelFrame { similarity, zoom: 1.0 });
         let to_world = DMat4::from_rotation_y(0.7) * DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
         let camera = Camera::from_fov(9, 9, 0.6, to_world);
-        for (placement, frame) in [(Placement::Mid, None), (Placement::Left, Some(turned.into()))] {
+        for (placement, frame) in [(Placement::Mid, None), (Placement::Left, turned)] {
             let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
             let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
             let ball = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };

@@ -64,9 +64,9 @@ pub struct Passes {
 impl Passes {
     /// Returns the samples of both passes before and after skipping.
     pub fn counts(&self) -> Counts {
-        let mut counts = Counts::from(&self.fine.samples);
-        if let Some(coarse) = &self.coarse {
-            counts += Counts::from(&coarse.samples);
+        let mut counts = Counts::default();
+        for Samples { candidates, segments, .. } in self.coarse.iter().chain([&self.fine]).map(|pass| &pass.samples) {
+            counts += Counts { total: *candidates as u64, evaluated: segments.samples() as u64 };
         }
         counts
     }
@@ -85,11 +85,5 @@ impl std::ops::AddAssign for Counts {
     fn add_assign(&mut self, other: Self) {
         self.total += other.total;
         self.evaluated += other.evaluated;
-    }
-}
-
-impl From<&Samples> for Counts {
-    fn from(samples: &Samples) -> Self {
-        Self { total: samples.candidates as u64, evaluated: samples.segments.samples() as u64 }
     }
 }
