@@ -101,22 +101,20 @@ impl CameraRefinement {
     pub fn apply(&self, cameras: &[Camera]) -> Vec<Camera> {
         let motions = to_host(self.motions());
         assert_eq!(motions.len(), 6 * cameras.len(), "one correction per camera");
-        let refocused = self.refocused(cameras);
-        let corrected = refocused.iter().zip(motions.chunks_exact(6)).map(|(camera, motion)| {
+        let corrected = |(camera, motion): (&Camera, &[f32])| {
             let [turn, shift] = [0, 3].map(|i| DVec3::from_array([0, 1, 2].map(|axis| f64::from(motion[i + axis]))));
             let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
             let centre = self.pivot.centre.as_dvec3();
             let position = centre + turn * (camera.position_f64() - centre) + f64::from(self.pivot.scale) * shift;
             camera.with_pose(DMat4::from_translation(position) * DMat4::from_mat3(turn * camera.rotation()))
-        });
-        corrected.collect()
+        };
+        self.refocused(cameras).iter().zip(motions.chunks_exact(6)).map(corrected).collect()
     }
 
     fn refocused(&self, cameras: &[Camera]) -> Vec<Camera> {
         let Some(focal) = &self.focal else { return cameras.to_vec() };
-        let factors = to_host(focal.val());
-        let of_view = |(view, camera): (usize, &Camera)| zoomed(camera, f64::from(factors[view % factors.len()]));
-        cameras.iter().enumerate().map(of_view).collect()
+        let logarithms = to_host(focal.val()).into_iter().cycle().map(f64::from);
+        cameras.iter().zip(logarithms).map(|(camera, phi)| zoomed(camera, phi)).collect()
     }
 
     /// Returns the origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`,
@@ -162,7 +160,6 @@ fn zoomed(camera: &Camera, phi: f64) -> Camera {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec2;
     use infonerf_scene::{Lens, look_along};
 
     use super::*;
@@ -170,9 +167,9 @@ mod tests {
     const PIVOT: Pivot = Pivot { centre: Vec3::new(0.2, -0.1, 0.3), scale: 3.0 };
 
     fn cameras(lens: Lens) -> Vec<Camera> {
+        let camera = |p| Camera::pinhole((40, 30), [45.0, 47.0], [21.0, 14.0], look_along(p, -p, DVec3::Z));
         let at = [DVec3::new(1.0, -3.0, 2.0), DVec3::new(-2.0, 2.5, 1.0), DVec3::new(0.5, 3.0, 2.0)];
-        at.map(|p| Camera::pinhole((40, 30), [45.0, 47.0], [21.0, 14.0], look_along(p, -p, DVec3::Z)).with_lens(lens))
-            .to_vec()
+        at.map(|p| camera(p).with_lens(lens)).to_vec()
     }
 
     fn refinement(poses: &[f32], focal: &[f32]) -> CameraRefinement {
@@ -198,9 +195,8 @@ mod tests {
         let fisheye = Lens::fisheye([0.05, -0.01, 0.0, 0.0]);
         for lens in [Lens::PERSPECTIVE, Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [1e-3, 2e-3]), fisheye] {
             let cameras = cameras(lens);
-            let at: Vec<PixelAt> = [(0, 3.0, 4.0), (1, 35.5, 20.0), (2, 20.0, 28.0), (0, 30.0, 9.5)]
-                .map(|(view, x, y)| PixelAt { view, x, y })
-                .to_vec();
+            let at = [(0, 3.0, 4.0), (1, 35.5, 20.0), (2, 20.0, 28.0), (0, 30.0, 9.5)];
+            let at = at.map(|(view, x, y)| PixelAt { view, x, y });
             for size in [0.0, 0.1] {
                 let (poses, focal) = (numbers(18, size), numbers(3, size));
                 let learned = refinement(&poses, &focal);
@@ -213,18 +209,12 @@ mod tests {
                 };
                 let all = Tensor::cat(learned.rays(&cameras, &at).to_vec(), 1);
                 let total = (all * from_host(&weights, 6, &Device::flex().autodiff())).sum();
-                approx::assert_abs_diff_eq!(
-                    f64::from(total.clone().into_scalar::<f32>()),
-                    loss(&poses, &focal),
-                    epsilon = 1e-5
-                );
+                let value = f64::from(total.clone().into_scalar::<f32>());
+                approx::assert_abs_diff_eq!(value, loss(&poses, &focal), epsilon = 1e-5);
                 let gradients = total.backward();
-                let found = [
-                    to_host(learned.poses.val().grad(&gradients).unwrap()),
-                    to_host(learned.focal.as_ref().unwrap().val().grad(&gradients).unwrap()),
-                ]
-                .concat();
-                for (index, found) in found.into_iter().enumerate() {
+                let of_poses = to_host(learned.poses.val().grad(&gradients).unwrap());
+                let of_focal = to_host(learned.focal.as_ref().unwrap().val().grad(&gradients).unwrap());
+                for (index, found) in of_poses.into_iter().chain(of_focal).enumerate() {
                     let nudged = |by: f32| {
                         let mut all = [poses.clone(), focal.clone()].concat();
                         all[index] += by;
@@ -243,8 +233,7 @@ mod tests {
         let cameras = cameras(Lens::PERSPECTIVE);
         let moved = refinement(&[0.3, -0.2, 0.1, 0.5, 0.4, -0.3].repeat(3), &[0.0; 3]);
         for (found, camera) in moved.apply(&cameras).iter().zip(&cameras) {
-            let pixel = DVec2::new(11.0, 7.0);
-            assert!((found.ray_f64(pixel.x, pixel.y).1 - camera.ray_f64(pixel.x, pixel.y).1).length() < 1e-6);
+            assert!(found.ray_f64(11.0, 7.0).1.distance(camera.ray_f64(11.0, 7.0).1) < 1e-6);
             assert!(found.position_f64().distance(camera.position_f64()) < 1e-6);
         }
         assert!(to_host(moved.prior())[0] < 1e-12);

@@ -78,7 +78,7 @@ impl OccupancyGrid {
         self.updated = true;
         self.occupied = self.density.iter().map(|density| *density > threshold).collect();
         self.dilate();
-        let alive = self.occupied.iter().any(|&occupied| occupied);
+        let alive = self.occupied.contains(&true);
         if !alive {
             self.occupied.fill(true);
         }
@@ -161,18 +161,13 @@ impl OccupancyGrid {
         self.bounds
     }
 
-    /// Returns a point in units of cells, from the corner of the box.
-    fn in_cells(&self, p: Vec3) -> Vec3 {
-        self.cells_along(p - self.bounds.min)
-    }
-
     pub(crate) fn cells_along(&self, displacement: Vec3) -> Vec3 {
         displacement * self.cells_per_unit
     }
 
     #[inline]
     pub(crate) fn state_at(&self, p: Vec3) -> CellState {
-        self.cell(self.in_cells(p)).map_or(CellState::UNKNOWN, |cell| self.states[cell])
+        self.cell(p).map_or(CellState::UNKNOWN, |cell| self.states[cell])
     }
 
     /// Computes the box of the occupied cells and the states of all, with the density near each if it is known.
@@ -188,7 +183,7 @@ impl OccupancyGrid {
 
     /// Returns the density of the cell at `p`; `None` if it is empty, 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
-        self.cell(self.in_cells(p)).map_or(Some(0.0), |cell| self.occupied[cell].then(|| self.density[cell]))
+        self.cell(p).map_or(Some(0.0), |cell| self.occupied[cell].then(|| self.density[cell]))
     }
 
     /// Returns the mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all
@@ -205,7 +200,7 @@ impl OccupancyGrid {
     pub(crate) fn cells_on(&self, device: &Device) -> Cells {
         let moved = || {
             let known = self.density.iter().zip(&self.occupied);
-            let density: Vec<f32> = known.map(|(density, occupied)| if *occupied { *density } else { -1.0 }).collect();
+            let density = known.map(|(density, occupied)| if *occupied { *density } else { -1.0 }).collect();
             upload(density, [self.density.len()], device)
         };
         let kept = self.on_device.get_or_init(moved);
@@ -260,8 +255,8 @@ impl OccupancyGrid {
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
-    fn cell(&self, c: Vec3) -> Option<usize> {
-        let n = self.config.resolution;
+    fn cell(&self, p: Vec3) -> Option<usize> {
+        let (n, c) = (self.config.resolution, self.cells_along(p - self.bounds.min));
         // Written so that NaN is outside.
         let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
         inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
@@ -407,7 +402,7 @@ mod tests {
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {
                 let p = ray.at(reach * i as f32 / 100.0);
-                prop_assert!(distance == 0 || grid.cell(grid.in_cells(p)).is_none_or(|cell| !grid.occupied[cell]));
+                prop_assert!(distance == 0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
             }
         }
     }

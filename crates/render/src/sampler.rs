@@ -80,15 +80,15 @@ impl Sampler {
 
     /// Places the samples of a single pass with steps of one length.
     pub(crate) fn march(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
-        let march_config = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
+        let settings = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
         let packed = march(
             rays.len(),
             device,
-            march_config,
+            settings,
             |index, samples| {
                 let (ray, Some(ends)) = (&rays.on_host[index], rays.ends[index]) else { return };
                 let shift = rays.jitter.map_or(0.5, |noise| noise.uniform(index, 0));
-                let steps = UniformSteps::new(self, ray, ends, (march_config.step, shift), skip.grid);
+                let steps = UniformSteps::new(self, ray, ends, (settings.step, shift), skip.grid);
                 self.keep(steps.map(|step| (step.point, (step.t, step.delta))), ray, skip, |point, (t, delta)| {
                     samples.push(t, delta, point.to_array());
                 });
@@ -270,9 +270,9 @@ mod tests {
     #[test]
     fn host_and_tensors_place_the_same_samples() {
         let device = Device::flex();
-        for (placement, space) in Placement::ALL
-            .into_iter()
-            .flat_map(|placement| [SpaceChoice::Box, SpaceChoice::Contraction].map(|space| (placement, space)))
+        let spaces = [SpaceChoice::Box, SpaceChoice::Contraction];
+        for (placement, space) in
+            Placement::ALL.into_iter().flat_map(|placement| spaces.map(|space| (placement, space)))
         {
             let config =
                 RenderConfig { samples: 9.0.into(), fine_samples: 7, clip_to_bounds: true, space, ..config(placement) };
