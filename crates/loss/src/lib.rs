@@ -31,7 +31,7 @@ mod terms;
 #[cfg(test)]
 mod testing;
 
-pub use objective::{DueTerm, LossConfig, LossValues, Objective, needs};
+pub use objective::{LossConfig, LossValues, Objective};
 pub use renders::{Need, RaySet, Renders, Target, UnseenImage};
 pub use term::{Term, TermSetup, TermSpec, Weighted};
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};

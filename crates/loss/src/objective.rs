@@ -104,14 +104,6 @@ struct BuiltTerm {
     term: Box<dyn Term>,
 }
 
-/// A term that takes part in a step.
-#[derive(Clone, Copy, Debug)]
-pub struct DueTerm<'a> {
-    /// Weight in this step, above 0.
-    weight: f32,
-    built: &'a BuiltTerm,
-}
-
 /// Values of the terms of a step.
 #[derive(Clone, Debug)]
 pub struct LossValues {
@@ -135,27 +127,23 @@ impl Objective {
         Ok(Self { terms: taking_part.map(build).collect::<Result<_, _>>()? })
     }
 
-    /// Lists the terms that take part in the step at `at`: those of positive weight that are due.
-    pub fn due<'a>(&'a self, at: Moment) -> Vec<DueTerm<'a>> {
-        let due = |built: &'a BuiltTerm| {
-            let weight = built.weight.at(at) as f32;
-            (weight > 0.0 && built.term.is_due(at)).then_some(DueTerm { weight, built })
-        };
-        self.terms.iter().filter_map(due).collect()
+    /// Lists the terms that take part in the step at `at`, those of positive weight that are due, with their weights.
+    fn due(&self, at: Moment) -> impl Iterator<Item = (&BuiltTerm, f32)> {
+        let weighted = self.terms.iter().map(move |built| (built, built.weight.at(at) as f32));
+        weighted.filter(move |(built, weight)| *weight > 0.0 && built.term.is_due(at))
     }
-}
 
-/// Collects what `terms` need rendered, each need once.
-pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
-    union(terms.iter().flat_map(|due| &due.built.needs).copied())
-}
+    /// Collects what the terms of the step at `at` need rendered, each need once.
+    pub fn needs(&self, at: Moment) -> Vec<Need> {
+        union(self.due(at).flat_map(|(built, _)| &built.needs).copied())
+    }
 
-impl LossValues {
-    /// Evaluates `terms` on the renders that they need.
-    pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
-        let values: Vec<_> = terms.iter().map(|due| (due.built.name, due.built.term.value(renders))).collect();
-        let weighted = values.iter().zip(terms).map(|((_, value), due)| (value.clone(), due.weight)).collect();
-        Self { total: weighted_sum(weighted).unwrap_or_else(|| renders.zero()), values }
+    /// Evaluates the terms of the step at `at` on the renders that they need.
+    pub fn values(&self, at: Moment, renders: &Renders) -> LossValues {
+        let values: Vec<_> = self.due(at).map(|(built, _)| (built.name, built.term.value(renders))).collect();
+        let weighted =
+            values.iter().zip(self.due(at)).map(|((_, value), (_, weight))| (value.clone(), weight)).collect();
+        LossValues { total: weighted_sum(weighted).unwrap_or_else(|| renders.zero()), values }
     }
 }
 
@@ -225,10 +213,9 @@ mod tests {
         let objective = Objective::new(&config, &setup).unwrap();
         let (_, renders) = scenario(&device);
         let values = |at: Moment| {
-            let due = objective.due(at);
-            let LossValues { total, values } = LossValues::of(&due, &renders);
+            let LossValues { total, values } = objective.values(at, &renders);
             let values: Vec<_> = values.into_iter().map(|(name, v)| (name, v.into_scalar::<f32>())).collect();
-            (needs(&due), values, total.into_scalar::<f32>())
+            (objective.needs(at), values, total.into_scalar::<f32>())
         };
         let (needs, first, total) = values(Moment::START);
         assert_eq!((needs, first.len(), first[0].0), (vec![Need::SeenColor], 1, "rgb"));
@@ -237,7 +224,8 @@ mod tests {
         assert_eq!(last.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["rgb", "opacity_prior"]);
         assert!(last.iter().all(|(_, value)| *value > 0.0));
         approx::assert_relative_eq!(total, 2.0 * last[0].1 + 0.5 * last[1].1, epsilon = 1e-6);
-        assert_eq!(LossValues::of(&[], &renders).total.into_scalar::<f32>(), 0.0);
+        let nothing = Objective { terms: Vec::new() };
+        assert_eq!(nothing.values(Moment::END, &renders).total.into_scalar::<f32>(), 0.0);
     }
 
     /// A silhouette is left out of a scene whose background is unknown, with a reason.
@@ -246,9 +234,8 @@ mod tests {
         let config = config("rgb.weight = 1\nsilhouette.weight = 1");
         let scene = Scene { backdrop: infonerf_scene::Backdrop::Unknown, ..Scene::default() };
         let setup = TermSetup { scene: &scene, device: &Device::flex() };
-        let due =
-            |objective: &Objective| objective.due(Moment::END).iter().map(|due| due.built.name).collect::<Vec<_>>();
-        assert_eq!(due(&Objective::new(&config, &setup).unwrap()), ["rgb"]);
+        let objective = Objective::new(&config, &setup).unwrap();
+        assert_eq!(objective.terms.iter().map(|term| term.name).collect::<Vec<_>>(), ["rgb"]);
         assert!(config.silhouette.skip_reason(&scene).is_some());
     }
 }

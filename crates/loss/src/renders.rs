@@ -36,10 +36,8 @@ impl Need {
 
     /// Returns the needs for `rays` and the neighbours of each.
     pub fn neighbours_of(rays: RaySet) -> Vec<Self> {
-        let mut needs = Self::of(rays);
-        needs.extend(rays.seen().then_some(Self::SeenNeighbours));
-        needs.extend(rays.unseen().then_some(Self::UnseenNeighbours));
-        needs
+        let neighbours = [rays.seen().then_some(Self::SeenNeighbours), rays.unseen().then_some(Self::UnseenNeighbours)];
+        Self::of(rays).into_iter().chain(neighbours.into_iter().flatten()).collect()
     }
 
     /// Whether the need is rendered from an unseen pose.

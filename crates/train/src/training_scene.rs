@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use infonerf_loss::{Need, Objective, TermSetup, needs};
+use infonerf_loss::{Need, Objective, TermSetup};
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
 use infonerf_schedule::Moment;
@@ -43,7 +43,7 @@ impl TrainingScene {
 
     /// Returns the union of what the terms of the step at `at` need rendered.
     pub(crate) fn needs(&self, at: Moment) -> Vec<Need> {
-        needs(&self.objective.due(at))
+        self.objective.needs(at)
     }
 
     pub(crate) fn unseen<'a>(&'a self, config: &'a TrainConfig) -> UnseenViews<'a> {

@@ -35,18 +35,13 @@ impl SparseConvolution {
 
     /// Maps `[sites, inputs]` to `[neighbours/27, outputs]`.
     fn forward(&self, features: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
-        let out = convolve(features, self.weight.val(), neighbours);
+        let weight = self.weight.val();
+        let by_site = [neighbours.dims()[0] / REACH, weight.dims()[0]];
+        let out = or_zero(features).select(0, neighbours).reshape(by_site).matmul(weight);
         let centred = out.clone() - out.mean_dim(0);
         let deviation = (centred.clone().square().mean_dim(0) + EPSILON).sqrt();
         relu(centred / deviation * self.scale.val().unsqueeze() + self.shift.val().unsqueeze())
     }
-}
-
-/// Multiplies each site's neighbours by `weight`, `[27·inputs, outputs]`.
-fn convolve(features: Tensor<2>, weight: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
-    let sites = neighbours.dims()[0] / REACH;
-    let [inputs, _] = weight.dims();
-    or_zero(features).select(0, neighbours).reshape([sites, inputs]).matmul(weight)
 }
 
 /// Appends a row of zeros, the features of an empty cell.
@@ -141,21 +136,15 @@ impl SparseEncoder {
         let int = |values: &[i32]| upload(values.to_vec(), [values.len()], &device);
         let shares = upload(plan.shares.clone(), [plan.shares.len(), 1], &device);
         // The mean of the codes of the vertices at each site.
-        let mut features = Tensor::zeros([plan.stages[0].sites.len(), codes.dims()[1]], &device).select_assign(
-            0,
-            int(&plan.vertices),
-            codes * shares,
-            IndexingUpdateOp::Add,
-        );
+        let nothing = Tensor::zeros([plan.stages[0].sites.len(), codes.dims()[1]], &device);
+        let mut features = nothing.select_assign(0, int(&plan.vertices), codes * shares, IndexingUpdateOp::Add);
         let mut volumes = Vec::new();
         for (index, stage) in plan.stages.iter().enumerate() {
             if index > 0 {
                 features = self.down[index - 1].forward(features, int(&stage.down));
             }
             let same = int(&stage.same);
-            for layer in &self.same[index] {
-                features = layer.forward(features, same.clone());
-            }
+            features = self.same[index].iter().fold(features, |x, layer| layer.forward(x, same.clone()));
             if index > 0 {
                 volumes.push(or_zero(features.clone()).select(0, int(stage.sites.rows())));
             }

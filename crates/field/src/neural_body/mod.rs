@@ -79,15 +79,10 @@ impl FieldSpec for NeuralBodyConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, Fault> {
+        let expected = "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`";
         let read;
         let body = if self.vertices.as_os_str().is_empty() {
-            setup.body.ok_or_else(|| {
-                Fault::new(
-                    "field.vertices",
-                    "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`",
-                    "neither",
-                )
-            })?
+            setup.body.ok_or_else(|| Fault::new("field.vertices", expected, "neither"))?
         } else {
             read = vertices::read(&self.vertices)?;
             BodyVertices { vertices: &read, ..BodyVertices::default() }

@@ -43,8 +43,7 @@ impl ResidualBlock {
 fn convolution(
     rng: &mut impl Rng,
     channels: [usize; 2],
-    kernel: usize,
-    stride: usize,
+    [kernel, stride]: [usize; 2],
     gain: f32,
     device: &Device,
 ) -> Conv2d {
@@ -54,7 +53,7 @@ fn convolution(
 
 impl ImageEncoder {
     pub(super) fn new(config: &EncoderConfig, rng: &mut impl Rng, device: &Device) -> Self {
-        let stem = convolution(rng, [3, config.width], 7, STEM_STRIDE, 1.0, device);
+        let stem = convolution(rng, [3, config.width], [7, STEM_STRIDE], 1.0, device);
         let mut inputs = config.width;
         let mut stages = Vec::new();
         for (stage, &count) in config.blocks.iter().enumerate() {
@@ -62,10 +61,10 @@ impl ImageEncoder {
             let block = |index: usize| {
                 let (inputs, stride) = if index == 0 && stage > 0 { (inputs, 2) } else { (outputs, 1) };
                 ResidualBlock {
-                    first: convolution(rng, [inputs, outputs], 3, stride, 1.0, device),
+                    first: convolution(rng, [inputs, outputs], [3, stride], 1.0, device),
                     // Begins at 0, so that a block begins as its shortcut and depth does not add up (Goyal et al. 2017).
-                    second: convolution(rng, [outputs, outputs], 3, 1, 0.0, device),
-                    shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], 1, stride, 1.0, device)),
+                    second: convolution(rng, [outputs, outputs], [3, 1], 0.0, device),
+                    shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], [1, stride], 1.0, device)),
                 }
             };
             stages.push((0..count).map(block).collect());

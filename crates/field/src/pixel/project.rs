@@ -44,21 +44,13 @@ pub(super) fn view_points(
 mod tests {
     use super::*;
 
-    /// At (0, 0, 5), looking down −z, 8 × 6 pixels.
-    fn view() -> SourceView {
-        SourceView {
-            width: 8,
-            height: 6,
-            rgb: vec![[0.0; 3]; 48].into(),
-            focal: [10.0, 12.0],
-            centre: [4.0, 3.0],
-            to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -5.0]],
-        }
-    }
-
     #[test]
     fn a_point_behind_the_camera_stays_finite() {
-        let [(_, x, y)] = pixels(&[view()], &[1.0, 1.0, 5.0])[..] else { panic!("one point") };
+        // At (0, 0, 5), looking down −z, 8 × 6 pixels.
+        let to_camera = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -5.0]];
+        let (focal, centre) = ([10.0, 12.0], [4.0, 3.0]);
+        let view = SourceView { width: 8, height: 6, rgb: [].into(), focal, centre, to_camera };
+        let [(_, x, y)] = pixels(&[view], &[1.0, 1.0, 5.0])[..] else { panic!("one point") };
         assert!(x.is_finite() && y.is_finite() && x > 8.0 && y < 0.0);
     }
 }

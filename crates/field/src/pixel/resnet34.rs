@@ -16,13 +16,9 @@ const EPSILON: f32 = 1e-5;
 /// # Errors
 /// If the file cannot be read, or a tensor is missing or has another shape.
 pub(super) fn load(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, Fault> {
-    WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| {
-        Fault::new(
-            "field.encoder.weights",
-            "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
-            cause,
-        )
-    })
+    let expected = "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)";
+    let filled = WeightFile::read(path).and_then(|file| filled(encoder, &file));
+    filled.map_err(|cause| Fault::new("field.encoder.weights", expected, cause))
 }
 
 fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, String> {

@@ -148,7 +148,7 @@ impl<F: Field> Trainer<F> {
 
     /// Evaluates the objective, with the pull of refined cameras towards their start.
     fn evaluate(&self, batch: &StepBatch, model: &Model<F>, renders: &Renders, at: Moment) -> LossValues {
-        let mut losses = LossValues::of(&self.scenes[batch.scene].objective.due(at), renders);
+        let mut losses = self.scenes[batch.scene].objective.values(at, renders);
         if let Some(cameras) = &model.cameras {
             let prior = cameras.prior();
             losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
