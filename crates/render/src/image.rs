@@ -66,7 +66,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         .map(|(x, y)| camera.ray(x, y))
         .collect();
     let mut image = RenderedImage { width: camera.width, height: camera.height, ..RenderedImage::default() };
-    if renderer.sampler.config.marches() {
+    if renderer.config.marches() {
         let host = trained.model.fine.on_host(trained.at);
         let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
         let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {

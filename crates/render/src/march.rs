@@ -42,36 +42,29 @@ pub(crate) fn march<F: Field>(
     host: Option<&HostField>,
     rays: &[Ray],
 ) -> (Vec<MarchedRay>, Counts) {
-    let parts = rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays));
-    let parts: Vec<MarchingRays<'_>> = match host {
-        Some(host) => parts
-            .map(|mut part| {
-                while let Some(round) = part.next_round() {
-                    part.composite(&round, &host(&round.positions, &round.sample_directions()));
-                }
-                part
-            })
-            .collect(),
-        None => {
-            let mut parts: Vec<MarchingRays<'_>> = parts.collect();
-            loop {
-                let rounds: Vec<_> =
-                    parts.par_iter_mut().filter_map(|part| part.next_round().map(|round| (part, round))).collect();
-                if rounds.is_empty() {
-                    break;
-                }
-                let values = evaluate(&trained.model.fine, rounds.iter().map(|(_, round)| round), trained.at);
-                let mut values = values.as_slice();
-                let values: Vec<_> = rounds.iter().map(|(_, round)| values.split_off(..round.t.len())).collect();
-                rounds.into_par_iter().zip(values).for_each(|((part, round), values)| {
-                    part.composite(&round, values.expect("a value of each sample"));
-                });
+    let mut parts: Vec<MarchingRays<'_>> =
+        rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays)).collect();
+    match host {
+        Some(host) => parts.par_iter_mut().for_each(|part| {
+            while let Some(round) = part.next_round() {
+                part.composite(&round, &host(&round.positions, &round.sample_directions()));
             }
-            parts
-        }
-    };
-    let sampler = &renderer.sampler;
-    let total = (rays.len() as f32 * sampler.longest / sampler.step_length(trained.at)) as u64;
+        }),
+        None => loop {
+            let next = parts.par_iter_mut().filter_map(|part| part.next_round().map(|round| (part, round)));
+            let rounds: Vec<_> = next.collect();
+            if rounds.is_empty() {
+                break;
+            }
+            let values = evaluate(&trained.model.fine, rounds.iter().map(|(_, round)| round), trained.at);
+            let mut values = values.as_slice();
+            let values: Vec<_> = rounds.iter().map(|(_, round)| values.split_off(..round.t.len())).collect();
+            rounds.into_par_iter().zip(values).for_each(|((part, round), values)| {
+                part.composite(&round, values.expect("a value of each sample"));
+            });
+        },
+    }
+    let total = (rays.len() as f32 * renderer.longest / renderer.step_length(trained.at)) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
     let background = renderer.background;
     let behind = |mut ray: MarchedRay| {
@@ -139,10 +132,9 @@ impl MarchRound {
 
 impl<'a> MarchingRays<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
-        let (sampler, grid) = (&renderer.sampler, trained.occupancy.as_ref());
-        let step = sampler.step_length(trained.at);
+        let (step, grid) = (renderer.step_length(trained.at), trained.occupancy.as_ref());
         let steps =
-            |ray: &Ray| sampler.interval(ray).map(|ends| UniformSteps::new(sampler, ray, ends, (step, 0.5), grid));
+            |ray: &Ray| renderer.interval(ray).map(|ends| UniformSteps::new(renderer, ray, ends, (step, 0.5), grid));
         Self {
             renderer,
             rays,
@@ -155,7 +147,7 @@ impl<'a> MarchingRays<'a> {
 
     fn next_round(&mut self) -> Option<MarchRound> {
         let mut round = MarchRound::default();
-        let stop = self.renderer.sampler.config.early_stop_transmittance;
+        let stop = self.renderer.config.early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
             let Some(steps) = &mut self.steps[index] else { return false };
@@ -178,7 +170,7 @@ impl<'a> MarchingRays<'a> {
 
     /// Composites the samples of a round, of which `values` are σ, r, g, b.
     fn composite(&mut self, round: &MarchRound, values: &[[f32; 4]]) {
-        let config = &self.renderer.sampler.config;
+        let config = &self.renderer.config;
         let mut samples = round.t.iter().zip(&round.delta).zip(values);
         let mut counts = round.counts.iter();
         self.active.retain(|&index| {

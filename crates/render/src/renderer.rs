@@ -1,10 +1,9 @@
-use burn::tensor::Device;
 use infonerf_field::{Field, Points};
 use infonerf_ops::{CompositeOver, additive_depth, composite_over};
-use infonerf_scene::{Backdrop, Ray, Scene};
+use infonerf_scene::{Aabb, Backdrop, Range, Scene, Space};
 use infonerf_schedule::Moment;
 
-use crate::sampler::{PassDistances, PlacedSamples, Sampler, Skip};
+use crate::sampler::{PassDistances, PlacedSamples, Skip};
 use crate::{
     Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBatch, RenderConfig, RenderOutput,
     RenderRequest, Samples, Warp,
@@ -13,7 +12,14 @@ use crate::{
 /// Renderer of one scene: renders batches of rays.
 #[derive(Clone, Debug)]
 pub struct Renderer {
-    pub(crate) sampler: Sampler,
+    pub(crate) config: RenderConfig,
+    pub(crate) range: Range,
+    pub(crate) near: f32,
+    /// Greatest length of a ray, in coordinates.
+    pub(crate) longest: f32,
+    /// Box that rays are clipped to, if they are.
+    pub(crate) clip: Option<Aabb>,
+    pub(crate) warp: Warp,
     pub(crate) background: [f32; 3],
     pub(crate) backdrop: Backdrop,
 }
@@ -24,17 +30,18 @@ const SAMPLES_AT_ONCE: usize = 1 << 16;
 impl Renderer {
     /// Makes a renderer for `scene`'s bounds and background.
     pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
-        Self { sampler: Sampler::new(config, scene), background: scene.background, backdrop: scene.backdrop }
-    }
-
-    /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
-    pub fn step_length(&self, at: Moment) -> f32 {
-        self.sampler.step_length(at)
+        let warp = Warp::of(scene, config.space);
+        let Space { near, far, range, bounds, .. } = scene.space;
+        let clip = (config.clip_to_bounds && warp.is_identity()).then_some(bounds);
+        let unclipped = warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near);
+        let longest = clip.map_or(unclipped, |bounds| bounds.size().length());
+        let Scene { background, backdrop, .. } = *scene;
+        Self { config: config.clone(), range, near, longest, clip, warp, background, backdrop }
     }
 
     /// Returns the number of rays to render at a time without gradients: as many as have 65,536 samples.
     pub fn rays_at_once(&self, at: Moment) -> usize {
-        (SAMPLES_AT_ONCE / self.sampler.max_samples(at).max(1)).max(1)
+        (SAMPLES_AT_ONCE / self.max_samples(at).max(1)).max(1)
     }
 
     pub(crate) fn on_black(&self) -> Self {
@@ -43,7 +50,7 @@ impl Renderer {
 
     /// Returns the map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
-        &self.sampler.warp
+        &self.warp
     }
 
     /// Returns a batch's background: random in training before an unknown backdrop, so that the field learns to be opaque.
@@ -57,11 +64,6 @@ impl Renderer {
         }
     }
 
-    /// Returns a batch of `rays` for a field on `device`.
-    pub fn rays(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
-        self.sampler.batch(rays, device)
-    }
-
     /// Renders `rays`. Fields are evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
     pub fn render<F: Field>(
         &self,
@@ -71,25 +73,24 @@ impl Renderer {
         occupancy: Option<&OccupancyGrid>,
         at: Moment,
     ) -> Passes {
-        let sampler = &self.sampler;
         let background = self.behind(rays.jitter);
-        let hidden_depth = if request.hidden { f32::INFINITY } else { sampler.config.hidden_depth() };
+        let hidden_depth = if request.hidden { f32::INFINITY } else { self.config.hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
         let evaluate = |field: &F, samples: Samples, points: &Points| {
             self.evaluate(field, samples, points, request, background, at)
         };
-        if sampler.config.marches() {
-            let placed = sampler.march(rays, skip, at, &model.fine.device());
+        if self.config.marches() {
+            let placed = self.march(rays, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, placed.samples, &placed.points) };
         }
-        let is_hierarchical = sampler.config.is_hierarchical();
+        let is_hierarchical = self.config.is_hierarchical();
         if rays.hits().next().is_none() {
             let empty = || RenderOutput::empty(Samples::none(rays.len(), &model.fine.device()), request, background);
             return Passes { coarse: is_hierarchical.then(empty), fine: empty() };
         }
-        let first = sampler.first(rays, at);
+        let first = self.first_distances(rays, at);
         let pass = |field: &F, distances: &PassDistances| {
-            let PlacedSamples { samples, points, kept } = sampler.place(rays, distances, skip, &field.device());
+            let PlacedSamples { samples, points, kept } = self.place(rays, distances, skip, &field.device());
             (evaluate(field, samples, &points), kept)
         };
         if !is_hierarchical {
@@ -98,7 +99,7 @@ impl Renderer {
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let (coarse, kept) =
             if request.color { pass(coarse_field, &first) } else { pass(&coarse_field.valid(), &first) };
-        let fine = sampler.fine(rays, &first, kept.as_deref(), &coarse);
+        let fine = self.fine_distances(rays, &first, kept.as_deref(), &coarse);
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 
@@ -123,7 +124,7 @@ impl Renderer {
         }
         let sampled = field.evaluate(points, request.color, at);
         let tau = sampled.sigma * samples.delta.clone();
-        let tau = match self.sampler.config.compositing {
+        let tau = match self.config.compositing {
             Compositing::Exponential => tau,
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };

@@ -4,13 +4,13 @@ use burn::tensor::{Device, Tensor};
 use infonerf_field::Points;
 use infonerf_ops::sampling::march::{MarchSettings, MarchedRays, march};
 use infonerf_ops::{Segments, to_host, upload};
-use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
+use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
 use crate::samples::on;
 use crate::steps::UniformSteps;
-use crate::{OccupancyGrid, RayBatch, RenderConfig, RenderOutput, Samples, Warp};
+use crate::{OccupancyGrid, RayBatch, RenderOutput, Renderer, Samples};
 
 /// Knowledge of space by which samples are skipped.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ pub(crate) struct Skip<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct PassDistances {
     /// Sorted coordinates by which a [`Placement`](crate::Placement) places `N` samples of each ray, `[H, N]` or, of edges, `[H, N + 1]`. A
-    /// coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
+    /// coordinate is the distance, unless space is warped ([`Warp::coordinate`](crate::Warp::coordinate)).
     t: Tensor<2>,
     /// Near and far of each ray, coordinates, `[H, 2]`.
     ends: Tensor<2>,
@@ -39,33 +39,12 @@ pub(crate) struct PlacedSamples {
     pub(crate) kept: Option<Vec<usize>>,
 }
 
-#[derive(Clone, Debug)]
-pub(crate) struct Sampler {
-    pub(crate) config: RenderConfig,
-    range: Range,
-    near: f32,
-    pub(crate) longest: f32,
-    bounds: Aabb,
-    pub(crate) warp: Warp,
-}
-
-impl Sampler {
-    pub(crate) fn new(config: &RenderConfig, scene: &Scene) -> Self {
-        let warp = Warp::of(scene, config.space);
-        let Space { near, far, range, bounds, .. } = scene.space;
-        let longest = if config.clip_to_bounds && warp.is_identity() {
-            bounds.size().length()
-        } else {
-            warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
-        };
-        Self { config: config.clone(), range, near, longest, bounds, warp }
-    }
-
+impl Renderer {
     /// Returns the mean length of a sample's interval, which the occupancy threshold refers to.
-    pub(crate) fn step_length(&self, at: Moment) -> f32 {
+    pub fn step_length(&self, at: Moment) -> f32 {
         let c = &self.config;
         let samples = c.samples.at(at) as f32;
-        let coarse = if c.is_hierarchical() && self.config.placement.spans_intervals() { 0.0 } else { samples };
+        let coarse = if c.is_hierarchical() && c.placement.spans_intervals() { 0.0 } else { samples };
         self.longest / (coarse + c.fine_samples as f32)
     }
 
@@ -73,7 +52,8 @@ impl Sampler {
         (self.longest / self.step_length(at)).round() as usize
     }
 
-    pub(crate) fn batch(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
+    /// Returns a batch of `rays` for a field on `device`.
+    pub fn rays(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
         let ends = rays.par_iter().map(|ray| self.interval(ray)).collect();
         RayBatch::new(rays, ends, device)
     }
@@ -112,7 +92,7 @@ impl Sampler {
     }
 
     /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
-    pub(crate) fn first(&self, rays: &RayBatch, at: Moment) -> PassDistances {
+    pub(crate) fn first_distances(&self, rays: &RayBatch, at: Moment) -> PassDistances {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
         let jitter = rays.streams(rays.hits(), false);
@@ -120,7 +100,7 @@ impl Sampler {
     }
 
     /// Distances of the fine pass, drawn from the weights of the coarse one. A coarse sample that was skipped has weight 0.
-    pub(crate) fn fine(
+    pub(crate) fn fine_distances(
         &self,
         rays: &RayBatch,
         coarse: &PassDistances,
@@ -185,10 +165,6 @@ impl Sampler {
         PlacedSamples { samples, points, kept }
     }
 
-    pub(crate) fn clips(&self) -> bool {
-        self.config.clip_to_bounds && self.warp.is_identity()
-    }
-
     /// Returns near and far of the part of a ray that can hold content, in coordinates.
     pub(crate) fn interval(&self, ray: &Ray) -> Option<[f32; 2]> {
         let within = self.range.along(ray);
@@ -197,8 +173,8 @@ impl Sampler {
             Some(horizon) => (within.map_or(self.near, |(near, _)| near), horizon),
             None => within?,
         };
-        if self.clips() {
-            let (enter, leave) = self.bounds.intersect(ray)?;
+        if let Some(bounds) = self.clip {
+            let (enter, leave) = bounds.intersect(ray)?;
             (near, far) = (enter.max(near), leave.min(far));
         }
         (near < far).then(|| [near, far].map(|t| self.warp.coordinate(t)))
@@ -237,10 +213,11 @@ impl Sampler {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
+    use infonerf_scene::{Range, Scene, Space};
 
     use super::*;
     use crate::image::testing::config;
-    use crate::{Noise, Placement, RandomStream, RenderRequest, SpaceChoice};
+    use crate::{Noise, Placement, RandomStream, RenderConfig, RenderRequest, SpaceChoice};
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
 
@@ -249,9 +226,9 @@ mod tests {
     }
 
     /// Three rays, the second of which misses the scene of [`scene`].
-    fn rays(sampler: &Sampler) -> RayBatch {
+    fn rays(renderer: &Renderer) -> RayBatch {
         let ray = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 4.0), Vec3::new(-0.05, 0.1, -1.0).normalize());
-        sampler.batch(vec![ray(0.3, -0.2), ray(9.0, 9.0), ray(-0.7, 0.6)], &Device::flex())
+        renderer.rays(vec![ray(0.3, -0.2), ray(9.0, 9.0), ray(-0.7, 0.6)], &Device::flex())
     }
 
     fn scene() -> Scene {
@@ -276,22 +253,22 @@ mod tests {
         {
             let config =
                 RenderConfig { samples: 9.0.into(), fine_samples: 7, clip_to_bounds: true, space, ..config(placement) };
-            let sampler = Sampler::new(&config, &scene());
-            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp.bounds(&scene()));
+            let renderer = Renderer::new(&config, &scene());
+            let mut grid = OccupancyGrid::new(&config.occupancy, renderer.warp.bounds(&scene()));
             grid.restore(vec![0.5; 8], vec![true; 8], true).unwrap();
             for jitter in [None, Some(noise())] {
-                let rays = rays(&sampler);
+                let rays = rays(&renderer);
                 let rays = jitter.map_or(rays.clone(), |noise| rays.jittered(noise));
                 let tracked = rays.clone().tracked(rays.geometry());
-                let mut pass = sampler.first(&rays, Moment::START);
+                let mut pass = renderer.first_distances(&rays, Moment::START);
                 for is_fine in [false, true] {
-                    let all = sampler.place(&rays, &pass, NOTHING, &device);
+                    let all = renderer.place(&rays, &pass, NOTHING, &device);
                     let counts: Vec<usize> = all.samples.segments.ranges().map(|range| range.len()).collect();
                     let missed = if space == SpaceChoice::Box { 0 } else { counts[0] };
                     assert!(counts[0] > 0 && counts == [counts[0], missed, counts[0]], "{placement:?} {counts:?}");
                     assert_eq!(all.samples.candidates, 3 * counts[0]);
                     let skip = Skip { grid: Some(&grid), ..NOTHING };
-                    let known = sampler.place(&tracked, &pass, skip, &device);
+                    let known = renderer.place(&tracked, &pass, skip, &device);
                     assert_eq!(known.kept, Some((0..all.samples.segments.samples()).collect()));
                     near(known.samples.t(), all.samples.t());
                     near(&to_host(known.points.positions), &to_host(all.points.positions));
@@ -302,8 +279,8 @@ mod tests {
                         let tau = Tensor::from_floats(tau.as_slice(), &device);
                         let request = RenderRequest { color: false, hidden: true };
                         let output = RenderOutput { tau, ..RenderOutput::empty(samples, request, [0.0; 3]) };
-                        let fine = sampler.fine(&rays, &pass, None, &output);
-                        let skipped = sampler.fine(&rays, &pass, known.kept.as_deref(), &output);
+                        let fine = renderer.fine_distances(&rays, &pass, None, &output);
+                        let skipped = renderer.fine_distances(&rays, &pass, known.kept.as_deref(), &output);
                         assert_eq!(to_host(fine.t.clone()), to_host(skipped.t));
                         pass = fine;
                     }
@@ -320,22 +297,22 @@ mod tests {
             let mut config =
                 RenderConfig { samples: 40.0.into(), clip_to_bounds: true, space, ..config(Placement::Mid) };
             config.occupancy.resolution = 8;
-            let sampler = Sampler::new(&config, &scene());
-            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp.bounds(&scene()));
+            let renderer = Renderer::new(&config, &scene());
+            let mut grid = OccupancyGrid::new(&config.occupancy, renderer.warp.bounds(&scene()));
             let (density, occupied) =
                 (0..512).map(|cell| (4.0 * noise().uniform(cell, 0), noise().uniform(cell, 1) < 0.6)).unzip();
             grid.restore(density, occupied, true).unwrap();
-            let rays = rays(&sampler).jittered(noise());
+            let rays = rays(&renderer).jittered(noise());
             let (at, skip) = (Moment::START, Skip { grid: Some(&grid), hidden_depth: 2.0 });
-            let marched = sampler.march(&rays, skip, at, &device).samples;
-            let all = sampler.march(&rays, NOTHING, at, &device).samples;
+            let marched = renderer.march(&rays, skip, at, &device).samples;
+            let all = renderer.march(&rays, NOTHING, at, &device).samples;
             let mut want = Vec::new();
             for (index, ray) in rays.on_host.iter().enumerate() {
                 let Some(ends) = rays.ends[index] else { continue };
-                let places = (sampler.step_length(at), noise().uniform(index, 0));
-                let steps = UniformSteps::new(&sampler, ray, ends, places, None);
+                let places = (renderer.step_length(at), noise().uniform(index, 0));
+                let steps = UniformSteps::new(&renderer, ray, ends, places, None);
                 let steps = steps.map(|step| ((), (step.t, step.delta)));
-                sampler.keep(steps, ray, skip, |(), (t, _)| want.push(t));
+                renderer.keep(steps, ray, skip, |(), (t, _)| want.push(t));
             }
             assert_eq!(marched.t(), want);
             let (kept, given) = (want.len(), all.segments.samples());

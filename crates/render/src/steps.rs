@@ -5,10 +5,9 @@ use std::ops::Range;
 use glam::Vec3;
 use infonerf_scene::Ray;
 
-use crate::OccupancyGrid;
 use crate::occupancy::CellState;
-use crate::sampler::Sampler;
 use crate::warp::WarpedRay;
+use crate::{OccupancyGrid, Renderer};
 
 /// Steps whose cells are looked up at a time: their arithmetic overlaps in the processor.
 const BLOCK: usize = 8;
@@ -56,10 +55,10 @@ struct Block {
 
 impl<'a> UniformSteps<'a> {
     /// Returns the steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at
-    /// the share `shift` of it. If `sampler` clips rays to the box of the grid, steps before and behind all occupied
+    /// the share `shift` of it. If `renderer` clips rays to the box of the grid, steps before and behind all occupied
     /// cells are left out at once.
     pub(crate) fn new(
-        sampler: &'a Sampler,
+        renderer: &'a Renderer,
         ray: &Ray,
         [near, far]: [f32; 2],
         (step, shift): (f32, f32),
@@ -68,14 +67,14 @@ impl<'a> UniformSteps<'a> {
         let joined = [CellState::of_density(0.0); 2];
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
-        let (line, last) = (sampler.warp.along(ray), count as usize);
+        let (line, last) = (renderer.warp.along(ray), count as usize);
         let block = Block { range: 0..0, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
         let all = Self { line, grid, steps_per_cell: 0.0, near, length, shift, joined, block, next: 0, last };
         let Some(grid) = grid else { return all };
         // A little less, as cells and steps are rounded.
         let steps_per_cell = 0.999 / grid.cells_along(line.max_speed([near, far]) * length).max_element();
         let all = Self { steps_per_cell, ..all };
-        if !sampler.clips() {
+        if renderer.clip.is_none() {
             return all;
         }
         let Some((enter, leave)) = grid.tight.intersect(ray) else { return Self { last: 0, ..all } };
