@@ -6,23 +6,6 @@
 //! on another.
 //!
 //! InfoNeRF's objective is L_RGB + λ₁ L_entropy + λ₂ L_KL (Eq. 10): the terms `rgb`, `entropy` and `kl`.
-//!
-//! ```
-//! use infonerf_loss::{EntropyConfig, HitMask, HitRule, Need, RaySet, TermSpec};
-//! use infonerf_ops::RayDistribution;
-//!
-//! // λ₁ = 1e-3, on the rays of training images and on unseen rays.
-//! let entropy = EntropyConfig {
-//!     weight: 1e-3.into(),
-//!     rays: RaySet::All,
-//!     neighbours: false,
-//!     distribution: RayDistribution::Alpha,
-//!     mask: HitMask { rule: HitRule::Acc, threshold: 0.1 },
-//!     epsilon: 1e-10,
-//! };
-//! // Unseen rays are rendered for it, without colour.
-//! assert_eq!(entropy.needs(), [Need::Unseen]);
-//! ```
 
 mod objective;
 mod renders;

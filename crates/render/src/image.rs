@@ -75,7 +75,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         };
         for (marched, counts) in parts {
             image.counts += counts;
-            marched.into_iter().for_each(|ray| image.push(ray.rgb, ray.depth, 1.0 - ray.trans));
+            marched.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
         }
         return image.before(renderer);
     }

@@ -6,6 +6,9 @@
 //! steps are one sample in the middle of both, below 10 e/T four. A sample then has a weight of 200 e at most, and what it
 //! differs by from those that it stands for is a part of that. With e = 0 pictures are exact.
 
+use std::iter::repeat_n;
+
+use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};
 use infonerf_ops::{HostField, Segments, numeric, to_host, upload};
 use infonerf_scene::Ray;
@@ -18,7 +21,7 @@ use crate::{Compositing, Counts, Renderer, TrainedModel};
 /// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MarchedRay {
-    pub(crate) rgb: [f32; 3],
+    pub(crate) rgb: Vec3,
     /// Σ w t.
     pub(crate) depth: f32,
     pub(crate) trans: f32,
@@ -47,7 +50,9 @@ pub(crate) fn march<F: Field>(
     match host {
         Some(host) => parts.par_iter_mut().for_each(|part| {
             while let Some(round) = part.next_round() {
-                part.composite(&round, &host(&round.positions, &round.sample_directions()));
+                let rays = round.rays.iter().zip(&round.counts);
+                let directions = rays.flat_map(|(ray, &count)| repeat_n(ray.direction.to_array(), count));
+                part.composite(&round, &host(&round.positions, &directions.collect::<Vec<_>>()));
             }
         }),
         None => loop {
@@ -66,11 +71,8 @@ pub(crate) fn march<F: Field>(
     }
     let total = (rays.len() as f32 * renderer.longest / renderer.step_length(trained.at)) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
-    let background = renderer.background;
-    let behind = |mut ray: MarchedRay| {
-        ray.rgb.iter_mut().zip(background).for_each(|(value, behind)| *value += ray.trans * behind);
-        ray
-    };
+    let background = Vec3::from(renderer.background);
+    let behind = |ray: MarchedRay| MarchedRay { rgb: ray.rgb + ray.trans * background, ..ray };
     (parts.into_iter().flat_map(|part| part.marched).map(behind).collect(), counts)
 }
 
@@ -123,13 +125,6 @@ struct MarchRound {
     positions: Vec<[f32; 3]>,
 }
 
-impl MarchRound {
-    fn sample_directions(&self) -> Vec<[f32; 3]> {
-        let rays = self.rays.iter().zip(&self.counts);
-        rays.flat_map(|(ray, &count)| std::iter::repeat_n(ray.direction.to_array(), count)).collect()
-    }
-}
-
 impl<'a> MarchingRays<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
         let (step, grid) = (renderer.step_length(trained.at), trained.occupancy.as_ref());
@@ -139,7 +134,7 @@ impl<'a> MarchingRays<'a> {
             renderer,
             rays,
             steps: rays.iter().map(steps).collect(),
-            marched: vec![MarchedRay { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
+            marched: vec![MarchedRay { rgb: Vec3::ZERO, depth: 0.0, trans: 1.0 }; rays.len()],
             active: (0..rays.len()).collect(),
             evaluated: 0,
         }
@@ -190,7 +185,7 @@ impl MarchedRay {
             Compositing::Exponential => self.trans * numeric::alpha(tau),
             Compositing::Additive => tau.min(self.trans),
         };
-        self.rgb.iter_mut().zip(color).for_each(|(sum, c)| *sum += w * c);
+        self.rgb += w * Vec3::from(color);
         self.depth += w * t;
         self.trans -= w;
     }

@@ -1,5 +1,5 @@
 use burn::tensor::Tensor;
-use infonerf_ops::means::{mask_above, sum_above};
+use infonerf_ops::means::mask_above;
 use infonerf_ops::{RayDistribution, ray_entropy};
 use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
@@ -54,21 +54,13 @@ impl EntropyConfig {
 
     /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
     pub fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
-        match self.bits_and_measure(output) {
-            (bits, Some(measure)) => mask_above(bits, measure, self.mask.threshold),
-            (bits, None) => bits,
-        }
-    }
-
-    /// Computes H(r) of each ray in bits, `[R]`, and its measure for the mask, `[R]`; `None` if every ray counts.
-    fn bits_and_measure(&self, output: &RenderOutput) -> (Tensor<1>, Option<Tensor<1>>) {
         let entropy = ray_entropy(output.tau.clone(), output.segments(), self.distribution, self.epsilon);
         let measure = match self.mask.rule {
-            HitRule::Acc => Some(output.acc.clone()),
-            HitRule::AlphaSum => Some(entropy.alpha_sum),
-            HitRule::All => None,
+            HitRule::Acc => output.acc.clone(),
+            HitRule::AlphaSum => entropy.alpha_sum,
+            HitRule::All => return entropy.bits,
         };
-        (entropy.bits, measure)
+        mask_above(entropy.bits, measure, self.mask.threshold)
     }
 }
 
@@ -94,13 +86,8 @@ impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let pairs = renders.pairs(self.rays_with_neighbours());
         let neighbours = pairs.filter(|_| self.neighbours).map(|(_, near)| near);
-        renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
-            let sum = match self.bits_and_measure(output) {
-                (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
-                (bits, None) => bits.sum(),
-            };
-            (sum, output.segments().rays())
-        }))
+        let outputs = renders.outputs(self.rays).chain(neighbours);
+        renders.mean(outputs.map(|output| (self.of_rays(output).sum(), output.segments().rays())))
     }
 }
 
