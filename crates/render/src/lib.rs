@@ -43,7 +43,6 @@
 
 mod cameras;
 mod config;
-mod ensemble;
 mod exposure;
 mod fill;
 mod image;
@@ -54,7 +53,6 @@ mod normals;
 mod occupancy;
 mod output;
 mod placement;
-mod query;
 mod rays;
 mod renderer;
 mod residuals;
@@ -65,9 +63,8 @@ mod warp;
 
 pub use cameras::{CameraRefinement, Focal, Pivot};
 pub use config::{Compositing, OccupancyConfig, RenderConfig};
-pub use ensemble::{render_image, render_tested};
 pub use exposure::Exposure;
-pub use image::RenderedImage;
+pub use image::{RenderedImage, render_image, render_tested};
 pub use infonerf_ops::sampling::LastInterval;
 pub use model::{Model, ModelFrame, TrainedModel};
 pub use noise::{Noise, RandomStream};
@@ -75,9 +72,8 @@ pub use normals::render_normals;
 pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest};
 pub use placement::Placement;
-pub use query::evaluate_at;
 pub use rays::RayBatch;
-pub use renderer::Renderer;
+pub use renderer::{Renderer, evaluate_at};
 pub use residuals::Residuals;
 pub use samples::Samples;
 pub use warp::{SpaceChoice, Warp};

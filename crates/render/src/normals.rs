@@ -7,8 +7,7 @@ use infonerf_field::{Field, FieldOutput, Points, density_gradient};
 use infonerf_scene::Camera;
 use infonerf_schedule::Moment;
 
-use crate::ensemble::combine;
-use crate::image::render_one;
+use crate::image::{combine, render_one};
 use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
 
 /// Renders the picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z

@@ -69,10 +69,7 @@ impl Warp {
         match (space, mean_camera(scene)) {
             (SpaceChoice::Ndc, Some(camera)) => Self::Ndc {
                 to_camera: camera.to_world.inverse().as_mat4(),
-                scale: Vec2::new(
-                    2.0 * camera.fx as f32 / camera.width as f32,
-                    2.0 * camera.fy as f32 / camera.height as f32,
-                ),
+                scale: 2.0 * Vec2::new(camera.fx as f32 / camera.width as f32, camera.fy as f32 / camera.height as f32),
                 near: scene.space.near.max(1e-6 * scene.space.far),
             },
             (SpaceChoice::Contraction | SpaceChoice::Content | SpaceChoice::Ndc, _) => match scene.space.range {
