@@ -163,8 +163,16 @@ impl RenderedImage {
 }
 
 #[cfg(test)]
-pub(crate) mod testing {
-    use crate::{OccupancyConfig, Placement, RenderConfig};
+pub(crate) mod tests {
+    use burn::module::Module;
+    use burn::tensor::{Device, Tensor, TensorData};
+    use glam::{DMat4, DVec3};
+    use infonerf_field::{FieldOutput, Points};
+    use infonerf_scene::Scene;
+    use infonerf_schedule::Moment;
+
+    use super::*;
+    use crate::{Model, Noise, OccupancyConfig, OccupancyGrid, Placement, RandomStream, RenderConfig};
 
     /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {
@@ -178,20 +186,6 @@ pub(crate) mod testing {
             ..RenderConfig::default()
         }
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use burn::module::Module;
-    use burn::tensor::{Device, Tensor, TensorData};
-    use glam::{DMat4, DVec3};
-    use infonerf_field::{FieldOutput, Points};
-    use infonerf_scene::Scene;
-    use infonerf_schedule::Moment;
-
-    use super::testing::config;
-    use super::*;
-    use crate::{Model, Noise, OccupancyGrid, Placement, RandomStream, RenderConfig};
 
     /// A field as grey as the run is far, with any density.
     #[derive(Module, Debug)]

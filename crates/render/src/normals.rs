@@ -63,7 +63,7 @@ mod tests {
     use infonerf_scene::{Scene, Similarity};
 
     use super::*;
-    use crate::image::testing::config;
+    use crate::image::tests::config;
     use crate::{ModelFrame, Placement, SpaceChoice};
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).

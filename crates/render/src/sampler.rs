@@ -216,7 +216,7 @@ mod tests {
     use infonerf_scene::{Range, Scene, Space};
 
     use super::*;
-    use crate::image::testing::config;
+    use crate::image::tests::config;
     use crate::{Noise, Placement, RandomStream, RenderConfig, RenderRequest, SpaceChoice};
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };

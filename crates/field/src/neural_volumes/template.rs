@@ -43,15 +43,10 @@ impl Template {
 
     /// Decodes a code `[1, latent]` to voxels before activation: `[resolution³, 4]`, x fastest and z slowest.
     pub(super) fn voxels(&self, code: Tensor<2>) -> Tensor<2> {
-        let dense = leaky_relu(self.dense.forward(code), LEAKY_SLOPE);
+        let dense = self.dense.forward(code);
         let [_, width] = dense.dims();
-        let mut x = dense.reshape([1, width, 1, 1, 1]);
-        for (index, layer) in self.layers.iter().enumerate() {
-            x = layer.forward(x);
-            if index + 1 < self.layers.len() {
-                x = leaky_relu(x, LEAKY_SLOPE);
-            }
-        }
+        let one = dense.reshape([1, width, 1, 1, 1]);
+        let x = self.layers.iter().fold(one, |x, layer| layer.forward(leaky_relu(x, LEAKY_SLOPE)));
         let [_, channels, depth, height, width] = x.dims();
         x.reshape([channels, depth * height * width]).swap_dims(0, 1)
     }

@@ -54,12 +54,10 @@ fn convolution(
 impl ImageEncoder {
     pub(super) fn new(config: &EncoderConfig, rng: &mut impl Rng, device: &Device) -> Self {
         let stem = convolution(rng, [3, config.width], [7, STEM_STRIDE], 1.0, device);
-        let mut inputs = config.width;
-        let mut stages = Vec::new();
-        for (stage, &count) in config.blocks.iter().enumerate() {
+        let blocks = |(stage, &count): (usize, &usize)| {
             let outputs = config.width << stage;
             let block = |index: usize| {
-                let (inputs, stride) = if index == 0 && stage > 0 { (inputs, 2) } else { (outputs, 1) };
+                let (inputs, stride) = if index == 0 && stage > 0 { (outputs / 2, 2) } else { (outputs, 1) };
                 ResidualBlock {
                     first: convolution(rng, [inputs, outputs], [3, stride], 1.0, device),
                     // Begins at 0, so that a block begins as its shortcut and depth does not add up (Goyal et al. 2017).
@@ -67,15 +65,14 @@ impl ImageEncoder {
                     shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], [1, stride], 1.0, device)),
                 }
             };
-            stages.push((0..count).map(block).collect());
-            inputs = outputs;
-        }
-        Self { stem, stages }
+            (0..count).map(block).collect()
+        };
+        Self { stem, stages: config.blocks.iter().enumerate().map(blocks).collect() }
     }
 
     pub(super) fn channels(&self) -> usize {
-        let stem = self.stem.weight.dims()[0];
-        stem + self.stages.iter().enumerate().map(|(stage, _)| stem << stage).sum::<usize>()
+        // Each stage has as many as stem and stages before it together.
+        self.stem.weight.dims()[0] << self.stages.len()
     }
 
     pub(super) fn map_size(view: &SourceView) -> (usize, usize) {
