@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::Vec3;
 use infonerf_field::{Field, FieldOutput, Points, density_gradient};
-use infonerf_scene::Camera;
+use infonerf_scene::{Backdrop, Camera};
 use infonerf_schedule::Moment;
 
 use crate::image::{combine, render_one};
@@ -17,7 +17,7 @@ use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
 /// # Panics
 /// If there are no members, or a field that does not [track positions](infonerf_field::FieldTraits::tracks_positions).
 pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
-    let black = renderer.on_black();
+    let black = Renderer { background: [0.0; 3], backdrop: Backdrop::Colour, ..renderer.clone() };
     let of_member = |member: &TrainedModel<F>| {
         let normals = |field: &F| Normals { field: field.clone(), warp: renderer.warp().clone() };
         let coarse = member.model.coarse.as_ref().map(normals);

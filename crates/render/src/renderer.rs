@@ -45,10 +45,6 @@ impl Renderer {
         (SAMPLES_AT_ONCE / self.max_samples(at).max(1)).max(1)
     }
 
-    pub(crate) fn on_black(&self) -> Self {
-        Self { background: [0.0; 3], backdrop: Backdrop::Colour, ..self.clone() }
-    }
-
     /// Returns the map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
         &self.warp
@@ -100,7 +96,7 @@ impl Renderer {
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let (coarse, kept) =
             if request.color { pass(coarse_field, &first) } else { pass(&coarse_field.valid(), &first) };
-        let fine = self.fine_distances(rays, &first, kept.as_deref(), &coarse);
+        let fine = self.fine_distances(rays, &first, kept.as_deref(), &coarse.tau);
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::samples::on;
 use crate::steps::UniformSteps;
-use crate::{OccupancyGrid, RayBatch, RenderOutput, Renderer, Samples};
+use crate::{OccupancyGrid, RayBatch, Renderer, Samples};
 
 /// Knowledge of space by which samples are skipped.
 #[derive(Clone, Copy, Debug)]
@@ -82,13 +82,13 @@ impl Renderer {
                 self.warp.is_identity().then(|| (rays, skip.grid.map(|grid| grid.cells_on(&device))))
             },
         );
-        let (samples, positions) = Samples::packed(packed, rays.len() * self.max_samples(at));
+        let (samples, positions) = Samples::packed(packed, rays.len() * self.max_samples(at), device);
         let points = if rays.is_tracked {
             rays.points(&samples, &self.warp, device)
         } else {
             rays.points_at(positions, &samples, device)
         };
-        PlacedSamples { samples: samples.on(device), points, kept: None }
+        PlacedSamples { samples, points, kept: None }
     }
 
     /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
@@ -99,22 +99,23 @@ impl Renderer {
         PassDistances { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
     }
 
-    /// Distances of the fine pass, drawn from the weights of the coarse one. A coarse sample that was skipped has weight 0.
+    /// Distances of the fine pass, drawn from the weights of the coarse one, whose samples have optical depths `tau`. A
+    /// coarse sample that was skipped has weight 0.
     pub(crate) fn fine_distances(
         &self,
         rays: &RayBatch,
         coarse: &PassDistances,
         kept: Option<&[usize]>,
-        output: &RenderOutput,
+        tau: &Tensor<1>,
     ) -> PassDistances {
         let PassDistances { t, ends } = coarse.clone();
         let tau = match kept {
-            None => on(&output.tau, &t.device()),
+            None => on(tau, &t.device()),
             Some(kept) => {
                 let [hits, columns] = t.dims();
                 let candidates = hits * (columns - usize::from(self.config.placement.spans_intervals()));
                 let mut all = vec![0.0; candidates];
-                kept.iter().zip(to_host(output.tau.clone())).for_each(|(&index, tau)| all[index] = tau);
+                kept.iter().zip(to_host(tau.clone())).for_each(|(&index, tau)| all[index] = tau);
                 upload(all, [candidates], &t.device())
             }
         };
@@ -217,7 +218,7 @@ mod tests {
 
     use super::*;
     use crate::image::tests::config;
-    use crate::{Noise, Placement, RandomStream, RenderConfig, RenderRequest, SpaceChoice};
+    use crate::{Noise, Placement, RandomStream, RenderConfig, SpaceChoice};
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
 
@@ -274,13 +275,10 @@ mod tests {
                     near(&to_host(known.points.positions), &to_host(all.points.positions));
                     assert!(all.samples.t().windows(2).filter(|t| t[0] > t[1]).count() < 3, "sorted along each ray");
                     if !is_fine {
-                        let samples = all.samples.clone();
-                        let tau = (0..samples.segments.samples()).map(|i| (i % 4) as f32 * 0.3).collect::<Vec<_>>();
+                        let tau = (0..all.samples.segments.samples()).map(|i| (i % 4) as f32 * 0.3).collect::<Vec<_>>();
                         let tau = Tensor::from_floats(tau.as_slice(), &device);
-                        let request = RenderRequest { color: false, hidden: true };
-                        let output = RenderOutput { tau, ..RenderOutput::empty(samples, request, [0.0; 3]) };
-                        let fine = renderer.fine_distances(&rays, &pass, None, &output);
-                        let skipped = renderer.fine_distances(&rays, &pass, known.kept.as_deref(), &output);
+                        let fine = renderer.fine_distances(&rays, &pass, None, &tau);
+                        let skipped = renderer.fine_distances(&rays, &pass, known.kept.as_deref(), &tau);
                         assert_eq!(to_host(fine.t.clone()), to_host(skipped.t));
                         pass = fine;
                     }

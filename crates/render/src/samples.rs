@@ -29,16 +29,13 @@ impl Samples {
         Self::new(Segments::uniform(rays, 0), nothing.clone(), nothing, 0)
     }
 
-    pub(crate) fn packed(packed: PackedSamples, candidates: usize) -> (Self, Tensor<2>) {
+    /// Returns `packed` samples for a field on `device`, which differs from theirs in tracking gradients at most, and their
+    /// positions, `[M, 3]`.
+    pub(crate) fn packed(packed: PackedSamples, candidates: usize, device: &Device) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
+        let [distance, delta] = [distance, delta].map(|values| on(&values, device));
         let on_host = Arc::new(on_host.map_or_else(OnceLock::new, OnceLock::from));
         (Self { segments, distance, on_host, delta, candidates }, positions)
-    }
-
-    /// Returns the samples for a field on `device`, which differs in tracking gradients at most.
-    pub(crate) fn on(self, device: &Device) -> Self {
-        let [distance, delta] = [&self.distance, &self.delta].map(|values| on(values, device));
-        Self { distance, delta, ..self }
     }
 
     /// Returns the distance of each sample on the host, `[M]`, scene units; read once from a device that placed them.
