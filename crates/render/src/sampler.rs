@@ -8,7 +8,7 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::samples::on;
+use crate::output::on;
 use crate::steps::UniformSteps;
 use crate::{OccupancyGrid, RayBatch, Renderer, Samples};
 

@@ -1,18 +1,26 @@
 //! The image encoder of PixelNeRF: the first stages of a ResNet (He et al. 2016), read at every resolution.
 
+use std::path::Path;
+
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
 use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor, activation::relu, module::max_pool2d};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::upload;
+use infonerf_pretrained::WeightFile;
+use infonerf_schedule::Fault;
 use rand::Rng;
 
 use super::EncoderConfig;
-use crate::{SourceView, init};
+use crate::SourceView;
+use crate::init::{self, parameter};
 
 /// Factor by which the stem makes images smaller.
 pub(super) const STEM_STRIDE: usize = 2;
+
+/// ε of torchvision's batch normalisation.
+const EPSILON: f32 = 1e-5;
 
 /// Stem and stages of residual blocks: `width` channels in the stem and the first stage, twice as many in each further one.
 ///
@@ -20,16 +28,16 @@ pub(super) const STEM_STRIDE: usize = 2;
 /// images of a scene are too small a batch for statistics.
 #[derive(Module, Debug)]
 pub(super) struct ImageEncoder {
-    pub(super) stem: Conv2d,
-    pub(super) stages: Vec<Vec<ResidualBlock>>,
+    stem: Conv2d,
+    stages: Vec<Vec<ResidualBlock>>,
 }
 
 /// relu(s(x) + conv₂(relu(conv₁(x)))), s the identity or a 1 × 1 convolution.
 #[derive(Module, Debug)]
-pub(super) struct ResidualBlock {
-    pub(super) first: Conv2d,
-    pub(super) second: Conv2d,
-    pub(super) shortcut: Option<Conv2d>,
+struct ResidualBlock {
+    first: Conv2d,
+    second: Conv2d,
+    shortcut: Option<Conv2d>,
 }
 
 impl ResidualBlock {
@@ -106,4 +114,42 @@ fn images(views: &[SourceView], device: &Device) -> Tensor<4> {
     let (height, width) = (views[0].height, views[0].width);
     let planes = views.iter().flat_map(|view| (0..3).flat_map(|c| view.rgb.iter().map(move |rgb| 2.0 * rgb[c] - 1.0)));
     upload(planes.collect::<Vec<f32>>(), [views.len(), 3, height, width], device)
+}
+
+/// Replaces all weights of `encoder` by those of the safetensors file at `path`, under torchvision's names.
+///
+/// # Errors
+/// If the file cannot be read, or a tensor is missing or has another shape.
+pub(super) fn load_resnet34(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, Fault> {
+    let expected = "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)";
+    let filled = WeightFile::read(path).and_then(|file| filled(encoder, &file));
+    filled.map_err(|cause| Fault::new("field.encoder.weights", expected, cause))
+}
+
+fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, String> {
+    fill(&mut encoder.stem, file, "conv1", "bn1")?;
+    for (stage, blocks) in encoder.stages.iter_mut().enumerate() {
+        for (index, block) in blocks.iter_mut().enumerate() {
+            let name = format!("layer{}.{index}", stage + 1);
+            let ResidualBlock { first, second, shortcut } = block;
+            fill(first, file, &format!("{name}.conv1"), &format!("{name}.bn1"))?;
+            fill(second, file, &format!("{name}.conv2"), &format!("{name}.bn2"))?;
+            if let Some(shortcut) = shortcut {
+                fill(shortcut, file, &format!("{name}.downsample.0"), &format!("{name}.downsample.1"))?;
+            }
+        }
+    }
+    Ok(encoder)
+}
+
+/// Fills a convolution with its weights and, folded into them, those of the batch normalisation behind it.
+fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
+    let shape = layer.weight.dims();
+    let statistics = ["weight", "bias", "running_mean", "running_var"];
+    let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![shape[0]]));
+    let (weight, bias) = file.folded(&(format!("{convolution}.weight"), shape.to_vec()), &statistics, EPSILON)?;
+    let device = layer.weight.val().device();
+    layer.weight = parameter(weight, shape, &device);
+    layer.bias = Some(parameter(bias, [shape[0]], &device));
+    Ok(())
 }

@@ -3,7 +3,6 @@
 mod encoder;
 mod mlp;
 mod project;
-mod resnet34;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -87,7 +86,7 @@ impl FieldSpec for PixelNerfConfig {
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         let mut encoder = ImageEncoder::new(&self.encoder, &mut rng, setup.device);
         if !self.encoder.weights.as_os_str().is_empty() {
-            encoder = resnet34::load(encoder, &self.encoder.weights)?;
+            encoder = encoder::load_resnet34(encoder, &self.encoder.weights)?;
         }
         let inputs = encoded_width(3, self.frequencies) + 3;
         let mlp = ResnetMlp::new(self, inputs, encoder.channels(), &mut rng, setup.device);
