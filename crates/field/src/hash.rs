@@ -100,14 +100,9 @@ impl FieldSpec for HashConfig {
         let levels = self.level_tables();
         let entries: usize = levels.iter().map(|level| level.entries).sum();
         let values = uniform(&mut rng, entries * self.features, 1e-4);
-        let size = MlpSize {
-            inputs: self.levels * self.features,
-            layers: self.layers,
-            width: self.width,
-            skip: self.layers,
-            direction_frequencies: self.direction_frequencies,
-            precision: Precision::F32,
-        };
+        let &Self { layers, width, direction_frequencies, .. } = self;
+        let (inputs, precision) = (self.levels * self.features, Precision::F32);
+        let size = MlpSize { inputs, layers, width, skip: layers, direction_frequencies, precision };
         Ok(HashGrid {
             tables: parameter(values, [entries, self.features], setup.device),
             mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device),
@@ -202,12 +197,8 @@ impl HashGrid {
         let mut weights = vec![0f32; indices.len()];
         let rows = indices.par_chunks_mut(levels * CORNERS).zip(weights.par_chunks_mut(levels * CORNERS));
         rows.zip(positions.as_chunks::<3>().0).for_each(|((indices, weights), &u)| {
-            let levels = self.levels.iter().zip(&present);
-            let corners = levels.flat_map(|(level, present)| {
-                level.corners(u).map(|(entry, weight, _)| (entry as i32, weight * present))
-            });
-            for ((index, weight), corner) in indices.iter_mut().zip(weights).zip(corners) {
-                (*index, *weight) = corner;
+            for ((index, weight), corner) in indices.iter_mut().zip(weights).zip(self.corners(u, &present)) {
+                (*index, *weight, _) = corner;
             }
         });
         let count = indices.len();
@@ -216,23 +207,24 @@ impl HashGrid {
         if shares.is_tracked() {
             // Its value is zero; its gradient carries that of the weights.
             let moved = shares.clone() - shares.detach();
-            let gradients =
-                upload(self.weight_gradients(&positions, &present), [samples, levels * CORNERS, 3], &device);
+            let of_point = |&u: &[f32; 3]| self.corners(u, &present).flat_map(|(_, _, gradient)| gradient);
+            let gradients = positions.as_chunks::<3>().0.par_iter().flat_map_iter(of_point).collect();
+            let gradients = upload(gradients, [samples, levels * CORNERS, 3], &device);
             weights = weights + (gradients * moved.unsqueeze_dim(1)).sum_dim(2).reshape([count, 1]);
         }
         let weighted = self.tables.val().select(0, indices) * weights;
         weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
     }
 
-    /// Computes the gradients of all corners' weights at `positions` `[M, 3]`, times each level's share: `[M, levels · 8, 3]`.
-    fn weight_gradients(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
-        let of_point = |&u: &[f32; 3]| {
-            let levels = self.levels.iter().zip(present);
-            levels.flat_map(move |(level, present)| {
-                level.corners(u).map(|(_, _, gradient)| gradient.map(|g| g * present))
-            })
-        };
-        positions.as_chunks::<3>().0.par_iter().flat_map_iter(of_point).flatten_iter().collect()
+    /// Lists the entry, weight and the weight's gradient of the corners around `u` ∈ [0, 1]³ on every level, times the level's
+    /// share in `present`.
+    fn corners(&self, u: [f32; 3], present: &[f32]) -> impl Iterator<Item = (i32, f32, [f32; 3])> {
+        self.levels.iter().zip(present).flat_map(move |(level, present)| {
+            let shared = |(entry, weight, gradient): (usize, f32, [f32; 3])| {
+                (entry as i32, weight * present, gradient.map(|g| g * present))
+            };
+            level.corners(u).map(shared)
+        })
     }
 }
 

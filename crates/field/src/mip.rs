@@ -45,14 +45,9 @@ impl fmt::Display for MipConfig {
 
 impl MipConfig {
     fn size(&self) -> MlpSize {
-        MlpSize {
-            inputs: integrated_width(self.position_frequencies),
-            layers: self.layers,
-            width: self.width,
-            skip: self.skip,
-            direction_frequencies: self.direction_frequencies,
-            precision: self.precision,
-        }
+        let &Self { layers, width, skip, direction_frequencies, precision, .. } = self;
+        let inputs = integrated_width(self.position_frequencies);
+        MlpSize { inputs, layers, width, skip, direction_frequencies, precision }
     }
 }
 

@@ -79,14 +79,9 @@ impl fmt::Display for NerfConfig {
 
 impl NerfConfig {
     fn size(&self) -> MlpSize {
-        MlpSize {
-            inputs: encoded_width(3, self.position_frequencies),
-            layers: self.layers,
-            width: self.width,
-            skip: self.skip,
-            direction_frequencies: self.direction_frequencies,
-            precision: self.precision,
-        }
+        let &Self { layers, width, skip, direction_frequencies, precision, .. } = self;
+        let inputs = encoded_width(3, self.position_frequencies);
+        MlpSize { inputs, layers, width, skip, direction_frequencies, precision }
     }
 }
 
