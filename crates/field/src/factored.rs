@@ -95,13 +95,9 @@ impl FieldSpec for FactoredConfig {
             weights.extend(matrix);
             weights.extend(std::iter::repeat_n(0.0, layer.outputs));
         }
-        Ok(FactoredField {
-            tables: parameter(tables, [layout.table_len()], device),
-            weights: parameter(weights, [layout.weight_len()], device),
-            layout: Arc::new(layout),
-            config: self.clone(),
-            bounds,
-        })
+        let tables = parameter(tables, [layout.table_len()], device);
+        let weights = parameter(weights, [layout.weight_len()], device);
+        Ok(FactoredField { tables, weights, layout: Arc::new(layout), config: self.clone(), bounds })
     }
 
     fn footprint(&self) -> Footprint {

@@ -103,24 +103,18 @@ impl FieldSpec for HashConfig {
         let &Self { layers, width, direction_frequencies, .. } = self;
         let (inputs, precision) = (self.levels * self.features, Precision::F32);
         let size = MlpSize { inputs, layers, width, skip: layers, direction_frequencies, precision };
-        Ok(HashGrid {
-            tables: parameter(values, [entries, self.features], setup.device),
-            mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device),
-            levels,
-            density_scale: self.density_scale / setup.longest_side(),
-            config: self.clone(),
-            bounds: setup.bounds,
-        })
+        let tables = parameter(values, [entries, self.features], setup.device);
+        let mlp = Mlp::new(size, Init::FanIn, &mut rng, setup.device);
+        let density_scale = self.density_scale / setup.longest_side();
+        Ok(HashGrid { tables, mlp, levels, density_scale, config: self.clone(), bounds: setup.bounds })
     }
 
     fn footprint(&self) -> Footprint {
         let entries: usize = self.level_tables().iter().map(|level| level.entries).sum();
         // The features of eight corners per level with their indices and weights, and the MLP's activations.
         let corners = self.levels * CORNERS * (self.features + 2);
-        Footprint {
-            parameters: (entries * self.features + self.layers * self.width * self.width) as u64,
-            per_sample: (corners + self.layers * self.width) as u64,
-        }
+        let parameters = (entries * self.features + self.layers * self.width * self.width) as u64;
+        Footprint { parameters, per_sample: (corners + self.layers * self.width) as u64 }
     }
 }
 

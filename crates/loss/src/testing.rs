@@ -82,12 +82,8 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
     let [seen, unseen, near_seen, near_unseen, coarse] = std::array::from_fn(|_| outputs.next().unwrap());
     let rays = PIXELS.len();
     let on_host = PIXELS.map(|pixel| pixel.map(|c| c as f32)).to_vec();
-    let target = Target {
-        rgb: upload(on_host.concat(), [rays, 3], device),
-        on_host,
-        pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
-        background: [1.0; 3],
-    };
+    let pixels = vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays];
+    let target = Target { rgb: upload(on_host.concat(), [rays, 3], device), on_host, pixels, background: [1.0; 3] };
     let seen_color = seen.1.color.clone().unwrap();
     let renders = Renders {
         squared_error: Some(mean_squared_difference(seen_color, target.rgb.clone())),

@@ -66,12 +66,9 @@ impl CameraRefinement {
             Focal::Shared => Some(1),
             Focal::Each => Some(views),
         };
-        Self {
-            poses: Param::from_data(TensorData::zeros::<f32, _>([views, 6]), device),
-            focal: factors.map(|count| Param::from_data(TensorData::zeros::<f32, _>([count]), device)),
-            pivot,
-            gauge: true,
-        }
+        let poses = Param::from_data(TensorData::zeros::<f32, _>([views, 6]), device);
+        let focal = factors.map(|count| Param::from_data(TensorData::zeros::<f32, _>([count]), device));
+        Self { poses, focal, pivot, gauge: true }
     }
 
     /// Returns the correction of one camera in a frame that is known already, as of a test view.

@@ -87,16 +87,12 @@ fn evaluate<'a, F: Field>(
     let join = |of: fn(&MarchRound) -> &[f32]| rounds.clone().map(of).collect::<Vec<_>>().concat();
     let segments = Segments::from_counts(rounds.clone().flat_map(|round| round.counts.iter().copied()));
     let (samples, count) = (segments.samples(), segments.rays());
-    let points = Points {
-        positions: upload(join(|round| round.positions.as_flattened()), [samples, 3], &device),
-        directions: upload(rays.clone().flat_map(|ray| ray.direction.to_array()).collect(), [count, 3], &device),
-        segments,
-        extent: Extent::Cones {
-            t: upload(join(|round| &round.t), [samples], &device),
-            delta: upload(join(|round| &round.delta), [samples], &device),
-            radii: upload(rays.map(|ray| ray.radius).collect(), [count], &device),
-        },
-    };
+    let positions = upload(join(|round| round.positions.as_flattened()), [samples, 3], &device);
+    let directions = upload(rays.clone().flat_map(|ray| ray.direction.to_array()).collect(), [count, 3], &device);
+    let t = upload(join(|round| &round.t), [samples], &device);
+    let delta = upload(join(|round| &round.delta), [samples], &device);
+    let radii = upload(rays.map(|ray| ray.radius).collect(), [count], &device);
+    let points = Points { positions, directions, segments, extent: Extent::Cones { t, delta, radii } };
     let sampled = field.evaluate(&points, true, at);
     let color = to_host(sampled.color.expect("colour was asked for"));
     let values = to_host(sampled.sigma).into_iter().zip(color.as_chunks::<3>().0);
@@ -130,14 +126,9 @@ impl<'a> MarchingRays<'a> {
         let (step, grid) = (renderer.step_length(trained.at), trained.occupancy.as_ref());
         let steps =
             |ray: &Ray| renderer.interval(ray).map(|ends| UniformSteps::new(renderer, ray, ends, (step, 0.5), grid));
-        Self {
-            renderer,
-            rays,
-            steps: rays.iter().map(steps).collect(),
-            marched: vec![MarchedRay { rgb: Vec3::ZERO, depth: 0.0, trans: 1.0 }; rays.len()],
-            active: (0..rays.len()).collect(),
-            evaluated: 0,
-        }
+        let steps = rays.iter().map(steps).collect();
+        let marched = vec![MarchedRay { rgb: Vec3::ZERO, depth: 0.0, trans: 1.0 }; rays.len()];
+        Self { renderer, rays, steps, marched, active: (0..rays.len()).collect(), evaluated: 0 }
     }
 
     fn next_round(&mut self) -> Option<MarchRound> {

@@ -91,14 +91,8 @@ impl RenderOutput {
         let (rays, device) = (samples.segments.rays(), samples.distance.device());
         let zeros = Tensor::<1>::zeros([rays], &device);
         let behind = upload(background.to_vec(), [1, 3], &device);
-        Self {
-            samples,
-            tau: Tensor::empty([0], &device),
-            color: request.color.then(|| behind.repeat_dim(0, rays)),
-            depth: zeros.clone(),
-            acc: zeros,
-            background,
-        }
+        let color = request.color.then(|| behind.repeat_dim(0, rays));
+        Self { samples, tau: Tensor::empty([0], &device), color, depth: zeros.clone(), acc: zeros, background }
     }
 }
 

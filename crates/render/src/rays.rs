@@ -43,16 +43,8 @@ impl RayBatch {
         ];
         let [origins, directions, radii] = upload_together(arrays, &[], &device);
         let [origins, directions] = [origins, directions].map(|values| values.reshape([rays.len(), 3]));
-        Self {
-            on_host: rays.into(),
-            ends: ends.into(),
-            origins,
-            directions,
-            radii,
-            pixels: None,
-            jitter: None,
-            is_tracked: false,
-        }
+        let (on_host, ends) = (rays.into(), ends.into());
+        Self { on_host, ends, origins, directions, radii, pixels: None, jitter: None, is_tracked: false }
     }
 
     /// Returns the batch with samples jittered by `noise`, whose item `r` is of ray `r`; without it they are evenly spaced.
@@ -121,16 +113,9 @@ impl RayBatch {
     /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`.
     /// Gradients of rays in a graph are kept by [`Self::points`] alone.
     pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
-        Points {
-            positions: on(&positions, device),
-            directions: on(&self.geometry()[1], device),
-            segments: samples.segments.clone(),
-            extent: Extent::Cones {
-                t: on(&samples.distance, device),
-                delta: on(&samples.delta, device),
-                radii: on(&self.radii, device),
-            },
-        }
+        let [t, delta, radii] = [&samples.distance, &samples.delta, &self.radii].map(|values| on(values, device));
+        let [positions, directions] = [&positions, &self.geometry()[1]].map(|rows| on(rows, device));
+        Points { positions, directions, segments: samples.segments.clone(), extent: Extent::Cones { t, delta, radii } }
     }
 
     /// Returns `warp(o + t d)` for the distances t of `samples`, which are taken as given, as points for a field on `device`.

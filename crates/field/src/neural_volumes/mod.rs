@@ -79,18 +79,16 @@ impl FieldSpec for NeuralVolumesConfig {
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, Fault> {
         let &FieldSetup { bounds: [low, high], seed, device, .. } = setup;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-        Ok(NeuralVolumes {
-            codes: match &self.encoder {
-                Some(encoder) => Codes::Encoded(CodeEncoder::new(encoder, self.latent, rng, device)),
-                None => Codes::Learned(Latent::new(self.latent, rng, device)),
-            },
-            template: Template::new(self.latent, self.resolution, self.width, rng, device),
-            warp: VolumeWarp::new(self.latent, self.maps, self.warp_resolution, rng, device),
-            decoded: None,
-            resolution: self.resolution,
-            middle: [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis])),
-            half_side: 0.5 * setup.longest_side(),
-        })
+        let &Self { latent, resolution, width, maps, warp_resolution, .. } = self;
+        let codes = match &self.encoder {
+            Some(encoder) => Codes::Encoded(CodeEncoder::new(encoder, latent, rng, device)),
+            None => Codes::Learned(Latent::new(latent, rng, device)),
+        };
+        let template = Template::new(latent, resolution, width, rng, device);
+        let warp = VolumeWarp::new(latent, maps, warp_resolution, rng, device);
+        let middle = [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]));
+        let half_side = 0.5 * setup.longest_side();
+        Ok(NeuralVolumes { codes, template, warp, decoded: None, resolution, middle, half_side })
     }
 
     fn footprint(&self) -> Footprint {

@@ -59,14 +59,9 @@ impl VolumeWarp {
     /// Builds a mixture of `maps` affine maps on a grid of `resolution`³, for codes of `latent` elements.
     pub(super) fn new(latent: usize, maps: usize, resolution: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let mut branch = |hidden: usize, outputs: usize| Branch::new(rng, [latent, hidden, outputs], device);
-        Self {
-            scales: branch(WIDTHS.0, 3 * maps),
-            rotations: branch(WIDTHS.0, 4 * maps),
-            translations: branch(WIDTHS.0, 3 * maps),
-            weights: branch(WIDTHS.1, maps * resolution.pow(3)),
-            maps,
-            resolution,
-        }
+        let [scales, rotations, translations] = [3, 4, 3].map(|numbers| branch(WIDTHS.0, numbers * maps));
+        let weights = branch(WIDTHS.1, maps * resolution.pow(3));
+        Self { scales, rotations, translations, weights, maps, resolution }
     }
 
     pub(super) fn grid(&self) -> Voxels {

@@ -51,14 +51,10 @@ impl ResnetMlp {
             second: he_linear(rng, width, width, 0.0, device),
         };
         let blocks = (0..blocks).map(|_| block()).collect();
-        Self {
-            input: he_linear(rng, inputs, width, 1.0, device),
-            features: he_linear(rng, channels, pool_after * width, 1.0, device),
-            blocks,
-            output: he_linear(rng, width, 4, 1.0, device),
-            pool_after,
-            width,
-        }
+        let input = he_linear(rng, inputs, width, 1.0, device);
+        let features = he_linear(rng, channels, pool_after * width, 1.0, device);
+        let output = he_linear(rng, width, 4, 1.0, device);
+        Self { input, features, blocks, output, pool_after, width }
     }
 
     /// - `x`: encoded points in each of `views` views, `[V·M, inputs]`, view by view.
