@@ -121,8 +121,7 @@ impl CameraRefinement {
     /// in `f64` of [`Camera::ray_f64`], through whatever lens there is.
     pub fn rays(&self, cameras: &[Camera], at: &[PixelAt]) -> [Tensor<2>; 2] {
         let device = self.poses.val().device();
-        let views: Vec<i32> = at.iter().map(|pixel| pixel.view as i32).collect();
-        let views = upload(views, [at.len()], &device);
+        let views = upload(at.iter().map(|pixel| pixel.view as i32).collect(), [at.len()], &device);
         let cameras = self.refocused(cameras);
         let rows = |of: &dyn Fn(&PixelAt) -> DVec3| {
             let numbers: Vec<f32> = at.iter().flat_map(|pixel| of(pixel).as_vec3().to_array()).collect();

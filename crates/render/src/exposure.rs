@@ -40,8 +40,7 @@ impl Exposure {
     /// If `views` and rays differ in number.
     pub fn apply(&self, color: Tensor<2>, acc: Tensor<1>, background: [f32; 3], views: &[usize]) -> Tensor<2> {
         let device = color.device();
-        let views: Vec<i32> = views.iter().map(|&view| view as i32).collect();
-        let views = upload(views, [color.dims()[0]], &device);
+        let views = upload(views.iter().map(|&view| view as i32).collect(), [color.dims()[0]], &device);
         let [gain, bias] = [&self.gain, &self.bias].map(|values| values.val().select(0, views.clone()));
         let background = upload(background.to_vec(), [1, 3], &device);
         let behind = (acc.neg() + 1.0).unsqueeze_dim::<2>(1) * background;

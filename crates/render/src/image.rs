@@ -102,11 +102,8 @@ pub(crate) fn render_one<F: Field>(
 
 /// Renders the picture of a camera in the model's own frame.
 fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
-    let rays: Vec<Ray> = (0..camera.height)
-        .into_par_iter()
-        .flat_map_iter(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
-        .map(|(x, y)| camera.ray(x, y))
-        .collect();
+    let row = |y: u32| (0..camera.width).map(move |x| camera.ray(x as f32 + 0.5, y as f32 + 0.5));
+    let rays: Vec<Ray> = (0..camera.height).into_par_iter().flat_map_iter(row).collect();
     let mut image = RenderedImage { width: camera.width, height: camera.height, ..RenderedImage::default() };
     if renderer.config.marches() {
         let host = trained.model.fine.on_host(trained.at);

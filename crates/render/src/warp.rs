@@ -214,12 +214,11 @@ impl Warp {
             Self::Identity => scene.space.bounds,
             Self::Contraction { .. } => Aabb::cube(Vec3::ZERO, 2.0),
             Self::Ndc { .. } => {
+                let ends = |ray: Ray| scene.interval(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]);
                 let corners = cameras(scene).flat_map(|camera| {
                     let (width, height) = (camera.width as f32, camera.height as f32);
-                    let rays =
-                        [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)].map(|(x, y)| camera.ray(x, y));
-                    rays.into_iter()
-                        .filter_map(|ray| scene.interval(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]))
+                    let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+                    corners.into_iter().filter_map(move |(x, y)| ends(camera.ray(x, y)))
                 });
                 let seen = Aabb::containing(corners.flatten().map(|p| self.point(p)));
                 seen.unwrap_or(Aabb::cube(Vec3::ZERO, 1.0))

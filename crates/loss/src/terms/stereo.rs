@@ -1,4 +1,3 @@
-use std::ops::Range;
 use std::sync::OnceLock;
 
 use burn::tensor::Tensor;
@@ -111,10 +110,10 @@ impl Term for Stereo {
         let device = output.tau.device();
         let segments = output.segments();
         let ends: Vec<RayEnd> = renders.target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
-        let of_ray =
-            |(range, end): (Range<usize>, &RayEnd)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
-        let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
-        let values = upload(values.concat(), [segments.samples(), 1], &device);
+        let t = output.samples.t();
+        let rays = segments.ranges().zip(&ends);
+        let values = rays.flat_map(|(range, end)| t[range].iter().map(|&t| end.value(t))).collect();
+        let values = upload(values, [segments.samples(), 1], &device);
         let offsets = ends.iter().map(|end| if matches!(end, RayEnd::At(..)) { 0.0 } else { 1.0 }).collect();
         let offsets = upload(offsets, [ends.len()], &device);
         let probability = composite(output.tau.clone(), values, segments).values.squeeze_dim(1) + offsets;
