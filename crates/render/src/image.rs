@@ -262,15 +262,13 @@ pub(crate) mod tests {
 
     /// An edge at column `x`, of a surface at distance `depth`.
     fn edge(x: u32, depth: f32) -> RenderedImage {
-        let pixels = (0..SIZE * SIZE).map(|pixel| pixel % SIZE < x);
-        RenderedImage {
-            width: SIZE,
-            height: SIZE,
-            rgb: pixels.clone().map(|inside| if inside { [0.2, 0.4, 0.1] } else { [1.0; 3] }).collect(),
-            depth: pixels.clone().map(|inside| if inside { depth } else { f32::INFINITY }).collect(),
-            acc: pixels.map(|inside| if inside { 1.0 } else { 0.0 }).collect(),
-            ..RenderedImage::default()
+        let mut image = RenderedImage { width: SIZE, height: SIZE, ..RenderedImage::default() };
+        for pixel in 0..SIZE * SIZE {
+            let inside = pixel % SIZE < x;
+            let (rgb, acc) = if inside { ([0.2, 0.4, 0.1], 1.0) } else { ([1.0; 3], 0.0) };
+            image.push(rgb, depth, acc);
         }
+        image
     }
 
     #[test]
