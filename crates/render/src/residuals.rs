@@ -88,10 +88,8 @@ impl Residuals {
             seen.for_each(|(residual, weight)| (sum, total) = (sum + weight * residual, total + weight));
             Some(sum / (total + PRIOR))
         };
-        let corrections: Vec<Option<Vec3>> = (0..picture.rgb.len()).into_par_iter().map(correction).collect();
-        for (rgb, correction) in picture.rgb.iter_mut().zip(corrections) {
-            *rgb = (Vec3::from_array(*rgb) + correction.unwrap_or_default()).to_array();
-        }
+        let corrected = |(pixel, rgb): (usize, &[f32; 3])| Vec3::from(*rgb) + correction(pixel).unwrap_or_default();
+        picture.rgb = picture.rgb.par_iter().enumerate().map(corrected).map(|rgb| rgb.to_array()).collect();
     }
 
     /// Returns the photographs with the greatest sums of angular weights over some pixels spread over the picture,
@@ -100,8 +98,7 @@ impl Residuals {
         let pixels = picture.depth.len();
         // Odd, as widths seldom are: otherwise the same few columns would come again and again.
         let step = (pixels / PROBES) | 1;
-        let hits: Vec<(Vec3, Vec3)> =
-            (0..pixels).step_by(step).filter_map(|pixel| picture.point(camera, pixel)).collect();
+        let hits: Vec<_> = (0..pixels).step_by(step).filter_map(|pixel| picture.point(camera, pixel)).collect();
         let score = |camera: &Camera| {
             let seen = hits.iter().filter(|(point, _)| seen_at(camera, *point).is_some());
             seen.map(|(point, direction)| angular_weight(camera, *point, *direction)).sum::<f32>()
