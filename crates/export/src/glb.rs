@@ -5,7 +5,6 @@ use serde_json::{Value, json};
 
 use crate::error::ExportError;
 use crate::mesh::Mesh;
-use crate::ply::push;
 
 /// Component types and buffer targets of the specification.
 const UNSIGNED_SHORT: u32 = 5123;
@@ -26,10 +25,8 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 pub fn glb(mesh: &Mesh, up: Vec3, origin: DVec3) -> Result<Vec<u8>, ExportError> {
     let surface = &mesh.surface;
     let mut buffer = Buffer::default();
-    let vectors = |vectors: &[Vec3]| {
-        let mut bytes = Vec::with_capacity(12 * vectors.len());
-        vectors.iter().for_each(|&v| push(&mut bytes, v));
-        bytes
+    let vectors = |vectors: &[Vec3]| -> Vec<u8> {
+        vectors.iter().flat_map(|v| v.to_array().map(f32::to_le_bytes)).flatten().collect()
     };
     let count = surface.positions.len();
     let position = buffer.add(&vectors(&surface.positions), ARRAY_BUFFER, count, "VEC3", FLOAT);
@@ -113,14 +110,9 @@ fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, Expo
     buffer.resize(buffer.len().next_multiple_of(4), 0);
     let length = 12 + 8 + document.len() + 8 + buffer.len();
     let length = u32::try_from(length).map_err(|_| ExportError("glb: expected at most 4 GB".into()))?;
-    let mut file = Vec::with_capacity(length as usize);
-    file.extend(b"glTF");
-    file.extend(2u32.to_le_bytes());
-    file.extend(length.to_le_bytes());
-    for (kind, chunk) in [(b"JSON", document), (b"BIN\0", buffer)] {
-        file.extend((chunk.len() as u32).to_le_bytes());
-        file.extend(kind);
-        file.extend(chunk);
-    }
-    Ok(file)
+    let size = |chunk: &[u8]| (chunk.len() as u32).to_le_bytes();
+    let head = [*b"glTF", 2u32.to_le_bytes(), length.to_le_bytes()].concat();
+    let [json, binary] =
+        [(*b"JSON", &document), (*b"BIN\0", &buffer)].map(|(kind, chunk)| [size(chunk), kind].concat());
+    Ok([head, json, document, binary, buffer].concat())
 }

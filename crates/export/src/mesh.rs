@@ -29,13 +29,12 @@ impl Surface {
     pub fn sample(&self, count: usize) -> Vec<Vec3> {
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| self.positions[vertex as usize]);
         let areas = self.triangles.iter().map(corners).map(|[a, b, c]| f64::from((b - a).cross(c - a).length()));
-        let ends: Vec<f64> = areas
-            .scan(0.0, |sum, area| {
-                *sum += area;
-                Some(*sum)
-            })
-            .collect();
-        let total = ends.last().copied().unwrap_or(0.0);
+        let mut total = 0.0;
+        let mut add = |area: f64| {
+            total += area;
+            total
+        };
+        let ends: Vec<f64> = areas.map(&mut add).collect();
         if total <= 0.0 {
             return Vec::new();
         }

@@ -6,17 +6,14 @@ use glam::{DVec3, Vec3};
 
 use crate::mesh::Mesh;
 
-const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
+pub(crate) const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
 const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
 /// Encodes a mesh: vertices with positions, normals and colours, and triangles. `origin`, the scene's in the world, is added
 /// to positions, which then are in double precision.
 pub fn ply_mesh(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
-    let vertex: Vec<&str> = position_properties(origin).into_iter().chain(NORMAL).chain(COLOR).collect();
     let triangles = &mesh.surface.triangles;
-    let face = ["list uchar int vertex_indices"];
-    let mut file = header(&[("vertex", mesh.colors.len(), &vertex), ("face", triangles.len(), &face)]);
-    push_vertices(&mut file, mesh, origin);
+    let mut file = vertices(mesh, origin, &[("face", triangles.len(), &["list uchar int vertex_indices"])]);
     for triangle in triangles {
         file.push(3);
         triangle.iter().for_each(|&vertex| file.extend((vertex as i32).to_le_bytes()));
@@ -26,14 +23,14 @@ pub fn ply_mesh(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
 
 /// Encodes a point cloud: the vertices of a mesh as [`ply_mesh`] writes them.
 pub fn ply_points(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
-    let vertex: Vec<&str> = position_properties(origin).into_iter().chain(NORMAL).chain(COLOR).collect();
-    let mut file = header(&[("vertex", mesh.colors.len(), &vertex)]);
-    push_vertices(&mut file, mesh, origin);
-    file
+    vertices(mesh, origin, &[])
 }
 
-/// Encodes the header of a file with the given elements: name, count, and properties with their types.
-pub(crate) fn header(elements: &[(&str, usize, &[&str])]) -> Vec<u8> {
+/// Name and count of the elements of a kind, and their properties with their types.
+type Elements<'a> = (&'a str, usize, &'a [&'a str]);
+
+/// Encodes the header of a file with the given elements.
+pub(crate) fn header(elements: &[Elements]) -> Vec<u8> {
     let mut text = "ply\nformat binary_little_endian 1.0\ncomment infonerf\n".to_owned();
     for (name, count, properties) in elements {
         // Writing to a string cannot fail.
@@ -59,18 +56,17 @@ pub(crate) fn push_position(file: &mut Vec<u8>, position: Vec3, origin: DVec3) {
     (position.as_dvec3() + origin).to_array().iter().for_each(|value| file.extend(value.to_le_bytes()));
 }
 
-fn push_vertices(file: &mut Vec<u8>, mesh: &Mesh, origin: DVec3) {
+/// Encodes the header, with `others` after the vertices, and the vertices of a mesh.
+fn vertices(mesh: &Mesh, origin: DVec3, others: &[Elements]) -> Vec<u8> {
+    let properties: Vec<&str> = position_properties(origin).into_iter().chain(NORMAL).chain(COLOR).collect();
+    let mut file = header(&[&[("vertex", mesh.colors.len(), &properties[..])], others].concat());
     let surface = &mesh.surface;
-    for ((&position, &normal), &color) in surface.positions.iter().zip(&surface.normals).zip(&mesh.colors) {
-        push_position(file, position, origin);
-        push(file, normal);
-        file.extend(bytes(color));
+    for ((&position, &normal), color) in surface.positions.iter().zip(&surface.normals).zip(&mesh.colors) {
+        push_position(&mut file, position, origin);
+        push(&mut file, normal);
+        file.extend(color.map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8));
     }
-}
-
-/// Rounds a display-encoded colour to bytes.
-fn bytes(color: [f32; 3]) -> [u8; 3] {
-    color.map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
+    file
 }
 
 /// Appends a vector, little-endian.

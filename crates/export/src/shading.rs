@@ -2,6 +2,7 @@
 
 use glam::{DMat4, DVec4, Mat3, Vec3};
 
+use crate::splat::{DEGREE_0, DEGREE_1};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
@@ -44,25 +45,16 @@ pub(crate) fn head_on(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume
     chunks.flat_map(|(points, directions)| volume.color(points, directions)).collect()
 }
 
-/// Colour that is linear in the unit direction of view d: `mean + gradient · d`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LinearColor {
-    /// RGB where d is 0.
-    pub mean: Vec3,
-    /// ∂colour/∂d, a column each for x, y and z of the direction.
-    pub gradient: Mat3,
-}
-
 /// Directions of view to which a colour is fitted: their angle to the normal in degrees, and their number around it.
 const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
 
-/// Fits the colour of each vertex as a linear function of the direction of view, by least squares over 13 directions
-/// from its front.
-pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<LinearColor> {
+/// Fits the colour of each vertex as a linear function of the direction of view, in the coefficients of
+/// [`Gaussian::sh`](crate::Gaussian::sh), by least squares over 13 directions from its front.
+pub(crate) fn harmonics(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[[f32; 4]; 3]> {
     let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
     let weights = regression(&local);
     let count = local.len();
-    let of_chunk = |(points, normals): (&[Vec3], &[Vec3])| -> Vec<LinearColor> {
+    let of_chunk = |(points, normals): (&[Vec3], &[Vec3])| -> Vec<[[f32; 4]; 3]> {
         let frames: Vec<Mat3> = normals.iter().map(|&normal| frame(normal)).collect();
         let asked: Vec<Vec3> = points.iter().flat_map(|&p| std::iter::repeat_n(p, count)).collect();
         let directions: Vec<Vec3> = frames.iter().flat_map(|frame| local.iter().map(move |&d| *frame * d)).collect();
@@ -75,11 +67,10 @@ pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume)
                     *sum += *weight * f64::from(*channel);
                 }
             }
-            let gradients = sums.map(|sum| *frame * sum.truncate().as_vec3());
-            LinearColor {
-                mean: Vec3::from_array(sums.map(|sum| sum.w as f32)),
-                gradient: Mat3::from_cols(gradients[0], gradients[1], gradients[2]).transpose(),
-            }
+            sums.map(|sum| {
+                let by_direction = *frame * sum.truncate().as_vec3() / DEGREE_1;
+                [(sum.w as f32 - 0.5) / DEGREE_0, -by_direction.y, by_direction.z, -by_direction.x]
+            })
         };
         frames.iter().zip(colors.chunks_exact(count)).map(fit).collect()
     };
@@ -121,19 +112,6 @@ mod tests {
         let surface = ball.surface(32);
         for (end, p) in endpoints(&surface, &ball).iter().zip(&surface.positions) {
             assert!(end.length() < 1.0 + 0.5 * surface.voxel && end.length() > 1.0 - surface.voxel, "{end} for {p}");
-        }
-    }
-
-    #[test]
-    fn a_linear_colour_is_found_exactly() {
-        let ball = Ball { radius: 1.0, sharpness: 100.0 };
-        let surface = ball.surface(24);
-        let points = surface.positions.clone();
-        for (color, p) in linear(&surface, &points, &ball).iter().zip(&points) {
-            let expected = 0.5 + 0.3 * *p;
-            assert!((color.mean - expected).length() < 1e-4, "{} for {expected}", color.mean);
-            let gradient = Mat3::from_cols(Vec3::ZERO, Vec3::X * 0.1, Vec3::ZERO);
-            assert!(color.gradient.abs_diff_eq(gradient, 1e-4), "{}", color.gradient);
         }
     }
 }

@@ -29,7 +29,7 @@ impl Surface {
 
 #[cfg(test)]
 mod tests {
-    use crate::surface::testing::assert_closed;
+    use crate::surface::tests::assert_closed;
     use crate::volume::testing::Ball;
 
     #[test]

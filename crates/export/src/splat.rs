@@ -1,9 +1,9 @@
 //! Gaussian splats (3D Gaussian Splatting, Kerbl et al. 2023).
 
-use glam::{DVec3, Mat3, Quat, Vec3};
+use glam::{DVec3, Quat, Vec3};
 
-use crate::ply::{header, position_properties, push_position};
-use crate::shading::{LinearColor, endpoints, frame, linear};
+use crate::ply::{NORMAL, header, position_properties, push_position};
+use crate::shading::{endpoints, frame, harmonics};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
@@ -34,16 +34,13 @@ pub struct Gaussian {
 /// Places a gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`: a start for
 /// [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
-    let colors = linear(surface, &endpoints(surface, volume), volume);
+    let colors = harmonics(surface, &endpoints(surface, volume), volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
-    let place = |((&position, &normal), color): ((&Vec3, &Vec3), &LinearColor)| Gaussian {
-        position,
-        scale,
-        rotation: Quat::from_mat3(&frame(normal)).normalize(),
-        opacity: OPACITY,
-        sh: harmonics(color),
+    let place = |((&position, &normal), sh)| {
+        let rotation = Quat::from_mat3(&frame(normal)).normalize();
+        Gaussian { position, scale, rotation, opacity: OPACITY, sh }
     };
-    surface.positions.iter().zip(&surface.normals).zip(&colors).map(place).collect()
+    surface.positions.iter().zip(&surface.normals).zip(colors).map(place).collect()
 }
 
 /// Harmonic of degree 0, √(1/4π), and factor of the harmonics of degree 1, √(3/4π).
@@ -60,25 +57,14 @@ impl Gaussian {
     }
 }
 
-/// Returns the coefficients of a linear colour.
-fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
-    // Rows: what x, y and z of the direction add to one channel.
-    let Mat3 { x_axis: red, y_axis: green, z_axis: blue } = color.gradient.transpose();
-    let channel = |mean: f32, gradient: Vec3| {
-        [(mean - 0.5) / DEGREE_0, -gradient.y / DEGREE_1, gradient.z / DEGREE_1, -gradient.x / DEGREE_1]
-    };
-    [channel(color.mean.x, red), channel(color.mean.y, green), channel(color.mean.z, blue)]
-}
-
 /// Encodes gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
 /// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z). `origin`, the scene's in the
 /// world, is added to positions, which then are in double precision.
 pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
     let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));
-    let normal = ["float nx", "float ny", "float nz"];
     let names: Vec<String> = position_properties(origin)
         .into_iter()
-        .chain(normal)
+        .chain(NORMAL)
         .map(str::to_owned)
         .chain(numbered("f_dc", 3))
         .chain(numbered("f_rest", 9))
@@ -122,11 +108,11 @@ mod tests {
         for ((splat, normal), end) in splats.iter().zip(&surface.normals).zip(&ends) {
             assert!((splat.rotation * Vec3::Z - *normal).length() < 1e-5);
             assert!(splat.scale.z < splat.scale.x && splat.scale.x == splat.scale.y);
-            let d = -*normal;
-            let shown = splat.color(d).to_array();
-            let expected = ball.color(&[*end], &[d])[0];
-            for (shown, expected) in shown.iter().zip(expected) {
-                assert!((shown - expected).abs() < 1e-3, "{shown} for {expected}");
+            // Four directions determine a linear function.
+            for d in [Vec3::NEG_Z, Vec3::new(0.6, 0.0, -0.8), Vec3::new(0.0, 0.6, -0.8), Vec3::new(-0.6, 0.0, -0.8)] {
+                let d = frame(*normal) * d;
+                let (shown, expected) = (splat.color(d), Vec3::from_array(ball.color(&[*end], &[d])[0]));
+                assert!(shown.abs_diff_eq(expected, 3e-4), "{shown} for {expected} along {d}");
             }
         }
     }

@@ -112,12 +112,13 @@ pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
 }
 
 #[cfg(test)]
-pub(crate) mod testing {
-    //! Property of every surface.
-
+pub(crate) mod tests {
     use std::collections::HashMap;
 
-    use super::Surface;
+    use glam::UVec3;
+
+    use super::*;
+    use crate::volume::testing::Ball;
 
     /// Asserts that every edge is shared by two triangles that pass it in opposite directions (or by two such pairs,
     /// where voxels touch at an edge).
@@ -130,15 +131,6 @@ pub(crate) mod testing {
         }
         assert!(edges.values().all(|&sum| sum == 0));
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::UVec3;
-
-    use super::testing::assert_closed;
-    use super::*;
-    use crate::volume::testing::Ball;
 
     fn grid(size: u32, density: impl Fn(UVec3) -> f32) -> DensityGrid {
         let cell = |index: u32| UVec3::new(index % size, index / size % size, index / (size * size));
@@ -163,12 +155,8 @@ mod tests {
             assert_closed(&surface);
             assert_eq!(surface.dropped, 0);
             // All of the sphere: 4πr² to a few per cent.
-            let area: f32 = surface
-                .triangles
-                .iter()
-                .map(|t| t.map(|v| surface.positions[v as usize]))
-                .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length())
-                .sum();
+            let corners = surface.triangles.iter().map(|t| t.map(|v| surface.positions[v as usize]));
+            let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
             let exact = 4.0 * std::f32::consts::PI;
             assert!((area / exact - 1.0).abs() < 0.04, "{area} for {exact}");
         }
@@ -178,8 +166,7 @@ mod tests {
     fn matter_at_the_border_is_closed() {
         let surface = Surface::extract(&grid(4, |_| 5.0)).unwrap();
         assert_closed(&surface);
-        let (low, high) =
-            surface.positions.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &p| (low.min(p), high.max(p)));
+        let [low, high] = [Vec3::min, Vec3::max].map(|pick| surface.positions.iter().copied().reduce(pick).unwrap());
         assert!(low.max_element() < 0.0 && low.min_element() > -1.0, "{low}");
         assert!(high.min_element() > 3.0 && high.max_element() < 4.0, "{high}");
     }
@@ -192,8 +179,8 @@ mod tests {
         let solid = Surface::extract(&grid(9, shell)).unwrap();
         let filled = Surface::extract(&grid(9, hollow)).unwrap();
         assert_eq!((solid.positions.len(), solid.triangles.len()), (filled.positions.len(), filled.triangles.len()));
-        let bay =
-            Surface::extract(&grid(9, |cell| if cell.x == 4 && cell.y == 4 { 0.0 } else { shell(cell) })).unwrap();
+        let tunnel = |cell: UVec3| if cell.x == 4 && cell.y == 4 { 0.0 } else { shell(cell) };
+        let bay = Surface::extract(&grid(9, tunnel)).unwrap();
         assert!(bay.triangles.len() > solid.triangles.len());
     }
 

@@ -1,7 +1,6 @@
 //! Comparison of other programs' renders with the truth, as `infonerf eval --renders` writes it.
 
 use std::fs;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use askama::Template;
@@ -11,7 +10,7 @@ use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{error::ReportError, files::write_atomically, html::rendered, text_table::TextTable};
+use crate::{error::ReportError, files::write_atomically, gallery::encoded, html::rendered, text_table::TextTable};
 
 /// Maximum number of bytes of a comparison's images: browsers would take long to open more.
 const MAX_BYTES: u64 = 96 << 20;
@@ -81,13 +80,12 @@ impl<'a> PictureComparison<'a> {
     pub fn to_text(&self) -> String {
         let metrics = self.metrics();
         let line = |first: &str, cell: &dyn Fn(&&Metric) -> String| {
-            std::iter::once(first.to_owned()).chain(metrics.iter().map(cell)).collect::<Vec<String>>()
+            [first.to_owned()].into_iter().chain(metrics.iter().map(cell)).collect::<Vec<String>>()
         };
-        let headings = line("", &|metric| metric.descriptor.heading());
-        let rows = self.rows().map(|(name, values)| line(name, &|metric| cell(metric, values)));
-        let text =
-            format!("{}\n{}", self.protocol, TextTable(std::iter::once(headings).chain(rows).collect()).to_text());
-        self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
+        let mut lines = vec![line("", &|metric| metric.descriptor.heading())];
+        lines.extend(self.rows().map(|(name, values)| line(name, &|metric| cell(metric, values))));
+        let notes = self.compared.measured.notes.iter().map(|note| format!("{note}\n")).collect::<String>();
+        format!("{}\n{}{notes}", self.protocol, TextTable(lines).to_text())
     }
 
     fn metrics(&self) -> Vec<&'static Metric> {
@@ -128,11 +126,9 @@ fn data(path: &Path) -> Result<String, ReportError> {
     if format != ImageFormat::Tiff {
         return Ok(format!("data:{};base64,{}", format.to_mime_type(), BASE64_STANDARD.encode(bytes)));
     }
-    let mut png = Cursor::new(Vec::new());
-    image::load_from_memory_with_format(&bytes, format)
-        .and_then(|image| image.to_rgba8().write_to(&mut png, ImageFormat::Png))
-        .map_err(ReportError::io("read", path))?;
-    Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())))
+    let image = image::load_from_memory_with_format(&bytes, format);
+    let png = image.and_then(|image| encoded(&image.to_rgba8().into())).map_err(ReportError::io("read", path))?;
+    Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png)))
 }
 
 fn cell(metric: &Metric, values: &Values) -> String {

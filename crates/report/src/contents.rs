@@ -1,8 +1,6 @@
 use std::collections::BTreeMap;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::ImageFormat;
 use indexmap::IndexMap;
 
 use crate::chart::standalone;
@@ -11,7 +9,7 @@ use crate::error::ReportError;
 use crate::events::Events;
 use crate::figures::{Figure, comparison_figures, curve_figures};
 use crate::files::write_atomically;
-use crate::gallery::{Choice, MAX_PICTURED, SceneGallery, pictured, slashed};
+use crate::gallery::{MAX_PICTURED, SceneGallery, encoded, pictured, slashed, spread};
 use crate::input::ReportInput;
 use crate::panel::compose;
 use crate::protocol::protocol_lines;
@@ -80,19 +78,19 @@ impl<'a> ReportContents<'a> {
                 missing.push(format!("{name}: images of {} of {MAX_VIEWS} test views", MAX_VIEWS - views));
             }
             left -= views;
-            let choice = Choice::Spread(views);
-            let gallery = SceneGallery::collect(&pictured, root, name, &choice, &mut missing);
+            let gallery = SceneGallery::collect(&pictured, root, name, |all| spread(all, views), &mut missing);
             scenes.push(SceneContents::gather(gallery, root, &mut missing)?);
         }
+        let overview = |name: &str, quantities: &[Quantity]| {
+            let table = overview_table(&records, quantities);
+            let title = format!("{name}, {}", table.title);
+            bare(table, title)
+        };
         Ok(Self {
             input,
             protocol: protocol_lines(&records),
             warnings: warnings(input, &records),
-            overviews: [("Quality", Quantity::quality()), ("Cost", Quantity::cost())].map(|(name, quantities)| {
-                let table = overview_table(&records, &quantities);
-                let title = format!("{name}, {}", table.title);
-                bare(table, title)
-            }),
+            overviews: [overview("Quality", &Quantity::quality()), overview("Cost", &Quantity::cost())],
             published: input.published.as_ref().and_then(|published| published.table(&records)),
             claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
@@ -130,15 +128,14 @@ impl<'a> SceneContents<'a> {
             // A run that trained several fields shows the first one's events.
             let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));
             let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
-            match Events::read(&root.join(path)) {
-                Ok(events) => {
-                    if events.skipped > 0 {
-                        missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));
-                    }
-                    curves.push((label.clone(), events));
-                }
-                Err(_) => missing.push(format!("{}: cannot be read", path.display())),
+            let Ok(events) = Events::read(&root.join(path)) else {
+                missing.push(format!("{}: cannot be read", path.display()));
+                continue;
+            };
+            if events.skipped > 0 {
+                missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));
             }
+            curves.push((label.clone(), events));
         }
         let figures = curve_figures(&gallery.scene, &curves)?;
         Ok(Self { gallery, figures, viewers })
@@ -151,9 +148,7 @@ fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
         return Ok(None);
     }
     let Some(image) = compose(&scenes.iter().map(|scene| &scene.gallery).collect::<Vec<_>>())? else { return Ok(None) };
-    let mut png = Cursor::new(Vec::new());
-    image.write_to(&mut png, ImageFormat::Png).map_err(ReportError::chart(PANEL))?;
-    Ok(Some(png.into_inner()))
+    encoded(&image.into()).map(Some).map_err(ReportError::chart(PANEL))
 }
 
 /// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and other characters than letters, digits, `-` and `_`

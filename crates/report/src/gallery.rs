@@ -3,10 +3,10 @@
 use std::collections::{BTreeSet, HashSet};
 use std::fs;
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use image::{ImageFormat, imageops::FilterType};
+use image::{DynamicImage, ImageFormat, ImageResult, imageops::FilterType};
 
 use crate::quantity::Quantity;
 use crate::record::{Record, distinct};
@@ -44,13 +44,6 @@ pub(crate) struct GalleryImage {
     pub(crate) height: u32,
 }
 
-/// Choice of the views of a gallery.
-pub(crate) enum Choice {
-    /// This number of views, spread evenly over those that every run has, or over all if there is none.
-    Spread(usize),
-    Named(String),
-}
-
 /// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order.
 pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
     let scenes = distinct(records, |record| record.scene.clone());
@@ -63,13 +56,13 @@ pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
 }
 
 impl<'a> SceneGallery<'a> {
-    /// Reads the views of `choice` from the runs of `scene`, the lowest seed of each variant. Images that are missing or
-    /// cannot be read are left out and named in `missing`.
+    /// Reads the views that `choose` picks from those that every run of `scene` has, or from all if there is none, of
+    /// the lowest seed of each variant. Images that are missing or cannot be read are left out and named in `missing`.
     pub(crate) fn collect(
         variants: &[VariantGroup<'a>],
         root: &Path,
         scene: String,
-        choice: &Choice,
+        choose: impl Fn(Vec<String>) -> Vec<String>,
         missing: &mut Vec<String>,
     ) -> Self {
         let run = |variant: &VariantGroup<'a>| Some((variant.label.clone(), variant.first(&scene)?));
@@ -85,13 +78,8 @@ impl<'a> SceneGallery<'a> {
         }
         let shared = names.iter().cloned().reduce(|a, b| &a & &b).unwrap_or_default();
         let all = if shared.is_empty() { names.into_iter().flatten().collect() } else { shared };
-        let all: Vec<String> = all.into_iter().collect();
-        let chosen = match choice {
-            Choice::Spread(count) => spread(all, *count),
-            Choice::Named(wanted) => all.into_iter().filter(|name| name == wanted).collect(),
-        };
         let mut views = Vec::new();
-        for name in chosen {
+        for name in choose(all.into_iter().collect()) {
             let truth = runs.iter().find_map(|(_, record)| read(root, record, "truth", &name).ok());
             if truth.is_none() {
                 missing.push(format!("no truth for view {name} of {scene}"));
@@ -137,28 +125,30 @@ fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<Galler
     let described = |error: &dyn std::fmt::Display| format!("{}: {error}", slashed(&path));
     let bytes = fs::read(root.join(&path)).map_err(|error| described(&error))?;
     let decoded = image::load_from_memory_with_format(&bytes, ImageFormat::Png).map_err(|error| described(&error))?;
-    let (png, decoded) = if decoded.width().max(decoded.height()) > MAX_SIDE {
-        let small = decoded.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
-        let mut png = Cursor::new(Vec::new());
-        small.write_to(&mut png, ImageFormat::Png).map_err(|error| described(&error))?;
-        (png.into_inner(), small)
-    } else {
-        (bytes, decoded)
-    };
-    Ok(GalleryImage { path: slashed(&path), png, width: decoded.width(), height: decoded.height() })
+    let (mut png, mut shown) = (bytes, decoded);
+    if shown.width().max(shown.height()) > MAX_SIDE {
+        shown = shown.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
+        png = encoded(&shown).map_err(|error| described(&error))?;
+    }
+    Ok(GalleryImage { path: slashed(&path), png, width: shown.width(), height: shown.height() })
 }
 
 /// Lists the stems of the PNG files in a folder; empty if it cannot be read.
 pub fn picture_names(folder: &Path) -> BTreeSet<String> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let stem = |path: PathBuf| {
-        path.extension().is_some_and(|e| e == "png").then(|| path.file_stem()?.to_str().map(str::to_owned))
-    };
-    entries.filter_map(|entry| stem(entry.path()).flatten()).collect()
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let pictures = entries.filter(|path| path.extension().is_some_and(|extension| extension == "png"));
+    pictures.filter_map(|path| path.file_stem()?.to_str().map(str::to_owned)).collect()
+}
+
+/// Encodes an image as PNG.
+pub(crate) fn encoded(image: &DynamicImage) -> ImageResult<Vec<u8>> {
+    let mut png = Cursor::new(Vec::new());
+    image.write_to(&mut png, ImageFormat::Png)?;
+    Ok(png.into_inner())
 }
 
 /// Chooses `count` of the names, from the middles of as many equal parts.
-fn spread(names: Vec<String>, count: usize) -> Vec<String> {
+pub(crate) fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     if names.len() <= count {
         return names;
     }

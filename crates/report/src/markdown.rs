@@ -58,18 +58,13 @@ fn claims(claims: &[TestedClaim]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
+    use crate::table::tests::record;
 
     #[test]
     fn results_document_has_command_protocol_and_tables() {
-        let run = |scene: &str, variant: &str, psnr| Record {
-            scene: scene.into(),
-            variant: variant.into(),
-            metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
-            notes: vec!["procedural scene".into()],
-            ..Record::default()
-        };
-        let records = vec![run("lego", "nerf", 15.0), run("lego", "infonerf", 19.0), run("mic", "nerf", 14.0)];
+        let runs = [("lego", "nerf", 15.0), ("lego", "infonerf", 19.0), ("mic", "nerf", 14.0)];
+        let mut records = runs.map(|(scene, variant, psnr)| record(scene, variant, 0, psnr)).to_vec();
+        records.iter_mut().for_each(|record| record.notes.push("procedural scene".into()));
         let command = Some("infonerf exp synthetic-4view".to_owned());
         let input = ReportInput { command, ..ReportInput::new("exp", "Four views", records) };
         let document = results_document("Results", &[input]);

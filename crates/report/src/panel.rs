@@ -7,7 +7,7 @@ use indexmap::IndexSet;
 
 use crate::chart::{LABEL, text_width, write_text};
 use crate::error::ReportError;
-use crate::gallery::{Choice, GalleryImage, GalleryView, SceneGallery, pictured};
+use crate::gallery::{GalleryImage, GalleryView, SceneGallery, pictured, spread};
 use crate::record::{Record, distinct};
 
 const HEIGHT: u32 = 240;
@@ -23,10 +23,13 @@ const TRUTH: &str = "truth";
 /// If no run has an image of that view, or the labels cannot be drawn.
 pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<RgbImage, ReportError> {
     let records: Vec<&Record> = records.iter().collect();
-    let choice = view.map_or(Choice::Spread(1), |view| Choice::Named(format!("{view:03}")));
+    let choose = |all: Vec<String>| match view.map(|view| format!("{view:03}")) {
+        Some(wanted) => all.into_iter().filter(|name| *name == wanted).collect(),
+        None => spread(all, 1),
+    };
     let variants = pictured(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
-    let gallery = |scene| SceneGallery::collect(&variants, root, scene, &choice, &mut Vec::new());
+    let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());
     let galleries: Vec<SceneGallery> = scenes.map(gallery).collect();
     compose(&galleries.iter().collect::<Vec<_>>())?.ok_or_else(|| {
         let wanted = view.map_or("any test view".to_owned(), |view| format!("test view {view}"));

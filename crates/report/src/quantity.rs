@@ -1,4 +1,3 @@
-use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::ops::Deref;
 
@@ -9,11 +8,8 @@ use crate::record::Record;
 
 /// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
 /// or a cost. Files name it by its key.
-#[derive(Clone, Copy)]
-pub struct Quantity {
-    descriptor: Descriptor,
-    value: fn(&Record, &str) -> Option<f64>,
-}
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Quantity(Descriptor);
 
 const fn quantity(
     key: &'static str,
@@ -21,48 +17,36 @@ const fn quantity(
     unit: &'static str,
     decimals: usize,
     better: Better,
-    value: fn(&Record, &str) -> Option<f64>,
 ) -> Quantity {
-    Quantity { descriptor: Descriptor { key, name, unit, decimals, better }, value }
+    Quantity(Descriptor { key, name, unit, decimals, better })
 }
 
 /// Statistics of test rays (the paper's Figure A).
 const OF_RAYS: [Quantity; 2] = [
-    quantity("ray_entropy_bits", "Ray entropy", "bits", 2, Better::Lower, |record, _| record.ray_entropy_bits),
-    quantity("information_gain", "Information gain", "", 3, Better::Lower, |record, _| record.information_gain),
+    quantity("ray_entropy_bits", "Ray entropy", "bits", 2, Better::Lower),
+    quantity("information_gain", "Information gain", "", 3, Better::Lower),
 ];
 
 const COSTS: [Quantity; 4] = [
     Quantity::TRAIN_SECONDS,
-    quantity("render_seconds_per_image", "Render", "s/image", 2, Better::Lower, |record, _| {
-        Some(record.render_seconds_per_image)
-    }),
-    quantity("samples_skipped", "Samples skipped", "×", 1, Better::Higher, |record, _| {
-        Some(record.samples_total as f64 / record.samples_evaluated as f64)
-    }),
-    quantity("peak_memory", "Peak memory", "MiB", 0, Better::Lower, |record, _| {
-        record.peak_rss_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20))
-    }),
+    quantity("render_seconds_per_image", "Render", "s/image", 2, Better::Lower),
+    quantity("samples_skipped", "Samples skipped", "×", 1, Better::Higher),
+    quantity("peak_memory", "Peak memory", "MiB", 0, Better::Lower),
 ];
 
 impl Quantity {
     /// Peak signal-to-noise ratio.
-    pub const PSNR: Self = Self::metric(infonerf_metrics::PSNR.descriptor);
+    pub const PSNR: Self = Self(infonerf_metrics::PSNR.descriptor);
     /// Structural similarity.
-    pub const SSIM: Self = Self::metric(infonerf_metrics::SSIM.descriptor);
+    pub const SSIM: Self = Self(infonerf_metrics::SSIM.descriptor);
     /// Mean entropy of the ray distribution.
     pub const RAY_ENTROPY: Self = OF_RAYS[0];
     /// Wall clock of training.
-    pub const TRAIN_SECONDS: Self =
-        quantity("train_seconds", "Training", "s", 1, Better::Lower, |record, _| Some(record.train_seconds));
-
-    const fn metric(descriptor: Descriptor) -> Self {
-        Self { descriptor, value: |record, key| record.metrics.get(key).copied().flatten() }
-    }
+    pub const TRAIN_SECONDS: Self = quantity("train_seconds", "Training", "s", 1, Better::Lower);
 
     /// Returns the metrics, and the statistics of the paper's Figure A.
     pub fn quality() -> Vec<Self> {
-        METRICS.iter().map(|metric| Self::metric(metric.descriptor)).chain(OF_RAYS).collect()
+        METRICS.iter().map(|metric| Self(metric.descriptor)).chain(OF_RAYS).collect()
     }
 
     /// Returns the costs of a run: time, samples, memory.
@@ -82,19 +66,28 @@ impl Quantity {
 
     /// Returns its key in `results.json`.
     pub fn key(self) -> &'static str {
-        self.descriptor.key
+        self.0.key
     }
 
     /// Returns its value of a run; `None` if it was not computed.
     pub fn value(self, record: &Record) -> Option<f64> {
-        (self.value)(record, self.key()).filter(|value| value.is_finite())
+        let value = match self.key() {
+            "ray_entropy_bits" => record.ray_entropy_bits,
+            "information_gain" => record.information_gain,
+            "train_seconds" => Some(record.train_seconds),
+            "render_seconds_per_image" => Some(record.render_seconds_per_image),
+            "samples_skipped" => Some(record.samples_total as f64 / record.samples_evaluated as f64),
+            "peak_memory" => record.peak_rss_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20)),
+            metric => record.metrics.get(metric).copied().flatten(),
+        };
+        value.filter(|value| value.is_finite())
     }
 
     /// Returns the name with its unit, such as `PSNR (dB)`.
     pub fn name(self) -> String {
-        match self.descriptor.unit {
-            "" => self.descriptor.name.to_owned(),
-            unit => format!("{} ({unit})", self.descriptor.name),
+        match self.unit {
+            "" => self.0.name.to_owned(),
+            unit => format!("{} ({unit})", self.0.name),
         }
     }
 }
@@ -103,27 +96,13 @@ impl Deref for Quantity {
     type Target = Descriptor;
 
     fn deref(&self) -> &Descriptor {
-        &self.descriptor
+        &self.0
     }
 }
-
-impl PartialEq for Quantity {
-    fn eq(&self, other: &Self) -> bool {
-        self.key() == other.key()
-    }
-}
-
-impl Eq for Quantity {}
 
 impl Hash for Quantity {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.key().hash(state);
-    }
-}
-
-impl fmt::Debug for Quantity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.key())
     }
 }
 
@@ -143,11 +122,9 @@ mod tests {
     fn keys_are_unique_and_found() {
         let all = Quantity::all();
         for quantity in &all {
-            assert_eq!(Quantity::named(quantity.key()).map(Quantity::key), Some(quantity.key()));
+            assert_eq!(Quantity::named(quantity.key()), Some(*quantity));
         }
-        let mut keys: Vec<&str> = all.iter().map(|quantity| quantity.key()).collect();
-        keys.sort_unstable();
-        keys.dedup();
+        let keys: std::collections::HashSet<&str> = all.iter().map(|quantity| quantity.key()).collect();
         assert_eq!(keys.len(), all.len());
     }
 

@@ -2,18 +2,8 @@
 
 /// Escapes text for HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
 pub fn escape_html(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in plain(text).chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\'' => escaped.push_str("&#39;"),
-            other => escaped.push(other),
-        }
-    }
-    escaped
+    let marks = [('&', "&amp;"), ('<', "&lt;"), ('>', "&gt;"), ('"', "&quot;"), ('\'', "&#39;")];
+    marks.into_iter().fold(plain(text), |text, (mark, escaped)| text.replace(mark, escaped))
 }
 
 /// Escapes a sentence for HTML content; what stands between backticks becomes `<code>`.
@@ -30,25 +20,22 @@ pub(crate) fn escape_markdown(text: &str) -> String {
 /// paired.
 fn by_code(text: &str, of_text: impl Fn(&str) -> String, of_code: impl Fn(&str) -> String) -> String {
     let parts: Vec<&str> = text.split('`').collect();
-    let is_code = |index: usize| index % 2 == 1;
-    if is_code(parts.len() - 1) || (0..parts.len()).any(|index| is_code(index) && parts[index].is_empty()) {
+    if parts.len() % 2 == 0 || parts.iter().skip(1).step_by(2).any(|code| code.is_empty()) {
         return of_text(text);
     }
+    // Text and code alternate.
     let parts = parts.into_iter().enumerate();
-    parts.map(|(index, part)| if is_code(index) { of_code(part) } else { of_text(part) }).collect()
+    parts.map(|(index, part)| if index % 2 == 1 { of_code(part) } else { of_text(part) }).collect()
 }
 
 fn markdown_text(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '#' | '!' | '~' | '$' => escaped.extend(['\\', c]),
-            other => escaped.push(other),
-        }
-    }
-    escaped
+    let escaped = |c: char| match c {
+        '&' => "&amp;".to_owned(),
+        '<' => "&lt;".to_owned(),
+        c if "\\`*_[]|#!~$".contains(c) => format!("\\{c}"),
+        c => c.to_string(),
+    };
+    text.chars().map(escaped).collect()
 }
 
 /// Replaces control characters, which no output needs and some forbid, by spaces.

@@ -92,15 +92,14 @@ pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table
 /// without any value are left out.
 pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
-    let quantities: Vec<Quantity> =
-        quantities.iter().copied().filter(|quantity| measured(records, *quantity)).collect();
-    let columns = quantities.iter().map(|&quantity| Column { heading: quantity.heading(), quantity }).collect();
+    let quantities = quantities.iter().filter(|quantity| measured(records, **quantity));
+    let columns = quantities.clone().map(|&quantity| Column { heading: quantity.heading(), quantity }).collect();
     let title = match scenes.as_slice() {
         [scene] => scene.clone(),
         scenes => format!("mean over {} scenes", scenes.len()),
     };
     assemble(title, records, columns, |group| {
-        quantities.iter().map(|&quantity| group.cell(quantity, &scenes)).collect()
+        quantities.clone().map(|&quantity| group.cell(quantity, &scenes)).collect()
     })
 }
 
@@ -125,10 +124,10 @@ pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> V
         let group = groups.entry(key).or_insert_with(|| {
             let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
             let setting = record.setting.as_ref();
-            let variant = setting.map_or(&record.variant, |setting| &setting.variant);
+            let name = setting.map_or(&record.variant, |setting| &setting.variant);
             VariantGroup {
                 label: record.label() + &suffix,
-                name: format!("{variant}{suffix}"),
+                name: format!("{name}{suffix}"),
                 values: setting.map(|setting| &setting.values),
                 variant: &record.variant,
                 records: IndexMap::new(),
@@ -186,12 +185,9 @@ fn assemble<R: AsRef<Record>>(
         cells: cells(group),
     };
     let rows = groups.iter().map(row).collect();
-    let notes: Vec<String> = keys
-        .iter()
-        .filter(|key| short_key(key) != key.as_str())
-        .map(|key| format!("{} is {key}", short_key(key)))
-        .collect();
-    let notes = if notes.is_empty() { notes } else { vec![notes.join(", ")] };
+    let symbols = keys.iter().map(|key| (short_key(key), key)).filter(|(short, key)| *short != key.as_str());
+    let symbols: Vec<String> = symbols.map(|(short, key)| format!("{short} is {key}")).collect();
+    let notes = if symbols.is_empty() { Vec::new() } else { vec![symbols.join(", ")] };
     let keys = keys.into_iter().cloned().collect();
     let mut table = Table { title, protocol: protocol_lines(records), keys, columns, rows, notes };
     mark_best(&mut table);
@@ -209,23 +205,19 @@ fn mark_best(Table { columns, rows, .. }: &mut Table) {
         if shown.windows(2).all(|pair| pair[0] == pair[1]) {
             continue;
         }
-        let intervals: Vec<(usize, Option<[f64; 2]>)> =
-            cells.iter().enumerate().filter_map(|(row, cell)| Some((row, interval(&cell.summary?)))).collect();
+        // 95 % intervals of means over seeds; none for a single seed.
+        let interval = |(row, cell): (usize, &&mut Cell)| Some((row, Interval::of_summary(&cell.summary?).bounds));
+        let intervals: IndexMap<usize, Option<[f64; 2]>> = cells.iter().enumerate().filter_map(interval).collect();
         for (row, cell) in cells.iter_mut().enumerate().filter(|(row, _)| ranks[*row].is_some() && ranks[*row] == best)
         {
             let apart = |[low, high]: [f64; 2]| {
-                let mut others = intervals.iter().filter(|(other, _)| *other != row);
+                let mut others = intervals.iter().filter(|(other, _)| **other != row);
                 others.all(|(_, bounds)| bounds.is_some_and(|other| other[1] < low || high < other[0]))
             };
             cell.best = true;
-            cell.clear = cell.summary.as_ref().and_then(interval).is_some_and(apart);
+            cell.clear = intervals[&row].is_some_and(apart);
         }
     }
-}
-
-/// Returns the 95 % interval of a mean over seeds; `None` for a single seed.
-fn interval(summary: &Summary) -> Option<[f64; 2]> {
-    Interval::of_summary(summary).bounds
 }
 
 impl Column {
@@ -276,6 +268,7 @@ impl Table {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::record::{Setting, TestViews};
     use crate::table::format::Emphasis;
 
     pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
@@ -287,11 +280,7 @@ pub(crate) mod tests {
             preset: "fast".into(),
             device: "flex".into(),
             train_views: vec![26, 86, 2, 55],
-            test_views: crate::record::TestViews {
-                protocol: "every-8".into(),
-                count: 25,
-                ids: (0..200).step_by(8).collect(),
-            },
+            test_views: TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
             image_size: [400, 400],
             iterations: 1000,
             train_seconds: 60.0,
@@ -316,14 +305,11 @@ pub(crate) mod tests {
 
     #[test]
     fn best_is_clear_where_intervals_are_disjoint() {
-        let table = |gain: f64, seeds: u64| {
-            let of =
-                |variant, offset: f64| (0..seeds).map(move |s| record("lego", variant, s, offset + (s % 2) as f64));
-            let records: Vec<Record> = of("nerf", 15.0).chain(of("infonerf", 15.0 + gain)).collect();
-            scene_table(&records, Quantity::PSNR).rows[1].cells[0]
-        };
         for (gain, seeds, clear) in [(3.0, 5, true), (0.5, 5, false), (3.0, 1, false)] {
-            let cell = table(gain, seeds);
+            let run = |variant, seed: u64, psnr| record("lego", variant, seed, psnr + (seed % 2) as f64);
+            let pair = |seed| [run("nerf", seed, 15.0), run("infonerf", seed, 15.0 + gain)];
+            let records: Vec<Record> = (0..seeds).flat_map(pair).collect();
+            let cell = scene_table(&records, Quantity::PSNR).rows[1].cells[0];
             assert!(cell.best && cell.clear == clear, "{gain} over {seeds} seeds: {cell:?}");
         }
     }
@@ -355,21 +341,17 @@ pub(crate) mod tests {
 
     #[test]
     fn settings_of_a_sweep_are_columns_under_the_papers_symbols() {
-        let run = |variant: &str, values: &[(&str, &str)], psnr| {
-            let values = values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-            let setting = Some(crate::record::Setting { variant: "infonerf".into(), values });
+        let run = |variant: &str, weight: &str, psnr| {
+            let values = [("loss.entropy.weight", weight), ("train.rays", "64")];
+            let values = values.map(|(key, value)| (key.to_owned(), value.to_owned())).into_iter().collect();
+            let setting = Some(Setting { variant: "infonerf".into(), values });
             Record { setting, ..record("lego", variant, 0, psnr) }
         };
-        let [one, two] = ["1e-3", "1e-2"];
-        let records = [
-            run("a", &[("loss.entropy.weight", one), ("train.rays", "64")], 18.0),
-            run("b", &[("loss.entropy.weight", two), ("train.rays", "64")], 19.0),
-        ];
+        let records = [run("a", "1e-3", 18.0), run("b", "1e-2", 19.0)];
         let table = overview_table(&records, &[Quantity::PSNR]);
         let markdown = table.to_markdown();
-        for part in
-            ["| variant | λ₁ | rays | PSNR", "| infonerf | 1e-2 | 64 | **19.00** |", "λ₁ is loss.entropy.weight"]
-        {
+        let row = "| infonerf | 1e-2 | 64 | **19.00** |";
+        for part in ["| variant | λ₁ | rays | PSNR", row, "λ₁ is loss.entropy.weight"] {
             assert!(markdown.contains(part), "{part}: {markdown}");
         }
         assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));
