@@ -30,13 +30,6 @@ fn float(element: &DefaultElement, name: &str) -> f32 {
     }
 }
 
-fn byte(element: &DefaultElement, name: &str) -> u8 {
-    match element[name] {
-        Property::UChar(value) => value,
-        ref other => panic!("{name}: {other:?}"),
-    }
-}
-
 #[test]
 fn ply_holds_a_mesh_or_points() {
     let mesh = mesh();
@@ -48,14 +41,14 @@ fn ply_holds_a_mesh_or_points() {
             let vector = |names: [&str; 3]| Vec3::from_array(names.map(|name| float(vertex, name)));
             assert_eq!(vector(["x", "y", "z"]), mesh.surface.positions[i]);
             assert_eq!(vector(["nx", "ny", "nz"]), mesh.surface.normals[i]);
-            let color = ["red", "green", "blue"].map(|name| byte(vertex, name));
-            assert_eq!(color, mesh.colors[i].map(|channel| (channel * 255.0).round() as u8));
+            for (name, channel) in ["red", "green", "blue"].into_iter().zip(mesh.colors[i]) {
+                assert_eq!(vertex[name], Property::UChar((channel * 255.0).round() as u8));
+            }
         }
-        let indices: Vec<&Property> =
-            ply.payload.get("face").into_iter().flatten().map(|face| &face["vertex_indices"]).collect();
-        assert_eq!(indices.len(), faces);
-        for (index, triangle) in indices.iter().zip(&mesh.surface.triangles) {
-            assert_eq!(**index, Property::ListInt(triangle.map(|vertex| vertex as i32).to_vec()));
+        let found: Vec<&DefaultElement> = ply.payload.get("face").into_iter().flatten().collect();
+        assert_eq!(found.len(), faces);
+        for (face, triangle) in found.into_iter().zip(&mesh.surface.triangles) {
+            assert_eq!(face["vertex_indices"], Property::ListInt(triangle.map(|vertex| vertex as i32).to_vec()));
         }
     }
 }
@@ -87,11 +80,8 @@ fn glb_stands_upright_in_linear_colours() {
         bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
     };
     let vectors = |index: Option<usize>| -> Vec<Vec3> {
-        let numbers: Vec<f32> = words(read(index.unwrap(), AccessorType::Vec3, ComponentType::Float))
-            .into_iter()
-            .map(f32::from_bits)
-            .collect();
-        numbers.chunks_exact(3).map(Vec3::from_slice).collect()
+        let words = words(read(index.unwrap(), AccessorType::Vec3, ComponentType::Float));
+        words.chunks_exact(3).map(|v| Vec3::from_array([v[0], v[1], v[2]].map(f32::from_bits))).collect()
     };
     assert_eq!(vectors(primitive.attributes.position), mesh.surface.positions);
     assert_eq!(vectors(primitive.attributes.normal), mesh.surface.normals);
@@ -124,15 +114,10 @@ fn splats_with_the_properties_of_3dgs() {
         sh: [[0.1, 0.2, 0.3, 0.4], [1.1, 1.2, 1.3, 1.4], [2.1, 2.2, 2.3, 2.4]],
     };
     let ply = read_ply(&ply_splats(&[gaussian, gaussian], DVec3::ZERO));
-    let names: Vec<&String> = ply.header.elements["vertex"].properties.keys().collect();
-    let mut expected: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
-    for (name, count) in [("f_dc", 3), ("f_rest", 9), ("opacity", 0), ("scale", 3), ("rot", 4)] {
-        match count {
-            0 => expected.push(name.into()),
-            count => expected.extend((0..count).map(|i| format!("{name}_{i}"))),
-        }
-    }
-    assert_eq!(names, expected.iter().collect::<Vec<_>>());
+    let names: Vec<&str> = ply.header.elements["vertex"].properties.keys().map(String::as_str).collect();
+    let expected = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 f_rest_0 f_rest_1 f_rest_2 f_rest_3 f_rest_4 f_rest_5 f_rest_6 \
+                    f_rest_7 f_rest_8 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    assert_eq!(names.join(" "), expected);
     let splats = &ply.payload["vertex"];
     assert_eq!(splats.len(), 2);
     let values = |name: &str, count: usize| -> Vec<f32> {
@@ -155,13 +140,8 @@ fn splats_with_the_properties_of_3dgs() {
 #[test]
 fn exports_are_where_the_world_has_them() {
     let (mesh, origin) = (mesh(), DVec3::new(448_262.125, 4_649_776.375, 85.0625));
-    let gaussian = |&position: &Vec3| Gaussian {
-        position,
-        scale: Vec3::ONE,
-        rotation: Quat::IDENTITY,
-        opacity: 0.5,
-        sh: [[0.1; 4]; 3],
-    };
+    let (scale, rotation, sh) = (Vec3::ONE, Quat::IDENTITY, [[0.1; 4]; 3]);
+    let gaussian = |&position: &Vec3| Gaussian { position, scale, rotation, opacity: 0.5, sh };
     let splats: Vec<Gaussian> = mesh.surface.positions.iter().map(gaussian).collect();
     for bytes in [ply_mesh(&mesh, origin), ply_points(&mesh, origin), ply_splats(&splats, origin)] {
         let ply = read_ply(&bytes);

@@ -25,7 +25,7 @@ pub(crate) struct DecodedPackage {
 }
 
 impl DecodedPackage {
-    pub(crate) fn new(package: Value) -> Self {
+    fn new(package: Value) -> Self {
         let deflated = BASE64_STANDARD.decode(package["data"].as_str().unwrap()).unwrap();
         let mut bytes = Vec::new();
         ZlibDecoder::new(deflated.as_slice()).read_to_end(&mut bytes).unwrap();
@@ -59,9 +59,8 @@ impl DecodedPackage {
 
     /// Computes the MLP's input at `u` ∈ [0, 1]³.
     fn input(&self, u: [f32; 3]) -> Vec<f32> {
-        let frequencies = self.constant("FREQUENCIES") as usize;
         let mut x: Vec<f32> = u.iter().map(|u| 2.0 * u - 1.0).chain([0.0]).collect();
-        for frequency in 0..frequencies {
+        for frequency in 0..self.constant("FREQUENCIES") as usize {
             let phase = u.map(|u| (1u32 << frequency) as f32 * std::f32::consts::PI * (u - 0.5));
             x.extend(phase.iter().map(|p| p.sin()).chain([0.0]));
             x.extend(phase.iter().map(|p| p.cos()).chain([0.0]));
@@ -120,8 +119,7 @@ impl DecodedPackage {
         let raw = x[0] + self.constant("DENSITY_BIAS");
         let sigma = self.constant("DENSITY_SCALE") * (raw.max(0.0) + (-raw.abs()).exp().ln_1p());
         let color = [1, 2, 3].map(|c| {
-            let seen =
-                x.get(4 * c..4 * c + 3).map_or(0.0, |v| (0..3).map(|axis| v[axis] * direction[axis]).sum::<f32>());
+            let seen = x.get(4 * c..4 * c + 3).map_or(0.0, |v| Vec3::from_slice(v).dot(direction.into()));
             1.0 / (1.0 + (-x[c] - seen).exp())
         });
         [sigma, color[0], color[1], color[2]]
@@ -134,28 +132,22 @@ fn texel(u: f32, size: usize) -> (usize, f32) {
     (v as usize, v.fract())
 }
 
-pub(crate) fn config(set: &[&str]) -> Config {
-    Config::of(Preset::Fast, set).unwrap()
-}
-
 pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
     let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
-    TrainedModel {
-        model: Model::of(fine),
-        occupancy: None,
-        at: Moment { step: 50, progress: 0.5 },
-        frame: None,
-        residuals: None,
-    }
+    let at = Moment { step: 50, progress: 0.5 };
+    TrainedModel { model: Model::of(fine), occupancy: None, at, frame: None, residuals: None }
 }
 
 /// Makes the package in a scene without views; a baked one has at most `voxels` along its box.
-pub(crate) fn package(config: &RenderConfig, trained: &TrainedModel, voxels: usize) -> Value {
+pub(crate) fn packed(config: &RenderConfig, trained: &TrainedModel, voxels: usize) -> DecodedPackage {
     let scene = Scene::default();
     let renderer = Renderer::new(config, &scene);
-    of_field(&Subjects { scene: &scene, renderer: &renderer, config, trained }, voxels).unwrap()
+    let subjects = Subjects { scene: &scene, renderer: &renderer, config, trained };
+    let decoded = DecodedPackage::new(of_field(&subjects, voxels).unwrap());
+    assert!(!decoded.package["shader"].as_str().unwrap().contains("{{"));
+    decoded
 }
 
 /// Evaluates the field itself at a point.
@@ -169,22 +161,16 @@ pub(crate) fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, V
 
 #[test]
 fn packed_tables_evaluate_to_the_field() {
+    let detail = "field.detail={from=0.0,to=1.0}";
     for set in [
         &["field.resolutions=[4,16]", "field.view_dependence=1"][..],
         &["field.resolutions=[8]", "field.channels=2", "field.view_dependence=0", "field.width=10"],
-        &[
-            "field.resolutions=[5,7,9]",
-            "field.channels=8",
-            "field.layers=1",
-            "field.detail={from=0.0,to=1.0}",
-            "field.view_dependence=0.4",
-        ],
+        &["field.resolutions=[5,7,9]", "field.channels=8", "field.layers=1", detail, "field.view_dependence=0.4"],
         &["field.resolutions=[8]", "field.layers=0", "field.frequencies=0", "field.channels=16"],
     ] {
-        let config = config(set);
+        let config = Config::of(Preset::Fast, set).unwrap();
         let trained = model(&config.field);
-        let decoded = DecodedPackage::new(package(&config.render, &trained, 32));
-        assert!(!decoded.package["shader"].as_str().unwrap().contains("{{"));
+        let decoded = packed(&config.render, &trained, 32);
         let mut random = (0..).map(|i: u32| (i as f32 * 0.618_034).fract());
         let mut draw = || random.next().unwrap();
         for _ in 0..40 {
@@ -203,13 +189,13 @@ fn packed_tables_evaluate_to_the_field() {
 
 #[test]
 fn occupancy_is_a_bit_per_cell() {
-    let config = config(&["field.resolutions=[8]", "render.occupancy.resolution=6"]);
+    let config = Config::of(Preset::Fast, ["field.resolutions=[8]", "render.occupancy.resolution=6"]).unwrap();
     let mut trained = model(&config.field);
     let mut grid = OccupancyGrid::new(&config.render.occupancy, infonerf_scene::Aabb::cube(Vec3::ZERO, 1.0));
     let occupied: Vec<bool> = (0..216).map(|cell| cell % 7 == 0).collect();
     grid.restore(vec![1.0; 216], occupied.clone(), true).unwrap();
     trained.occupancy = Some(grid);
-    let decoded = DecodedPackage::new(package(&config.render, &trained, 32));
+    let decoded = packed(&config.render, &trained, 32);
     assert_eq!((decoded.vector("GRID"), &decoded.package["grid"]), (vec![6.0; 3], &serde_json::json!([6, 6, 6])));
     let bits = decoded.part("occupied");
     assert_eq!(bits.len(), 27);
@@ -220,7 +206,7 @@ fn occupancy_is_a_bit_per_cell() {
 
 #[test]
 fn field_with_too_large_a_network_is_baked() {
-    let config = config(&["field.resolutions=[4]", "field.width=256"]);
-    let package = package(&config.render, &model(&config.field), 16);
+    let config = Config::of(Preset::Fast, ["field.resolutions=[4]", "field.width=256"]).unwrap();
+    let package = packed(&config.render, &model(&config.field), 16).package;
     assert_eq!((&package["voxels"], package["parts"].get("network")), (&serde_json::json!(16), None));
 }

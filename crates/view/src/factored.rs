@@ -15,7 +15,7 @@ use crate::blob::{Blob, bits, floats};
 use crate::network::{PackedNetwork, Place};
 use crate::package::Subjects;
 use crate::shader::{FieldMarch, clips, vector};
-use crate::tables::{groups, quantise};
+use crate::tables::{Quantised, groups, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
 /// Number of bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
@@ -32,7 +32,7 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
     let Subjects { scene, renderer, config, trained } = subjects;
     let (layout, parts) = (field.layout(), TableTextures::of(field, trained.at));
     let network = PackedNetwork::pack(&to_host(field.weights()), layout, field.view_dependence(), &parts.inputs);
-    if network.bytes() > MAX_NETWORK {
+    if size_of::<f32>() * (network.matrices.len() + network.biases.len()) > MAX_NETWORK {
         return Ok(None);
     }
     let grid = trained.occupancy.as_ref();
@@ -63,8 +63,8 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
     Ok(Some(json!({
         "shader": march.shader(&shader(layout, &network, high - low)),
         "levels": layout.levels.iter().map(|level| level.resolution).collect::<Vec<_>>(),
-        "layers": 3 * parts.groups,
-        "lineWidth": parts.line_width,
+        "layers": 3 * texture_groups(layout),
+        "lineWidth": finest(layout),
         "grid": [cells, cells, cells],
         "closed": clips,
         "parts": blob.parts,
@@ -75,6 +75,11 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
 /// Returns the number of texels along the finest level.
 fn finest(layout: &FactoredLayout) -> usize {
     layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
+}
+
+/// Returns the number of textures of each plane, and of each line.
+fn texture_groups(layout: &FactoredLayout) -> usize {
+    groups(layout.levels.first().map_or(4, |level| level.channels))
 }
 
 /// Writes the field's part of the shader; the field covers a box of `size`.
@@ -88,10 +93,9 @@ fn shader(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> Strin
 }
 
 fn constants(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> String {
-    let channels = layout.levels.first().map_or(4, |level| level.channels);
-    let rows = 3 * layout.levels.len() * groups(channels);
+    let rows = 3 * layout.levels.len() * texture_groups(layout);
     let integers = [
-        ("GROUPS", groups(channels)),
+        ("GROUPS", texture_groups(layout)),
         ("FREQUENCIES", layout.frequencies),
         ("INPUTS", network.layers[0].0),
         ("OUTPUTS", network.layers[network.layers.len() - 1].1),
@@ -121,37 +125,31 @@ fn features(layout: &FactoredLayout) -> String {
 }
 
 fn layers(layers: &[(usize, usize)]) -> String {
-    let (mut matrix, mut bias) = (0, 0);
+    let (mut matrix, mut bias, mut from) = (0, 0, "x".to_owned());
     let mut text = String::new();
-    for (index, &(inputs, outputs)) in layers.iter().enumerate() {
-        let from = if index == 0 { "x".to_owned() } else { format!("h{index}") };
-        let last = index + 1 == layers.len();
-        let to = if last { "y".to_owned() } else { format!("h{}", index + 1) };
+    for (index, &(inputs, outputs)) in (1..).zip(layers) {
+        let last = index == layers.len();
+        let (to, result) = if last { ("y".to_owned(), "sum") } else { (format!("h{index}"), "max(sum, 0.0)") };
         if !last {
             let _ = writeln!(text, "    vec4 {to}[{outputs}];");
         }
-        let result = if last { "sum" } else { "max(sum, 0.0)" };
         let _ = writeln!(
             text,
             "    for (int o = 0; o < {outputs}; o++) {{\n        vec4 sum = biases[{bias} + o];\n        \
              for (int i = 0; i < {inputs}; i++) sum += matrices[{matrix} + o * {inputs} + i] * {from}[i];\n        \
              {to}[o] = {result};\n    }}"
         );
-        matrix += inputs * outputs;
-        bias += outputs;
+        (matrix, bias, from) = (matrix + inputs * outputs, bias + outputs, to);
     }
     text
 }
 
 /// Tables of a field as textures.
 struct TableTextures {
-    /// Number of textures of each plane.
-    groups: usize,
     /// Array of RGBA textures of each level, `[3 · groups, res, res, 4]`.
     planes: Vec<Vec<u8>>,
-    /// RGBA texture of the lines of all levels, `[levels · 3 · groups, line_width, 4]`.
+    /// RGBA texture of the lines of all levels, `[levels · 3 · groups, finest, 4]`.
     lines: Vec<u8>,
-    line_width: usize,
     /// Quotient low/range of each plane's texture, and of its line's.
     offsets: Vec<f32>,
     /// Input of the MLP as the shader makes it: its factors undo the quantisation and fade levels.
@@ -162,13 +160,9 @@ impl TableTextures {
     fn of(field: &FactoredField, at: Moment) -> Self {
         let (layout, tables) = (field.layout(), to_host(field.tables()));
         let (frequency_weights, level_weights) = field.detail(at);
-        let line_width = finest(layout);
-        let channels = layout.levels.first().map_or(4, |level| level.channels);
         let mut parts = Self {
-            groups: groups(channels),
             planes: Vec::new(),
             lines: Vec::new(),
-            line_width,
             offsets: Vec::new(),
             inputs: vec![Some((0, 1.0)), Some((1, 1.0)), Some((2, 1.0)), None],
         };
@@ -186,18 +180,14 @@ impl TableTextures {
                 textures.extend(plane.textures.concat());
                 for texture in &line.textures {
                     parts.lines.extend(texture);
-                    parts.lines.resize(parts.lines.len() + 4 * (line_width - level.resolution), 0);
+                    parts.lines.resize(parts.lines.len() + 4 * (finest(layout) - level.resolution), 0);
                 }
-                for group in 0..parts.groups {
-                    let of_group = |number: &dyn Fn(usize) -> f32| {
-                        [0, 1, 2, 3].map(|k| 4 * group + k).map(|k| if k < level.channels { number(k) } else { 0.0 })
-                    };
-                    parts.offsets.extend(of_group(&|k| plane.low[k] / plane.range[k]));
-                    parts.offsets.extend(of_group(&|k| line.low[k] / line.range[k]));
-                    parts.inputs.extend([0, 1, 2, 3].map(|k| 4 * group + k).map(|k| {
-                        let input = level.feature + p * level.channels + k;
-                        (k < level.channels).then(|| (input, weight * plane.range[k] * line.range[k]))
-                    }));
+                for group in 0..texture_groups(layout) {
+                    let channels = [0, 1, 2, 3].map(|k| Some(4 * group + k).filter(|&k| k < level.channels));
+                    let offset = |of: &Quantised| channels.map(|k| k.map_or(0.0, |k| of.low[k] / of.range[k]));
+                    parts.offsets.extend([offset(&plane), offset(&line)].concat());
+                    let input = |k| (level.feature + p * level.channels + k, weight * plane.range[k] * line.range[k]);
+                    parts.inputs.extend(channels.map(|k| k.map(input)));
                 }
             }
             parts.planes.push(textures);

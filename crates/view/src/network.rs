@@ -52,11 +52,6 @@ impl PackedNetwork {
         }
         self.layers.push((inputs.len() / 4, outputs.len() / 4));
     }
-
-    /// Returns the number of bytes of the uniform block.
-    pub(crate) fn bytes(&self) -> usize {
-        4 * (self.matrices.len() + self.biases.len())
-    }
 }
 
 fn last_outputs(view_dependent: bool, view_dependence: f32) -> Vec<Place> {

@@ -1,19 +1,18 @@
 //! Pages in headless Chromium. `just test-view` runs them; `cargo test` alone leaves them out, as they need a browser.
 
-use crate::common;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use crate::common::{device, plan, plan_of, plan_on, read, train};
+use crate::common::{TINY, device, plan, plan_of, serve, train};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use glam::DVec3;
-use infonerf_experiment::Trained;
+use infonerf_experiment::{RunPlan, Trained};
 use infonerf_render::{RenderedImage, render_image};
-use infonerf_view::{Server, TrainingControl, page};
+use infonerf_view::{TrainingControl, page};
 
 const SIZE: u32 = 64;
 
@@ -49,14 +48,24 @@ fn json_attribute(document: &str, name: &str) -> serde_json::Value {
     serde_json::from_str(&attribute(document, name).expect("the script ended").replace("&quot;", "\"")).unwrap()
 }
 
-/// Trains a small run on `scene`, and writes its page with `script` inserted before `place`.
-fn scripted_page(scene: &str, place: &str, script: &str) -> (tempfile::TempDir, Trained, String) {
+fn read(folder: &Path) -> Trained {
+    Trained::read(RunPlan::of_run(folder).unwrap(), folder, &device()).unwrap()
+}
+
+/// Trains a run, and writes its page.
+fn trained_page(plan: &RunPlan) -> (tempfile::TempDir, Trained, PathBuf) {
     let out = tempfile::tempdir().unwrap();
-    let plan = plan_on(scene, "fast-losses", "infonerf", common::TINY);
-    let folder = train(out.path(), &plan, None);
+    let folder = train(out.path(), plan, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
-    let text = page(&run, &folder, None).unwrap();
+    fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
+    (out, run, file)
+}
+
+/// Trains a small run on `scene`, and writes its page with `script` inserted before `place`.
+fn scripted_page(scene: &str, place: &str, script: &str) -> (tempfile::TempDir, Trained, String) {
+    let (out, run, file) = trained_page(&plan_of(scene, "fast-losses", "infonerf", TINY));
+    let text = fs::read_to_string(&file).unwrap();
     assert_eq!(text.matches(place).count(), 1);
     fs::write(&file, text.replace(place, &format!("{script}{place}"))).unwrap();
     (out, run, format!("file://{}", file.display()))
@@ -103,12 +112,8 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn page_draws_the_programs_renders() {
-    let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let folder = train(out.path(), &plan("infonerf+", &set), None);
-    let run = read(&folder);
-    let file = folder.join("page.html");
-    fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
+    let (_out, run, file) = trained_page(&plan("infonerf+", &set));
     let length = fs::metadata(&file).unwrap().len();
     for view in [0, 2] {
         let (drawn, image, colour) = drawn_and_rendered(&file, &run, view);
@@ -132,17 +137,12 @@ fn page_draws_baked_fields() {
     for (experiment, variant) in
         [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")]
     {
-        let out = tempfile::tempdir().unwrap();
         let set = ["train.iterations=300", "eval.test=first-1"];
-        let folder = train(out.path(), &plan_of(experiment, variant, &set), None);
-        let run = read(&folder);
-        let file = folder.join("page.html");
-        let start = Instant::now();
-        fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
-        let (seconds, length) = (start.elapsed().as_secs_f64(), fs::metadata(&file).unwrap().len());
+        let (_out, run, file) = trained_page(&plan_of("crane", experiment, variant, &set));
+        let length = fs::metadata(&file).unwrap().len();
         for view in [0, 2] {
             let (drawn, _, colour) = drawn_and_rendered(&file, &run, view);
-            eprintln!("{variant}, camera {view}: {colour:.1} dB, page of {length} bytes in {seconds:.1} s");
+            eprintln!("{variant}, camera {view}: {colour:.1} dB, page of {length} bytes");
             assert!(colour > 30.0, "{variant}, camera {view}: {colour} dB");
             for mode in ["depth", "normals"] {
                 assert!(pixels(&file, &format!("camera={view}&mode={mode}")) != drawn, "{variant}: {mode}");
@@ -312,19 +312,11 @@ fn browser_without_webgl_shows_the_reason_and_the_images() {
     assert_eq!(document.matches("alt=\"training image ").count(), 4);
 }
 
-/// Serves `root` from a thread that ends with the test, and returns the page's address.
-fn serve(root: &Path, training: Option<TrainingControl>) -> String {
-    let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
-    let url = server.url();
-    std::thread::spawn(move || server.wait());
-    url
-}
-
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), None);
+    let folder = train(out.path(), &plan("infonerf", TINY), None);
     // Losses of 0 and less are drawn like others.
     let log = folder.join("metrics.jsonl");
     let step = |step: usize, value: f64| {
@@ -332,7 +324,7 @@ fn live_page_shows_a_run() {
     };
     let steps = (1..=8).map(|k| step(k, 0.5 - 0.25 * k as f64));
     fs::write(&log, steps.collect::<String>()).unwrap();
-    let document = document(&serve(out.path(), None), 20_000, &[]);
+    let document = document(&format!("http://{}/", serve(out.path(), None)), 20_000, &[]);
     for part in ["<h1>fast-losses/crane/infonerf/seed0</h1>", "4 steps", "total -1.5"] {
         assert!(document.contains(part), "{part}: {document}");
     }
@@ -354,8 +346,8 @@ fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
     let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), None);
-    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), None);
-    let url = serve(out.path(), None);
+    let baked = train(out.path(), &plan_of("crane", "integration", "mipnerf", &set), None);
+    let url = format!("http://{}/", serve(out.path(), None));
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));
     let document = document(&format!("{url}#{query}"), 600_000, &["--window-size=1400,700"]);
@@ -374,7 +366,7 @@ fn two_runs_are_compared_under_one_camera() {
 fn page_of_another_site_cannot_stop_a_run() {
     let out = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
-    let url = serve(out.path(), Some(training.clone()));
+    let url = format!("http://{}/", serve(out.path(), Some(training.clone())));
     let evil = format!(
         "<!doctype html><iframe name=\"frame\" src=\"{url}\"></iframe><form method=\"post\" target=\"frame\"></form><script>
         const all = ['pause', 'stop'].flatMap((name) => [

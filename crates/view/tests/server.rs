@@ -6,21 +6,13 @@ use std::net::{SocketAddr, TcpStream};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::{TINY, device, plan, train};
+use crate::common::{self, TINY, device, plan, train};
 use http::Response;
 use infonerf_view::{Server, TrainingControl};
 use serde_json::Value;
 
-/// Serves `root` from a thread that ends with the test.
 fn serve(root: &Path) -> SocketAddr {
-    serve_with(root, None)
-}
-
-fn serve_with(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
-    let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
-    let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
-    std::thread::spawn(move || server.wait());
-    address
+    common::serve(root, None)
 }
 
 /// Sends a request with additional headers through an independent client.
@@ -61,7 +53,7 @@ fn status(address: SocketAddr, request: &str) -> u16 {
 fn only_the_servers_own_page_pauses_and_stops_training() {
     let folder = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
-    let address = serve_with(folder.path(), Some(training.clone()));
+    let address = common::serve(folder.path(), Some(training.clone()));
     let post = |path: &str, headers: &[(&str, &str)]| request("POST", address, path, headers).status().as_u16();
     assert!(!training.is_watched(Duration::from_secs(60)));
     assert_eq!(json(address, "/training"), serde_json::json!({ "paused": false, "stopped": false }));

@@ -7,14 +7,11 @@ use infonerf_train::{Config, Preset};
 
 use super::CHANNELS;
 use super::lattice::{CELLS, POINTS, VOLUME};
-use crate::decode::{DecodedPackage, exact, model, package};
+use crate::decode::{DecodedPackage, exact, model, packed};
 
 /// Small MLP whose density and colour change slowly, before any training.
 const SMOOTH: &str = "field={kind=\"nerf\",layers=2,width=32,skip=9,position_frequencies=2,direction_frequencies=1,\
                       density=\"softplus\",detail=1.0}";
-
-/// Settings of rays that end at the box, and of an occupancy grid of 4³ cells.
-const GRID: &[&str] = &["render.clip_to_bounds=true", "render.occupancy.enabled=true", "render.occupancy.resolution=4"];
 
 /// Bricks as the shader reads them.
 struct PackedBricks {
@@ -31,13 +28,10 @@ impl PackedBricks {
     fn new(decoded: DecodedPackage) -> Self {
         let cells = [0, 1, 2].map(|axis| decoded.package["grid"][axis].as_u64().unwrap() as usize);
         let bits = decoded.part("occupied");
-        let mut count = 0;
-        let mut number = |cell: usize| {
-            let occupied = bits[cell / 8] >> (cell % 8) & 1 == 1;
-            count += usize::from(occupied);
-            occupied.then_some(count - 1)
-        };
-        let numbers = (0..cells.iter().product()).map(&mut number).collect();
+        let mut free = 0..;
+        let mut number = |cell: usize| if bits[cell / 8] >> (cell % 8) & 1 == 1 { free.next() } else { None };
+        let numbers: Vec<Option<usize>> = (0..cells.iter().product()).map(&mut number).collect();
+        let count = numbers.iter().flatten().count();
         let opacities = from_rows(decoded.part("opacities"));
         let colors: Vec<Vec<u8>> = CHANNELS.iter().map(|name| from_rows(decoded.part(&format!("{name}s")))).collect();
         assert_eq!(opacities.len(), count * VOLUME);
@@ -80,11 +74,9 @@ impl PackedBricks {
             let name = CHANNELS[channel].to_uppercase();
             let [low, range] = ["LOW", "RANGE"].map(|kind| self.decoded.vector(&format!("{name}_{kind}")));
             let terms = [1.0, direction.x, direction.y, direction.z];
-            let planes = self.colors[channel].chunks_exact(self.opacities.len());
-            let numbers = planes
-                .zip(low.iter().zip(&range))
-                .map(|(plane, (low, range))| low + range * Self::read(plane, brick, at));
-            let sum: f32 = numbers.zip(terms).map(|(number, term)| number * term).sum();
+            let mut planes = self.colors[channel].chunks_exact(self.opacities.len());
+            let mut number = |i: usize| low[i] + range[i] * Self::read(planes.next().unwrap(), brick, at);
+            let sum: f32 = (0..4).map(|i| number(i) * terms[i]).sum();
             sum.clamp(0.0, self.decoded.constant("MAX_COLOR"))
         })
     }
@@ -118,8 +110,7 @@ fn draw(half: f32) -> impl Iterator<Item = Vec3> {
 fn packed_bricks_evaluate_to_the_field() {
     let config = config(&["render.clip_to_bounds=true"]);
     let trained = model(&config.field);
-    let bricks = PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 48)));
-    assert!(!bricks.decoded.package["shader"].as_str().unwrap().contains("{{"));
+    let bricks = PackedBricks::new(packed(&config.render, &trained, 48));
     assert_eq!((bricks.cells, bricks.opacities.len()), ([6; 3], 216 * VOLUME));
     // Directions from places that are looked from, and from between them.
     let eyes = [Vec3::X, -Vec3::Z, Vec3::new(0.6, 0.8, 0.0)].map(|eye| 4.0 * eye);
@@ -137,19 +128,20 @@ fn packed_bricks_evaluate_to_the_field() {
 }
 
 /// Packs a field with the given cells of its occupancy grid of 4³.
-fn packed(occupied: impl Fn(usize) -> bool) -> PackedBricks {
-    let config = config(GRID);
+fn packed_cells(occupied: impl Fn(usize) -> bool) -> PackedBricks {
+    let occupancy = ["render.occupancy.enabled=true", "render.occupancy.resolution=4"];
+    let config = config(&[&["render.clip_to_bounds=true"], &occupancy[..]].concat());
     let mut trained = model(&config.field);
     let mut grid = OccupancyGrid::new(&config.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
     grid.restore(vec![1.0; 64], (0..64).map(occupied).collect(), true).unwrap();
     trained.occupancy = Some(grid);
-    PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 32)))
+    PackedBricks::new(packed(&config.render, &trained, 32))
 }
 
 #[test]
 fn empty_bricks_are_left_out() {
     // One octant.
-    let bricks = packed(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2);
+    let bricks = packed_cells(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2);
     assert_eq!((bricks.cells, bricks.opacities.len()), ([4; 3], 8 * VOLUME));
     for p in draw(1.49) {
         let found = bricks.density(p);
@@ -163,12 +155,12 @@ fn empty_bricks_are_left_out() {
 
 #[test]
 fn empty_fields_and_warped_space_are_packages() {
-    let bricks = packed(|_| false);
+    let bricks = packed_cells(|_| false);
     assert_eq!((bricks.opacities.len(), bricks.decoded.vector("RED_LOW")), (0, vec![0.0; 4]));
 
     let contracted = config(&["render.space=\"contraction\""]);
     let trained = model(&contracted.field);
-    let bricks = PackedBricks::new(DecodedPackage::new(package(&contracted.render, &trained, 32)));
+    let bricks = PackedBricks::new(packed(&contracted.render, &trained, 32));
     let shader = bricks.decoded.package["shader"].as_str().unwrap();
     assert!(shader.contains("#define CLIPS 0") && shader.contains("#define HORIZON"));
     for p in draw(1.1) {

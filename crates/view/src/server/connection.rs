@@ -52,11 +52,7 @@ fn respond(mut stream: TcpStream, answer: &dyn Fn(&Request<()>) -> Response<Vec<
     stream.set_write_timeout(Some(PATIENCE))?;
     let response = match read(&mut stream)? {
         Ok(request) => answer(&request),
-        Err(status) => {
-            let mut response = Response::new(status.to_string().into_bytes());
-            *response.status_mut() = status;
-            response
-        }
+        Err(status) => Response::builder().status(status).body(status.to_string().into_bytes()).unwrap_or_default(),
     };
     write(&mut stream, &response)?;
     // A connection that is closed with something unread is reset, and the answer lost.

@@ -1,13 +1,13 @@
 //! Small runs for the tests.
 
-#![allow(dead_code, reason = "each test binary uses its own part")]
-
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use infonerf_experiment::{
-    Control, DeviceName, Existing, Experiment, Finished, OpenDevice, RunEvent, RunPlan, Selection, Session, Trained,
-    open, save_record,
+    Control, DeviceName, Existing, Experiment, Finished, OpenDevice, RunEvent, RunPlan, Selection, Session, open,
+    save_record,
 };
+use infonerf_view::{Server, TrainingControl};
 
 /// Settings of a run of a few steps, with a field of small tables.
 pub const TINY: &[&str] = &[
@@ -31,14 +31,10 @@ pub fn device() -> OpenDevice {
 }
 
 pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
-    plan_of("fast-losses", variant, set)
+    plan_of("crane", "fast-losses", variant, set)
 }
 
-pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
-    plan_on("crane", experiment, variant, set)
-}
-
-pub fn plan_on(scene: &str, experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
+pub fn plan_of(scene: &str, experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
     let selection = Selection {
         scenes: vec![scene.into()],
         variants: vec![variant.into()],
@@ -64,6 +60,10 @@ pub fn train(out: &Path, plan: &RunPlan, stop: Option<usize>) -> PathBuf {
     folder.join(plan.directory())
 }
 
-pub fn read(folder: &Path) -> Trained {
-    Trained::read(RunPlan::of_run(folder).unwrap(), folder, &device()).unwrap()
+/// Serves `root` from a thread that ends with the test.
+pub fn serve(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
+    let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
+    let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
+    std::thread::spawn(move || server.wait());
+    address
 }
