@@ -73,11 +73,8 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
 /// Draws curves of PSNR and loss of the runs of one scene, each run by its label, and of the terms of each run's
 /// objective.
 pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Vec<Figure>, ReportError> {
-    let series = |points: &dyn Fn(&Events) -> Vec<(f64, f64)>| -> Vec<Series> {
-        let one = |(name, events): &(String, Events)| Series { name: name.clone(), points: averaged(&points(events)) };
-        runs.iter().map(one).filter(|series| series.points.len() > 1).collect()
-    };
-    let psnr = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
+    let series = |point: Point| runs.iter().filter_map(|(name, events)| curve(name, events, point)).collect();
+    let psnr: Vec<Series> = series(&|step| Some((step.seconds?, step.psnr?)));
     let mut figures = Vec::new();
     if !psnr.is_empty() {
         let frame = ChartFrame::new(&format!("{scene}: PSNR on training rays"), "training (s)", "PSNR (dB)");
@@ -90,7 +87,7 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
             figures.push(Figure::new(name, frame.clone(), line_chart(&frame, &series)?, caption));
             Ok(())
         };
-    let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
+    let loss: Vec<Series> = series(&|step| Some((step.step, step.loss?)));
     if !loss.is_empty() {
         by_step(format!("{scene}-loss"), format!("{scene}: training loss"), "loss", loss, "")?;
     }
@@ -107,13 +104,18 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
 /// Returns a curve of each term of a run's objective. A term that is exactly 0 is not on yet.
 fn terms(events: &Events) -> Vec<Series> {
     let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
-    let point =
-        |step: &StepEvent, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x != 0.0)?));
-    let one = |name: &String| Series {
-        name: name.clone(),
-        points: averaged(&events.steps.iter().filter_map(|step| point(step, name)).collect::<Vec<_>>()),
-    };
-    names.into_iter().map(one).filter(|series| series.points.len() > 1).collect()
+    let value = |step: &StepEvent, name: &String| step.losses.get(name).copied().filter(|value| *value != 0.0);
+    let term = |name: &String| curve(name, events, &|step| Some((step.step, value(step, name)?)));
+    names.into_iter().filter_map(term).collect()
+}
+
+/// Point of a curve at a step; `None` where it has none.
+type Point<'a> = &'a dyn Fn(&StepEvent) -> Option<(f64, f64)>;
+
+/// Returns a curve of a run; `None` if it has less than two points.
+fn curve(name: &str, events: &Events, point: Point) -> Option<Series> {
+    let points = averaged(&events.steps.iter().filter_map(point).collect::<Vec<_>>());
+    (points.len() > 1).then(|| Series { name: name.to_owned(), points })
 }
 
 /// Returns a logarithmic axis if all values are positive.
@@ -154,10 +156,10 @@ mod tests {
 
     #[test]
     fn negative_terms_have_their_curve() {
-        let step = |step: usize, tv: f64| {
-            format!("{{\"event\":\"step\",\"step\":{step},\"losses\":{{\"rgb\":0.01,\"tv\":{tv}}}}}\n")
-        };
-        let events = Events::parse(&[step(1, 0.0), step(2, 0.5), step(3, -0.5), step(4, -2.0)].concat());
+        let losses = |tv| [("rgb".to_owned(), 0.01), ("tv".to_owned(), tv)].into();
+        let step = |(step, tv)| StepEvent { step, losses: losses(tv), ..StepEvent::default() };
+        let steps = [(1.0, 0.0), (2.0, 0.5), (3.0, -0.5), (4.0, -2.0)].map(step).to_vec();
+        let events = Events { steps, skipped: 0 };
         let figures = curve_figures("lego", &[("nerf".into(), events)]).unwrap();
         let [figure] = figures.as_slice() else { panic!("{figures:?}") };
         // Markers: four of rgb, and three of tv, which is not on in the first step.

@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use indexmap::IndexMap;
 
 use crate::claim::{Claim, TestedClaim};
@@ -55,11 +57,10 @@ impl ReportInput {
     /// `NeRF and InfoNeRF by λ₁, 4 training views`.
     pub fn heading(&self) -> String {
         let settings = self.records.iter().filter_map(|record| record.setting.as_ref());
-        let mut keys: Vec<&str> =
+        let keys: BTreeSet<&str> =
             settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();
-        keys.sort_unstable();
-        keys.dedup();
-        let title = if keys.is_empty() { self.title.clone() } else { format!("{} by {}", self.title, keys.join(", ")) };
+        let keys = keys.into_iter().collect::<Vec<_>>().join(", ");
+        let title = if keys.is_empty() { self.title.clone() } else { format!("{} by {keys}", self.title) };
         let counts = || self.records.iter().map(|record| record.train_views.len());
         let views = match (counts().min(), counts().max()) {
             (None | Some(0), _) | (_, None) => return title,

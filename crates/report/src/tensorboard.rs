@@ -27,24 +27,20 @@ const EVENTS: &str = "events.out.tfevents.infonerf";
 /// # Errors
 /// If there is no `metrics.jsonl`, or a file cannot be read or written.
 pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
-    let mut logs = Vec::new();
-    for entry in WalkDir::new(folder).follow_links(true).sort_by_file_name() {
-        let entry = entry.map_err(ReportError::io("list", folder))?;
-        if entry.file_name() == LOG {
-            logs.push(entry.into_path());
-        }
-    }
-    if logs.is_empty() {
+    let entries: Result<Vec<_>, _> = WalkDir::new(folder).follow_links(true).sort_by_file_name().into_iter().collect();
+    let mut entries = entries.map_err(ReportError::io("list", folder))?;
+    entries.retain(|entry| entry.file_name() == LOG);
+    if entries.is_empty() {
         return Err(ReportError::io("read", folder)(format!("no {LOG} in it or below")));
     }
-    let write = |log: PathBuf| {
-        let text = fs::read(&log).map_err(ReportError::io("read", &log))?;
-        let written = fs::metadata(&log).and_then(|log| log.modified()).map_err(ReportError::io("read", &log))?;
+    let write = |log: &Path| {
+        let text = fs::read(log).map_err(ReportError::io("read", log))?;
+        let written = fs::metadata(log).and_then(|log| log.modified()).map_err(ReportError::io("read", log))?;
         let events = log.with_file_name(EVENTS);
         write_atomically(&events, &tensorboard_events(&String::from_utf8_lossy(&text), written))?;
         Ok(events)
     };
-    logs.into_iter().map(write).collect()
+    entries.iter().map(|entry| write(entry.path())).collect()
 }
 
 /// Makes the event file of a `metrics.jsonl` whose last line was written at `end`.
@@ -54,28 +50,18 @@ pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
 /// of training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
 pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-    let seconds = |line: &Value| line.get("seconds").and_then(Value::as_f64);
+    let seconds = |line: &Value| line["seconds"].as_f64();
     let last = lines.iter().rev().find_map(seconds).unwrap_or(0.0);
     let start = end.duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64() - last;
     let mut file = Vec::new();
     let mut time = start;
-    let mut version = double(1, start);
-    version.extend(bytes(3, b"brain.Event:2"));
-    push(&mut file, &version);
+    push(&mut file, &[double(1, start), bytes(3, b"brain.Event:2")].concat());
     for line in &lines {
-        let (Some(name), Some(step)) =
-            (line.get("event").and_then(Value::as_str), line.get("step").and_then(Value::as_u64))
-        else {
-            continue;
-        };
+        let (Some(name), Some(step)) = (line["event"].as_str(), line["step"].as_u64()) else { continue };
         time = seconds(line).map_or(time, |seconds| start + seconds);
         let mut summary = Vec::new();
         scalars(line, if name == "step" { "train" } else { name }, &mut summary);
-        let mut event = double(1, time);
-        event.extend(tag(2, 0));
-        event.extend(varint(step));
-        event.extend(bytes(5, &summary));
-        push(&mut file, &event);
+        push(&mut file, &[double(1, time), tag(2, 0), varint(step), bytes(5, &summary)].concat());
     }
     file
 }
@@ -89,10 +75,8 @@ fn scalars(value: &Value, name: &str, summary: &mut Vec<u8>) {
             }
         }
         Value::Number(number) => {
-            let mut scalar = bytes(1, name.as_bytes());
-            scalar.extend(tag(2, 5));
-            scalar.extend((number.as_f64().unwrap_or(f64::NAN) as f32).to_le_bytes());
-            summary.extend(bytes(1, &scalar));
+            let value = (number.as_f64().unwrap_or(f64::NAN) as f32).to_le_bytes();
+            summary.extend(bytes(1, &[bytes(1, name.as_bytes()), tag(2, 5), value.to_vec()].concat()));
         }
         _ => {}
     }

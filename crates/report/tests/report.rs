@@ -4,11 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
-use infonerf_metrics::{METRICS, Summary, Values};
+use infonerf_metrics::{METRICS, Summary};
+use infonerf_report::chart::ChartFrame;
 use infonerf_report::{
-    Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
-    VIEWER_PAGE, panel, run_directory, write_report,
+    Figure, Published, PublishedRow, Quantity, Record, ReportInput, TestViews, VIEWER_PAGE, panel, run_directory,
+    write_report,
 };
+use serde_json::json;
 
 /// Writes two scenes, two variants and two seeds, with images and events.
 pub(crate) fn example(root: &Path) -> Vec<Record> {
@@ -30,7 +32,15 @@ fn folder(root: &Path, record: &Record) -> PathBuf {
     root.join(run_directory(&record.scene, &record.variant, record.seed))
 }
 
+/// Makes a record with all metrics, some of them not measured.
 fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
+    let value = |key: &str| match key {
+        "psnr" => Some(psnr),
+        "ssim" => Some(0.4 + psnr / 50.0),
+        "sharpness" => Some(0.04 * psnr),
+        "depth_error" => Some(6.0 / psnr),
+        _ => None,
+    };
     Record {
         experiment: "synthetic-4view".into(),
         scene: scene.into(),
@@ -43,29 +53,12 @@ fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         image_size: [400, 400],
         iterations: 2000 + 10 * seed,
         train_seconds: if variant == "nerf" { 48.2 } else { 55.9 },
-        render_seconds_per_image: 0.31,
-        samples_total: 1_000_000,
-        samples_evaluated: 130_000,
         evaluation: "8-bit RGB on white".into(),
-        metrics: metrics(psnr),
+        metrics: METRICS.iter().map(|metric| (metric.key().to_owned(), value(metric.key()))).collect(),
         ray_entropy_bits: Some(60.0 / psnr),
-        information_gain: Some(0.1),
-        peak_rss_bytes: Some(700 << 20),
         notes: vec!["lpips_alex: no weights".into()],
         ..Record::default()
     }
-}
-
-/// Returns all metrics, some of them not measured.
-fn metrics(psnr: f64) -> Values {
-    let value = |key: &str| match key {
-        "psnr" => Some(psnr),
-        "ssim" => Some(0.4 + psnr / 50.0),
-        "sharpness" => Some(0.04 * psnr),
-        "depth_error" => Some(6.0 / psnr),
-        _ => None,
-    };
-    METRICS.iter().map(|metric| (metric.key().to_owned(), value(metric.key()))).collect()
 }
 
 fn pictures(root: &Path, record: &Record) {
@@ -90,9 +83,6 @@ fn events(root: &Path, record: &Record) {
     fs::write(folder(root, record).join("metrics.jsonl"), lines + "{\"event\":\"st").unwrap();
 }
 
-/// Number of variants, each with a chart of its loss terms per scene.
-const TERMS: usize = 2;
-
 #[test]
 fn page_holds_everything_and_links_nothing() {
     let root = tempfile::tempdir().unwrap();
@@ -110,7 +100,8 @@ fn page_holds_everything_and_links_nothing() {
     // 2 scenes × 3 views × (truth + 2 variants × render, depth, error), and truth and renders of both scenes at the top
     assert_eq!(html.matches("data:image/png;base64,").count(), 42 + 6);
     assert!(html.find("<img").unwrap() < html.find("<table").unwrap(), "the figure stands before the tables");
-    let charts = 3 + 2 * (2 + TERMS);
+    // Of all scenes three; of each scene PSNR, loss, and the loss terms of each variant.
+    let charts = 3 + 2 * (2 + 2);
     assert_eq!(html.matches("<svg ").count(), charts);
     assert_eq!(fs::read_dir(root.path().join("plots")).unwrap().count(), charts);
     assert!(root.path().join("figure.png").is_file());
@@ -183,20 +174,10 @@ fn text_from_outside_stays_text() {
     let other = Record { variant: "nerf".into(), ..record.clone() };
     let mut input = ReportInput::new(hostile, hostile, vec![record, other]);
     input.warnings.push(hostile.into());
-    input.figures.push(Figure {
-        name: "../λ₁".into(),
-        title: hostile.into(),
-        svg: "<svg ></svg>".into(),
-        caption: hostile.into(),
-    });
-    let comparison =
-        Comparison { left: Side::Variant(hostile.into()), is: Relation::Better, right: Side::Variant("nerf".into()) };
-    input.claims.push(Claim {
-        statement: hostile.into(),
-        metric: Quantity::PSNR,
-        margin: 0.0,
-        comparisons: vec![comparison],
-    });
+    input.figures.push(Figure::new("../λ₁", ChartFrame::new(hostile, "", ""), "<svg ></svg>".into(), hostile));
+    let comparison = json!({ "left": hostile, "is": "better", "right": "nerf" });
+    let claim = json!({ "statement": hostile, "metric": "psnr", "comparisons": [comparison] });
+    input.claims.push(serde_json::from_value(claim).unwrap());
     let figures = vec![(Quantity::PSNR, Summary { mean: 1.0, std: None, n: 1 })];
     let row = PublishedRow { variant: hostile.into(), figures, ..PublishedRow::default() };
     input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });

@@ -86,6 +86,7 @@ fn required_keys_are_those_that_reading_needs() {
     let required: Vec<&str> =
         schema["items"]["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
     let record = serde_json::to_value(full()).unwrap();
+    assert_eq!(serde_json::from_value::<Record>(record.clone()).unwrap(), full());
     for key in keys(&record) {
         let mut without = record.clone();
         without.as_object_mut().unwrap().remove(key);

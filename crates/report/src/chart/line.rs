@@ -1,7 +1,7 @@
 use plotters::prelude::*;
 
 use super::canvas::{colour, drawn, plot};
-use super::scale::Scale;
+use super::scale::{Scale, drawable};
 use super::{ChartFrame, Series};
 use crate::error::ReportError;
 
@@ -66,9 +66,10 @@ fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 /// Makes the line of each series, with a marker on each point and a stroke of `width`.
 fn lines(series: &[Series], frame: &ChartFrame, width: u32) -> Vec<PlotLine> {
+    let fits = |&(x, y): &(f64, f64)| drawable(x, frame.x.log) && drawable(y, frame.y.log);
     let line = |(index, series): (usize, &Series)| PlotLine {
         name: series.name.clone(),
-        points: series.drawable(frame),
+        points: series.points.iter().copied().filter(fits).collect(),
         colour: colour(index),
         width,
         marked: true,

@@ -64,13 +64,6 @@ impl Axis {
     }
 }
 
-impl Series {
-    fn drawable(&self, frame: &ChartFrame) -> Vec<(f64, f64)> {
-        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.log);
-        self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()
-    }
-}
-
 /// Returns a chart as a file of its own: dark lines on white.
 pub fn standalone(svg: &str) -> String {
     svg.replacen("<svg ", "<svg style=\"color:#1f2328;background:#fff\" ", 1)

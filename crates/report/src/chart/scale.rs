@@ -42,7 +42,8 @@ impl Scale {
             places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| (low.min(place), high.max(place)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
         let least = if log { 0.02 } else { 1e-9 * low.abs().max(high.abs()) };
-        let (low, high) = if high - low > least { (low, high) } else { widened(low, high, log) };
+        let half = if log { 0.05 } else { (0.05 * low.abs().max(high.abs())).max(0.5e-3) };
+        let (low, high) = if high - low > least { (low, high) } else { (low - half, high + half) };
         let margin = 0.04 * (high - low);
         Self { low: low - margin, high: high + margin, kind }
     }
@@ -60,37 +61,6 @@ impl Scale {
     fn position(&self, value: f64) -> f64 {
         ((self.kind.coordinate(value) - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
     }
-
-    fn ticks(&self) -> Vec<f64> {
-        match &self.kind {
-            ScaleKind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
-            ScaleKind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
-            ScaleKind::Log if self.high - self.low < NARROW => {
-                let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
-                multiples(low, high, step(high - low))
-            }
-            ScaleKind::Log if self.high - self.low < 2.0 => {
-                let decades = self.low.floor() as i32..=self.high.ceil() as i32;
-                let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
-                candidates.filter(|tick| (self.low..=self.high).contains(&tick.log10())).collect()
-            }
-            ScaleKind::Log => {
-                let step = ((self.high - self.low) / 7.0).ceil();
-                multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
-            }
-        }
-    }
-
-    fn label(&self, tick: f64) -> String {
-        match &self.kind {
-            ScaleKind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
-            ScaleKind::Linear => multiple(tick, step(self.high - self.low)),
-            ScaleKind::Log if self.high - self.low < NARROW => {
-                multiple(tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
-            }
-            ScaleKind::Log => short(tick, 0),
-        }
-    }
 }
 
 impl ScaleKind {
@@ -106,11 +76,6 @@ impl ScaleKind {
 fn multiple(tick: f64, step: f64) -> String {
     let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
     short(tick, (-(step / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
-}
-
-fn widened(low: f64, high: f64, log: bool) -> (f64, f64) {
-    let half = if log { 0.05 } else { (0.05 * low.abs().max(high.abs())).max(0.5e-3) };
-    (low - half, high + half)
 }
 
 /// Returns the distance of ticks over a span: 1, 2 or 5 times a power of ten, about six to an axis.
@@ -156,7 +121,23 @@ impl Ranged for Scale {
     }
 
     fn key_points<Hint: KeyPointHint>(&self, _hint: Hint) -> Vec<f64> {
-        self.ticks()
+        match &self.kind {
+            ScaleKind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
+            ScaleKind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
+            ScaleKind::Log if self.high - self.low < NARROW => {
+                let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
+                multiples(low, high, step(high - low))
+            }
+            ScaleKind::Log if self.high - self.low < 2.0 => {
+                let decades = self.low.floor() as i32..=self.high.ceil() as i32;
+                let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
+                candidates.filter(|tick| (self.low..=self.high).contains(&tick.log10())).collect()
+            }
+            ScaleKind::Log => {
+                let step = ((self.high - self.low) / 7.0).ceil();
+                multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
+            }
+        }
     }
 
     fn range(&self) -> Range<f64> {
@@ -168,20 +149,28 @@ impl Ranged for Scale {
 }
 
 impl ValueFormatter<f64> for Scale {
-    fn format_ext(&self, value: &f64) -> String {
-        self.label(*value)
+    fn format_ext(&self, tick: &f64) -> String {
+        match &self.kind {
+            ScaleKind::Labels(labels) => labels.get(*tick as usize).cloned().unwrap_or_default(),
+            ScaleKind::Linear => multiple(*tick, step(self.high - self.low)),
+            ScaleKind::Log if self.high - self.low < NARROW => {
+                multiple(*tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
+            }
+            ScaleKind::Log => short(*tick, 0),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use plotters::coord::ranged1d::BoldPoints;
     use proptest::prelude::*;
 
     use super::*;
 
     fn labels(low: f64, high: f64, log: bool) -> Vec<String> {
         let scale = Scale::around([low, high].into_iter(), log);
-        scale.ticks().into_iter().map(|tick| scale.label(tick)).collect()
+        scale.key_points(BoldPoints(6)).into_iter().map(|tick| scale.format_ext(&tick)).collect()
     }
 
     #[test]
@@ -201,10 +190,10 @@ mod tests {
         fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), log in prop::bool::ANY) {
             let scale = Scale::around(values.iter().copied(), log);
             prop_assert!(scale.low < scale.high);
-            let ticks = scale.ticks();
+            let ticks = scale.key_points(BoldPoints(6));
             prop_assert!(ticks.len() <= 13, "{ticks:?}");
             for tick in ticks {
-                prop_assert!(!scale.label(tick).is_empty());
+                prop_assert!(!scale.format_ext(&tick).is_empty());
                 prop_assert!((0..=500).contains(&scale.map(&tick, (0, 500))));
             }
             for value in values {
