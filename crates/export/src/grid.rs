@@ -36,12 +36,11 @@ impl DensityGrid {
     pub fn sample(volume: &dyn Volume, resolution: usize, level: f32) -> Result<Self, ExportError> {
         let mut grid = Self::empty(volume.bounds(), resolution, level)?;
         let count = grid.count();
-        let mut density = Vec::with_capacity(count);
+        grid.density.reserve_exact(count);
         for start in (0..count).step_by(CHUNK) {
             let points: Vec<Vec3> = (start..(start + CHUNK).min(count)).map(|index| grid.point(index)).collect();
-            density.extend(volume.density(&points));
+            grid.density.extend(volume.density(&points));
         }
-        grid.density = density;
         Ok(grid)
     }
 

@@ -76,26 +76,25 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
     let series = |point: Point| runs.iter().filter_map(|(name, events)| curve(name, events, point)).collect();
     let psnr: Vec<Series> = series(&|step| Some((step.seconds?, step.psnr?)));
     let mut figures = Vec::new();
+    let mut add = |name: String, frame: ChartFrame, series: &[Series], caption: &str| -> Result<(), ReportError> {
+        let svg = line_chart(&frame, series)?;
+        figures.push(Figure::new(format!("{scene}-{name}"), frame, svg, caption));
+        Ok(())
+    };
     if !psnr.is_empty() {
         let frame = ChartFrame::new(&format!("{scene}: PSNR on training rays"), "training (s)", "PSNR (dB)");
         let caption = "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.";
-        figures.push(Figure::new(format!("{scene}-psnr"), frame.clone(), line_chart(&frame, &psnr)?, caption));
+        add("psnr".into(), frame, &psnr, caption)?;
     }
-    let mut by_step =
-        |name: String, title: String, y: &str, series: Vec<Series>, caption: &str| -> Result<(), ReportError> {
-            let frame = ChartFrame { title, x: Axis::linear("step"), y: value_axis(y, &series) };
-            figures.push(Figure::new(name, frame.clone(), line_chart(&frame, &series)?, caption));
-            Ok(())
-        };
     let loss: Vec<Series> = series(&|step| Some((step.step, step.loss?)));
     if !loss.is_empty() {
-        by_step(format!("{scene}-loss"), format!("{scene}: training loss"), "loss", loss, "")?;
+        add("loss".into(), by_step(format!("{scene}: training loss"), "loss", &loss), &loss, "")?;
     }
     for (label, events) in runs {
         let terms = terms(events);
         if terms.len() > 1 {
-            let title = format!("{scene}: terms of the objective of {label}");
-            by_step(format!("{scene}-{label}-terms"), title, "value", terms, "Values before their weights.")?;
+            let frame = by_step(format!("{scene}: terms of the objective of {label}"), "value", &terms);
+            add(format!("{label}-terms"), frame, &terms, "Values before their weights.")?;
         }
     }
     Ok(figures)
@@ -118,10 +117,10 @@ fn curve(name: &str, events: &Events, point: Point) -> Option<Series> {
     (points.len() > 1).then(|| Series { name: name.to_owned(), points })
 }
 
-/// Returns a logarithmic axis if all values are positive.
-fn value_axis(label: &str, series: &[Series]) -> Axis {
-    let positive = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
-    if positive { Axis::log(label) } else { Axis::linear(label) }
+/// Returns the frame of curves by step, logarithmic if all values are positive.
+fn by_step(title: String, y: &str, series: &[Series]) -> ChartFrame {
+    let log = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
+    ChartFrame { title, x: Axis::linear("step"), y: Axis { label: y.into(), log } }
 }
 
 /// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of as many neighbours.

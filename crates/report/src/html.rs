@@ -3,37 +3,27 @@
 
 use askama::Template;
 
-use crate::{colormap::to_bytes, contents::ReportContents, quantity::Quantity, record::Record, table::measured};
+use crate::{colormap::to_bytes, contents::ReportContents, quantity::Quantity, record::Record};
 
 #[derive(Template)]
 #[template(path = "report.html")]
-struct ReportPage<'a> {
-    title: String,
-    contents: &'a ReportContents<'a>,
+pub(crate) struct ReportPage<'a> {
+    pub(crate) title: String,
+    pub(crate) contents: &'a ReportContents<'a>,
     /// Quantities that any run has.
-    quantities: Vec<Quantity>,
+    pub(crate) quantities: Vec<Quantity>,
 }
 
 #[derive(Template)]
 #[template(path = "collection.html")]
-struct CollectionPage<'a> {
-    title: &'a str,
-    introduction: &'a str,
-    chapters: &'a [ReportContents<'a>],
+pub(crate) struct CollectionPage<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) introduction: &'a str,
+    pub(crate) chapters: &'a [ReportContents<'a>],
 }
 
 pub(crate) fn rendered(page: &impl Template) -> String {
     page.render().expect("formatting into a string cannot fail")
-}
-
-pub(crate) fn report_page(contents: &ReportContents) -> String {
-    let measured = |quantity: &Quantity| measured(&contents.records, *quantity);
-    let quantities = Quantity::all().into_iter().filter(measured).collect();
-    rendered(&ReportPage { title: contents.input.heading(), contents, quantities })
-}
-
-pub(crate) fn collection_page(title: &str, introduction: &str, chapters: &[ReportContents]) -> String {
-    rendered(&CollectionPage { title, introduction, chapters })
 }
 
 /// Keeps the arrow of a column's heading on the same line as the word before.

@@ -20,7 +20,8 @@ pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
         let records = &input.records;
         blocks.push(format!("## {}", escape_markdown(&input.heading())));
         blocks.extend(input.command.as_ref().map(|command| format!("```sh\n{command}\n```")));
-        blocks.extend(protocol(&protocol_lines(records)));
+        let protocol: Vec<String> = protocol_lines(records).iter().map(|line| escape_markdown(line)).collect();
+        blocks.extend((!protocol.is_empty()).then(|| protocol.join("  \n")));
         let notes: IndexSet<&String> = records.iter().flat_map(|record| &record.notes).collect();
         let notes: Vec<String> = notes.into_iter().map(|note| format!("- {}", escape_markdown(note))).collect();
         blocks.extend((!notes.is_empty()).then(|| notes.join("\n")));
@@ -32,12 +33,6 @@ pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
         blocks.extend((!tested.is_empty()).then(|| claims(&tested)));
     }
     blocks.join("\n\n") + "\n"
-}
-
-/// Describes how the numbers were obtained, a line each; `None` without runs.
-fn protocol(lines: &[String]) -> Option<String> {
-    let lines: Vec<String> = lines.iter().map(|line| escape_markdown(line)).collect();
-    (!lines.is_empty()).then(|| lines.join("  \n"))
 }
 
 /// Lists claims with a table of findings below each.

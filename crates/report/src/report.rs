@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use crate::contents::ReportContents;
 use crate::error::ReportError;
 use crate::files::write_atomically;
-use crate::html::{collection_page, report_page};
+use crate::html::{CollectionPage, ReportPage, rendered};
 use crate::input::ReportInput;
+use crate::quantity::Quantity;
+use crate::table::measured;
 
 /// Writes `report.html`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs lie, and
 /// returns the path of the page, which needs no other file.
@@ -19,7 +21,10 @@ pub fn write_report(input: &ReportInput, root: &Path) -> Result<PathBuf, ReportE
     let contents = ReportContents::gather(input, root)?;
     contents.write_plots(root)?;
     let html = root.join("report.html");
-    write_atomically(&html, report_page(&contents).as_bytes())?;
+    let measured = |quantity: &Quantity| measured(&contents.records, *quantity);
+    let quantities = Quantity::all().into_iter().filter(measured).collect();
+    let page = ReportPage { title: input.heading(), contents: &contents, quantities };
+    write_atomically(&html, rendered(&page).as_bytes())?;
     Ok(html)
 }
 
@@ -37,6 +42,7 @@ pub fn write_collection(
     let gathered = experiments.iter().map(|input| ReportContents::gather(input, &root.join(&input.experiment)));
     let chapters: Vec<ReportContents> = gathered.collect::<Result<_, _>>()?;
     let html = root.join("report.html");
-    write_atomically(&html, collection_page(title, introduction, &chapters).as_bytes())?;
+    let page = CollectionPage { title, introduction, chapters: &chapters };
+    write_atomically(&html, rendered(&page).as_bytes())?;
     Ok(html)
 }

@@ -62,10 +62,7 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
         RadianceField::Factored(field) => factored::package(field, subjects)?,
         _ => None,
     };
-    let mut package = match exact {
-        Some(package) => package,
-        None => baked::package(subjects, resolution)?,
-    };
+    let mut package = exact.map_or_else(|| baked::package(subjects, resolution), Ok)?;
     let (near, far) = match scene.space.range {
         Range::Distance { near, far } | Range::Depth { near, far } => (near, far),
         Range::Sphere { .. } => (scene.space.near, scene.space.far),
@@ -85,8 +82,7 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
 pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
     let side = if factored::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
     let camera = &run.scene().train[0].camera;
-    let longest = side.min(camera.width.max(camera.height));
-    let (width, height) = resized_dimensions(camera.width, camera.height, longest);
+    let (width, height) = resized_dimensions(camera.width, camera.height, side.min(camera.width.max(camera.height)));
     let camera = camera.resized(width, height);
     let image = infonerf_render::render_image(run.renderer(), std::slice::from_ref(trained), &camera);
     jpeg_url(&to_rgb8(&image.rgb, width, height)?)
@@ -95,23 +91,19 @@ pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
 /// Returns the training cameras as pinholes with small JPEGs of their images.
 fn cameras(scene: &Scene) -> Result<Vec<Value>> {
     let side = (SIDE * (8.0 / scene.train.len().max(8) as f32).sqrt()).max(MIN_SIDE) as u32;
-    scene.train.iter().map(|view| camera(view, side)).collect()
-}
-
-fn camera(view: &View, side: u32) -> Result<Value> {
-    let camera = &view.camera;
-    let longest = side.min(view.image.width.max(view.image.height));
-    let (width, height) = resized_dimensions(view.image.width, view.image.height, longest);
-    let small = view.image.resized(width, height);
-    let image = to_rgb8(&small.rgb, width, height)?;
-    Ok(json!({
-        "name": view.name,
-        "width": camera.width,
-        "height": camera.height,
-        "lens": [camera.fx, camera.fy, camera.cx, camera.cy],
-        "pose": camera.to_world.to_cols_array(),
-        "image": jpeg_url(&image)?,
-    }))
+    let of_view = |View { name, camera, image, .. }: &View| {
+        let (width, height) = resized_dimensions(image.width, image.height, side.min(image.width.max(image.height)));
+        let image = to_rgb8(&image.resized(width, height).rgb, width, height)?;
+        Ok(json!({
+            "name": name,
+            "width": camera.width,
+            "height": camera.height,
+            "lens": [camera.fx, camera.fy, camera.cx, camera.cy],
+            "pose": camera.to_world.to_cols_array(),
+            "image": jpeg_url(&image)?,
+        }))
+    };
+    scene.train.iter().map(of_view).collect()
 }
 
 /// Encodes an image as JPEG in a `data:` URL.

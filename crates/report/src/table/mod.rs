@@ -78,14 +78,10 @@ pub struct Cell {
 /// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
 pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
-    let row = |group: &VariantGroup| {
-        let on = |scene: &String| group.cell(quantity, std::slice::from_ref(scene));
-        let mean = (scenes.len() > 1).then(|| group.cell(quantity, &scenes));
-        scenes.iter().map(on).chain(mean).collect()
-    };
-    let mean = (scenes.len() > 1).then(|| MEAN.to_owned());
-    let columns = scenes.iter().cloned().chain(mean).map(|heading| Column { heading, quantity }).collect();
-    assemble(quantity.heading(), records, columns, row)
+    let column = |heading: &str| Column { heading: heading.to_owned(), quantity };
+    let each = scenes.iter().map(|scene| (column(scene), std::slice::from_ref(scene)));
+    let mean = (scenes.len() > 1).then(|| (column(MEAN), &scenes[..]));
+    assemble(quantity.heading(), records, each.chain(mean).collect())
 }
 
 /// Makes a table of variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities
@@ -93,14 +89,12 @@ pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table
 pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let quantities = quantities.iter().filter(|quantity| measured(records, **quantity));
-    let columns = quantities.clone().map(|&quantity| Column { heading: quantity.heading(), quantity }).collect();
+    let column = |&quantity: &Quantity| (Column { heading: quantity.heading(), quantity }, &scenes[..]);
     let title = match scenes.as_slice() {
         [scene] => scene.clone(),
         scenes => format!("mean over {} scenes", scenes.len()),
     };
-    assemble(title, records, columns, |group| {
-        quantities.clone().map(|&quantity| group.cell(quantity, &scenes)).collect()
-    })
+    assemble(title, records, quantities.map(column).collect())
 }
 
 pub(crate) struct VariantGroup<'a> {
@@ -170,25 +164,22 @@ pub(crate) fn measured<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> b
     records.iter().any(|record| quantity.value(record.as_ref()).is_some())
 }
 
-fn assemble<R: AsRef<Record>>(
-    title: String,
-    records: &[R],
-    columns: Vec<Column>,
-    cells: impl Fn(&VariantGroup) -> Vec<Cell>,
-) -> Table {
+/// Makes a table of columns, each with the scenes over which its cells are means.
+fn assemble<R: AsRef<Record>>(title: String, records: &[R], columns: Vec<(Column, &[String])>) -> Table {
     let groups = groups(records.iter().map(AsRef::as_ref));
     let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
     let value = |group: &VariantGroup, key: &String| group.values.and_then(|values| values.get(key)).cloned();
     let row = |group: &VariantGroup| TableRow {
         label: group.name.clone(),
         settings: keys.iter().map(|key| value(group, key).unwrap_or_else(|| MISSING.to_owned())).collect(),
-        cells: cells(group),
+        cells: columns.iter().map(|(column, scenes)| group.cell(column.quantity, scenes)).collect(),
     };
     let rows = groups.iter().map(row).collect();
     let symbols = keys.iter().map(|key| (short_key(key), key)).filter(|(short, key)| *short != key.as_str());
     let symbols: Vec<String> = symbols.map(|(short, key)| format!("{short} is {key}")).collect();
     let notes = if symbols.is_empty() { Vec::new() } else { vec![symbols.join(", ")] };
     let keys = keys.into_iter().cloned().collect();
+    let columns = columns.into_iter().map(|(column, _)| column).collect();
     let mut table = Table { title, protocol: protocol_lines(records), keys, columns, rows, notes };
     mark_best(&mut table);
     table

@@ -99,10 +99,7 @@ impl Fields {
         let plan = RunPlan::of_run(run)?;
         doing("Reading the scene");
         let same = last.filter(|last| last.version.config == version.config).map(|last| last.scene);
-        let scene = match same {
-            Some(scene) => scene,
-            None => Arc::new(plan.load()?),
-        };
+        let scene = same.map_or_else(|| plan.load().map(Arc::new), Ok)?;
         doing("Reading the field");
         let trained = Trained::on_scene(plan, scene.clone(), run, &self.device)?;
         let field = &trained.plan.config.field;
