@@ -83,7 +83,6 @@ fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
     points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
 }
 
-/// Buffer of a document, with its views and accessors.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,

@@ -83,15 +83,15 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
         .flat_map(of_camera)
         .filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)))
         .filter(|(_, near, far)| far > near)
+        .map(|(ray, near, far)| (ray, near, (far - near) / SAMPLES as f32))
         .collect();
     let of_chunk = |rays: &[_]| -> Vec<RayDepths> {
-        let at = |&(ray, near, far): &(infonerf_scene::Ray, f32, f32)| {
-            let step = (far - near) / SAMPLES as f32;
+        let at = |&(ray, near, step): &(infonerf_scene::Ray, f32, f32)| {
             (0..SAMPLES).map(move |i| ray.origin + (near + (i as f32 + 0.5) * step) * ray.direction)
         };
         let densities = volume.density(&rays.iter().flat_map(at).collect::<Vec<_>>());
-        let spans = rays.iter().map(|&(_, near, far)| (near, (far - near) / SAMPLES as f32));
-        spans.zip(densities.chunks_exact(SAMPLES)).map(|((near, step), sigma)| depths_of(near, step, sigma)).collect()
+        let each = rays.iter().zip(densities.chunks_exact(SAMPLES));
+        each.map(|(&(_, near, step), sigma)| depths_of(near, step, sigma)).collect()
     };
     crossing.chunks(CHUNK).flat_map(of_chunk).collect()
 }

@@ -29,7 +29,6 @@ pub fn ply_points(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
 /// Name and count of the elements of a kind, and their properties with their types.
 type Elements<'a> = (&'a str, usize, &'a [&'a str]);
 
-/// Encodes the header of a file with the given elements.
 pub(crate) fn header(elements: &[Elements]) -> Vec<u8> {
     let mut text = "ply\nformat binary_little_endian 1.0\ncomment infonerf\n".to_owned();
     for (name, count, properties) in elements {

@@ -211,8 +211,24 @@ pub struct Finding {
 impl Finding {
     fn of(claim: &Claim, comparison: &Comparison, records: &[Record], published: Option<&Published>) -> Self {
         let quantity = claim.metric;
-        let pairs = Pairs::of(comparison, quantity, records);
-        let scenes = differences(comparison.is, pairs.sides.into_values().collect());
+        // Both sides of each pair, by scene.
+        let mut sides: IndexMap<&String, Vec<[f64; 2]>> = IndexMap::new();
+        let (mut views, mut collapsed, mut incomplete) = (HashSet::new(), 0, 0);
+        for (scene, seed) in distinct(records, |record| (&record.scene, record.seed)) {
+            let own = |record: &&Record| record.scene == *scene && record.seed == seed;
+            let run = |variant: &str| records.iter().filter(own).find(|record| record.variant == variant);
+            let value = |variant: &str| Some(compared(quantity, quantity.value(run(variant)?)?));
+            match (comparison.left.value(value), comparison.right.value(value)) {
+                (Some(left), Some(right)) => {
+                    collapsed += usize::from(comparison.variants().filter_map(run).any(|run| run.collapsed));
+                    sides.entry(scene).or_default().push([left, right]);
+                    views.extend(comparison.variants().find_map(run).map(|run| (scene, &run.train_views)));
+                }
+                _ => incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
+            }
+        }
+        let view_sets = views.len() > sides.len();
+        let scenes = differences(comparison.is, sides.into_values().collect());
         let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
         let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
         let difference = these.or(alike).or(single);
@@ -226,9 +242,9 @@ impl Finding {
             difference,
             alike: these.and(alike),
             pairs: scenes.iter().map(Vec::len).collect(),
-            view_sets: pairs.view_sets,
-            collapsed: pairs.collapsed,
-            incomplete: pairs.incomplete,
+            view_sets,
+            collapsed,
+            incomplete,
             published: in_paper,
             verdict: difference.map_or(Verdict::Untested, |interval| verdict(claim, comparison.is, interval)),
             decimals: quantity.decimals,
@@ -274,36 +290,6 @@ impl Finding {
 
 fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
-/// Both sides of a comparison on each scene and seed.
-struct Pairs {
-    sides: IndexMap<String, Vec<[f64; 2]>>,
-    view_sets: bool,
-    collapsed: usize,
-    incomplete: usize,
-}
-
-impl Pairs {
-    fn of(comparison: &Comparison, quantity: Quantity, records: &[Record]) -> Self {
-        let mut pairs = Self { sides: IndexMap::new(), view_sets: false, collapsed: 0, incomplete: 0 };
-        let mut views = HashSet::new();
-        for (scene, seed) in distinct(records, |record| (&record.scene, record.seed)) {
-            let own = |record: &&Record| record.scene == *scene && record.seed == seed;
-            let run = |variant: &str| records.iter().filter(own).find(|record| record.variant == variant);
-            let value = |variant: &str| Some(compared(quantity, quantity.value(run(variant)?)?));
-            match (comparison.left.value(value), comparison.right.value(value)) {
-                (Some(left), Some(right)) => {
-                    pairs.collapsed += usize::from(comparison.variants().filter_map(run).any(|run| run.collapsed));
-                    pairs.sides.entry(scene.clone()).or_default().push([left, right]);
-                    views.extend(comparison.variants().find_map(run).map(|run| (scene, &run.train_views)));
-                }
-                _ => pairs.incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
-            }
-        }
-        pairs.view_sets = views.len() > pairs.sides.len();
-        pairs
-    }
 }
 
 /// Maps the value of a quantity that is best at 1 to its distance from 1, of which less is better; keeps any other.

@@ -10,7 +10,11 @@ use indexmap::IndexMap;
 use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
 use serde::Serialize;
 
-use crate::{error::ReportError, files::write_atomically, gallery::encoded, html::rendered, text_table::TextTable};
+use crate::error::ReportError;
+use crate::files::write_atomically;
+use crate::gallery::png_bytes;
+use crate::report::rendered;
+use crate::text_table::TextTable;
 
 /// Maximum number of bytes of a comparison's images: browsers would take long to open more.
 const MAX_BYTES: u64 = 96 << 20;
@@ -127,7 +131,7 @@ fn data(path: &Path) -> Result<String, ReportError> {
         return Ok(format!("data:{};base64,{}", format.to_mime_type(), BASE64_STANDARD.encode(bytes)));
     }
     let image = image::load_from_memory_with_format(&bytes, format);
-    let png = image.and_then(|image| encoded(&image.to_rgba8().into())).map_err(ReportError::io("read", path))?;
+    let png = image.and_then(|image| png_bytes(&image.to_rgba8().into())).map_err(ReportError::io("read", path))?;
     Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png)))
 }
 

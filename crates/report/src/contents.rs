@@ -9,7 +9,7 @@ use crate::error::ReportError;
 use crate::events::Events;
 use crate::figures::{Figure, comparison_figures, curve_figures};
 use crate::files::write_atomically;
-use crate::gallery::{MAX_PICTURED, SceneGallery, encoded, pictured, slashed, spread};
+use crate::gallery::{MAX_PICTURED, SceneGallery, pictured, png_bytes, slashed, spread};
 use crate::input::ReportInput;
 use crate::panel::compose;
 use crate::protocol::protocol_lines;
@@ -22,7 +22,6 @@ const MAX_IMAGES: usize = 400;
 const MAX_VIEWS: usize = 3;
 /// Maximum number of scenes, and of variants, in the figure of all scenes.
 const MAX_IN_PANEL: usize = 8;
-/// File of the figure of all scenes.
 const PANEL: &str = "figure.png";
 /// Maximum number of runs that a line names.
 const MAX_NAMED: usize = 16;
@@ -40,9 +39,7 @@ pub(crate) struct ReportContents<'a> {
     /// Table of scenes for each quantity that was measured; empty for a single scene.
     pub(crate) tables: Vec<Table>,
     pub(crate) scenes: Vec<SceneContents<'a>>,
-    /// PNG of all scenes; `None` for too many scenes or variants.
     pub(crate) panel: Option<Vec<u8>>,
-    /// Each note with the runs that have it.
     pub(crate) notes: Vec<(String, String)>,
     pub(crate) missing: Vec<String>,
 }
@@ -103,7 +100,6 @@ impl<'a> ReportContents<'a> {
         })
     }
 
-    /// Writes `plots/*.svg` and `figure.png` into `root`.
     pub(crate) fn write_plots(&self, root: &Path) -> Result<(), ReportError> {
         if let Some(png) = &self.panel {
             write_atomically(&root.join(PANEL), png)?;
@@ -148,7 +144,7 @@ fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
         return Ok(None);
     }
     let Some(image) = compose(&scenes.iter().map(|scene| &scene.gallery).collect::<Vec<_>>())? else { return Ok(None) };
-    encoded(&image.into()).map(Some).map_err(ReportError::chart(PANEL))
+    png_bytes(&image.into()).map(Some).map_err(ReportError::chart(PANEL))
 }
 
 /// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and other characters than letters, digits, `-` and `_`

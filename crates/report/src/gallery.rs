@@ -26,7 +26,6 @@ pub(crate) struct SceneGallery<'a> {
     pub(crate) views: Vec<GalleryView>,
 }
 
-/// Test view: the truth, and the images of each run.
 pub(crate) struct GalleryView {
     /// Stem of the files' names.
     pub(crate) name: String,
@@ -128,7 +127,7 @@ fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<Galler
     let (mut png, mut shown) = (bytes, decoded);
     if shown.width().max(shown.height()) > MAX_SIDE {
         shown = shown.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
-        png = encoded(&shown).map_err(|error| described(&error))?;
+        png = png_bytes(&shown).map_err(|error| described(&error))?;
     }
     Ok(GalleryImage { path: slashed(&path), png, width: shown.width(), height: shown.height() })
 }
@@ -140,8 +139,7 @@ pub fn picture_names(folder: &Path) -> BTreeSet<String> {
     pictures.filter_map(|path| path.file_stem()?.to_str().map(str::to_owned)).collect()
 }
 
-/// Encodes an image as PNG.
-pub(crate) fn encoded(image: &DynamicImage) -> ImageResult<Vec<u8>> {
+pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
     let mut png = Cursor::new(Vec::new());
     image.write_to(&mut png, ImageFormat::Png)?;
     Ok(png.into_inner())

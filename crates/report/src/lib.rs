@@ -36,7 +36,6 @@ mod events;
 mod figures;
 mod files;
 mod gallery;
-mod html;
 mod input;
 mod interval;
 mod markdown;

@@ -1,14 +1,34 @@
-//! Reports of one experiment or several, as files.
+//! Reports of one experiment or several from `templates/`, each a page with its style, charts and images inside.
 
 use std::path::{Path, PathBuf};
 
+use askama::Template;
+
+use crate::colormap::to_bytes;
 use crate::contents::ReportContents;
 use crate::error::ReportError;
 use crate::files::write_atomically;
-use crate::html::{CollectionPage, ReportPage, rendered};
 use crate::input::ReportInput;
 use crate::quantity::Quantity;
+use crate::record::Record;
 use crate::table::measured;
+
+#[derive(Template)]
+#[template(path = "report.html")]
+struct ReportPage<'a> {
+    title: String,
+    contents: &'a ReportContents<'a>,
+    /// Quantities that any run has.
+    quantities: Vec<Quantity>,
+}
+
+#[derive(Template)]
+#[template(path = "collection.html")]
+struct CollectionPage<'a> {
+    title: &'a str,
+    introduction: &'a str,
+    chapters: &'a [ReportContents<'a>],
+}
 
 /// Writes `report.html`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs lie, and
 /// returns the path of the page, which needs no other file.
@@ -45,4 +65,38 @@ pub fn write_collection(
     let page = CollectionPage { title, introduction, chapters: &chapters };
     write_atomically(&html, rendered(&page).as_bytes())?;
     Ok(html)
+}
+
+pub(crate) fn rendered(page: &impl Template) -> String {
+    page.render().expect("formatting into a string cannot fail")
+}
+
+/// Keeps the arrow of a column's heading on the same line as the word before.
+fn heading(text: impl AsRef<str>) -> String {
+    text.as_ref().replace(" ↑", "\u{a0}↑").replace(" ↓", "\u{a0}↓").replace(" → ", "\u{a0}→\u{a0}")
+}
+
+fn shown(quantity: &Quantity, record: &Record) -> String {
+    quantity.value(record).map_or("–".to_owned(), |value| quantity.format(value))
+}
+
+/// Formats the PSNR of a run, such as `18.92 dB`; empty if it has none.
+fn psnr(record: &Record) -> String {
+    Quantity::PSNR.value(record).map_or(String::new(), |psnr| format!("{} dB", Quantity::PSNR.format(psnr)))
+}
+
+/// Formats the run's means, such as `18.92 dB · SSIM 0.788 · seed 0`.
+fn scores(record: &Record) -> String {
+    let ssim = Quantity::SSIM.value(record).map(|ssim| format!("SSIM {}", Quantity::SSIM.format(ssim)));
+    let parts = [psnr(record), ssim.unwrap_or_default(), format!("seed {}", record.seed)];
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" · ")
+}
+
+/// Lists nine colours of a map for a gradient of CSS.
+fn gradient(map: fn(f32) -> [f32; 3]) -> String {
+    let stop = |i| {
+        let [r, g, b] = to_bytes(map(i as f32 / 8.0));
+        format!("rgb({r} {g} {b})")
+    };
+    (0..=8).map(stop).collect::<Vec<_>>().join(",")
 }

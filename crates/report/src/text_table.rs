@@ -21,7 +21,6 @@ impl TextTable {
         (0..self.0[0].len()).map(|column| width(column).unwrap_or(0)).collect()
     }
 
-    /// Formats each line with aligned columns, the first to the left and the others to the right.
     pub(crate) fn lines(&self) -> Vec<String> {
         let widths = self.widths();
         let cell = |(column, (text, width)): (usize, (&String, &usize))| {

@@ -9,7 +9,6 @@ fn series(name: &str, points: Vec<(f64, f64)>) -> Series {
     Series { name: name.into(), points }
 }
 
-/// Draws every chart of the same numbers.
 fn all_charts(points: Vec<(f64, f64)>, log: bool) -> Vec<String> {
     let axis = |label: &str| Axis { label: label.into(), log };
     let frame = ChartFrame { title: "Title".into(), x: axis("x"), y: axis("y") };

@@ -18,7 +18,6 @@ use crate::package::{Subjects, of_field};
 
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 
-/// Arrays of a package.
 pub(crate) struct DecodedPackage {
     pub(crate) package: Value,
     bytes: Vec<u8>,
@@ -91,7 +90,6 @@ impl DecodedPackage {
         x
     }
 
-    /// Evaluates density and colour.
     fn evaluate(&self, u: [f32; 3], direction: [f32; 3]) -> [f32; 4] {
         let network = self.floats("network");
         let (matrices, biases) = network.split_at(16 * self.constant("MATRICES") as usize);

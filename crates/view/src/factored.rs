@@ -144,7 +144,6 @@ fn layers(layers: &[(usize, usize)]) -> String {
     text
 }
 
-/// Tables of a field as textures.
 struct TableTextures {
     /// Array of RGBA textures of each level, `[3 · groups, res, res, 4]`.
     planes: Vec<Vec<u8>>,

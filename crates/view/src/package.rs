@@ -106,7 +106,6 @@ fn cameras(scene: &Scene) -> Result<Vec<Value>> {
     scene.train.iter().map(of_view).collect()
 }
 
-/// Encodes an image as JPEG in a `data:` URL.
 fn jpeg_url(image: &RgbImage) -> Result<String> {
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(image)?;

@@ -21,7 +21,6 @@ pub(crate) struct FieldMarch<'a> {
     /// Corner of the occupancy grid and size of its cells, in warped space.
     pub(crate) low: Vec3,
     pub(crate) cell: Vec3,
-    /// Number of cells along each axis.
     pub(crate) cells: [usize; 3],
     /// Length of a step in the coordinate of the warp.
     pub(crate) step: f32,

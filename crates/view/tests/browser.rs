@@ -38,12 +38,10 @@ fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     panic!("no Chromium found: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
 }
 
-/// Returns the value of an attribute in a document.
 fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
     document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
 }
 
-/// Returns the JSON value of an attribute in a document.
 fn json_attribute(document: &str, name: &str) -> serde_json::Value {
     serde_json::from_str(&attribute(document, name).expect("the script ended").replace("&quot;", "\"")).unwrap()
 }
@@ -52,7 +50,6 @@ fn read(folder: &Path) -> Trained {
     Trained::read(RunPlan::of_run(folder).unwrap(), folder, &device()).unwrap()
 }
 
-/// Trains a run, and writes its page.
 fn trained_page(plan: &RunPlan) -> (tempfile::TempDir, Trained, PathBuf) {
     let out = tempfile::tempdir().unwrap();
     let folder = train(out.path(), plan, None);
@@ -94,7 +91,6 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
     -10.0 * (squares.sum::<f64>() / a.len() as f64 / 255f64.powi(2)).log10()
 }
 
-/// Renders a training view with the program.
 fn rendered(run: &Trained, view: usize) -> (Vec<u8>, RenderedImage) {
     let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
     let image = render_image(run.renderer(), &run.fields(), &camera);

@@ -53,7 +53,6 @@ pub(super) fn anchored<'a>(style: TextStyle<'a>, h: HPos, v: VPos) -> TextStyle<
     style.pos(Pos::new(h, v))
 }
 
-/// Registers the font of all charts under the name that they use.
 fn register_fonts() {
     static ONCE: Once = Once::new();
     // A font that cannot be read is named by the first chart that asks for it.
@@ -72,7 +71,6 @@ pub(crate) fn write_text(picture: &mut RgbImage, texts: &[(String, (i32, i32))])
     sheet.present().map_err(ReportError::chart("labels"))
 }
 
-/// Draws on a sheet and returns its SVG.
 pub(super) fn drawn(frame: &ChartFrame, draw: impl FnOnce(&Area<'_>) -> DrawingResult) -> Result<String, ReportError> {
     register_fonts();
     let mut svg = String::new();

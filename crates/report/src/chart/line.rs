@@ -7,7 +7,6 @@ use crate::error::ReportError;
 
 /// Maximum number of points of a line with a marker on each.
 const MARKED: usize = 24;
-/// Colour of a frontier, on white and on black.
 const GREY: RGBColor = RGBColor(128, 128, 128);
 
 struct PlotLine {

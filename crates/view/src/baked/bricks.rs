@@ -85,7 +85,6 @@ impl Bricks {
         number.map_or(0, |number| self.brick(number as usize)[x + POINTS * (y + POINTS * z)])
     }
 
-    /// Returns the bytes of a brick.
     pub(super) fn brick(&self, number: usize) -> &[u8] {
         &self.roots[number * VOLUME..][..VOLUME]
     }

@@ -17,7 +17,6 @@ pub(super) struct Lattice {
     pub(super) low: Vec3,
     /// Edge of a voxel.
     pub(super) voxel: f32,
-    /// Number of cells along each axis.
     pub(super) cells: [usize; 3],
 }
 

@@ -21,7 +21,6 @@ pub(super) struct FieldProbe<'a> {
     warp: &'a Warp,
     /// Whether space is empty beyond the occupancy grid's box.
     closed: bool,
-    /// Viewpoints of colours.
     pub(super) eyes: Vec<Vec3>,
     cameras: Vec<Vec3>,
     /// Edge of a pixel's footprint at distance 1, the mean of the training cameras.

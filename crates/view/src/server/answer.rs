@@ -16,18 +16,15 @@ use super::runs::{Roots, first_field};
 use crate::page;
 
 const IMAGE_FOLDERS: [&str; 4] = ["test", "truth", "depth", "error"];
-/// Maximum number of points of a curve.
 const MAX_POINTS: usize = 400;
 /// Content policy: the page may load only from this server and run only its own script, and no page may frame it.
 const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; \
                       script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Answers requests about the runs below some folders.
 pub(super) struct Answers {
     roots: Roots,
     fields: Fields,
     guard: Guard,
-    /// Control of the training in this process, if there is any.
     control: Option<TrainingControl>,
 }
 

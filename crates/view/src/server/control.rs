@@ -19,7 +19,6 @@ struct Shared {
     asked: Mutex<Option<Instant>>,
 }
 
-/// Paths of the commands of the page.
 pub(super) const COMMANDS: [&str; 3] = ["/pause", "/resume", "/stop"];
 
 impl TrainingControl {

@@ -34,7 +34,6 @@ struct RunPackage {
     work: Mutex<&'static str>,
 }
 
-/// Package with the state of the run that it was made from.
 struct Made {
     version: Version,
     scene: Arc<Scene>,

@@ -10,7 +10,6 @@ use serde_json::{Value, json};
 
 /// Maximum depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
 const DEPTH: usize = 5;
-/// Maximum number of runs that are listed.
 const MAX_LISTED: usize = 2000;
 /// Age of its log up to which a run counts as training.
 const LIVELY: Duration = Duration::from_secs(20);
@@ -27,7 +26,6 @@ struct Root {
 }
 
 impl Roots {
-    /// Makes the served folders.
     pub(super) fn new(roots: &[PathBuf]) -> Result<Self> {
         let root = |given: &PathBuf| {
             let folder = given.canonicalize().with_context(|| given.display().to_string())?;
