@@ -151,9 +151,9 @@ fn print_claims(input: &ReportInput) {
     for claim in input.tested_claims() {
         outln!("{:13} {}", claim.verdict.to_string(), claim.statement);
         for finding in &claim.findings {
-            let there = finding.in_paper();
-            let there = if there.is_empty() { there } else { format!(" (paper {there})") };
-            outln!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
+            let there = &finding.in_paper;
+            let there = if there.is_empty() { String::new() } else { format!(" (paper {there})") };
+            outln!("{:13}   {}: {}{there}", "", finding.formula, finding.found);
         }
     }
 }

@@ -30,8 +30,10 @@ pub fn glb(mesh: &Mesh, up: Vec3, origin: DVec3) -> Result<Vec<u8>, ExportError>
     };
     let count = surface.positions.len();
     let position = buffer.add(&vectors(&surface.positions), ARRAY_BUFFER, count, "VEC3", FLOAT);
-    buffer.accessors[position]["min"] = json!(corner(&surface.positions, Vec3::min));
-    buffer.accessors[position]["max"] = json!(corner(&surface.positions, Vec3::max));
+    for (name, pick) in [("min", Vec3::min as fn(Vec3, Vec3) -> Vec3), ("max", Vec3::max)] {
+        let corner = surface.positions.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO);
+        buffer.accessors[position][name] = json!(corner.to_array());
+    }
     let normal = buffer.add(&vectors(&surface.normals), ARRAY_BUFFER, count, "VEC3", FLOAT);
     let color = buffer.add(&colors(&mesh.colors), ARRAY_BUFFER, count, "VEC4", UNSIGNED_SHORT);
     buffer.accessors[color]["normalized"] = json!(true);
@@ -76,11 +78,6 @@ fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
 fn linear(channel: f32) -> f32 {
     let channel = channel.clamp(0.0, 1.0);
     if channel <= 0.040_45 { channel / 12.92 } else { ((channel + 0.055) / 1.055).powf(2.4) }
-}
-
-/// Returns the corner of the box around `points` that `pick` chooses.
-fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
-    points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
 }
 
 #[derive(Default)]

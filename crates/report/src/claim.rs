@@ -188,24 +188,14 @@ impl fmt::Display for Verdict {
 pub struct Finding {
     /// Formula of the comparison, such as `PSNR (dB): entropy > none`.
     pub formula: String,
-    /// Left side minus right side, as the mean over pairs, with the interval that decides; for *near* the excess
-    /// |left| − ½ |right| of the means.
-    pub difference: Option<Interval>,
-    /// Mean difference with the interval over scenes like these, if `difference` is of these scenes alone.
-    pub alike: Option<Interval>,
-    /// Pairs of each scene.
-    pub pairs: Vec<usize>,
-    /// Whether the seeds of a scene have training views of their own.
-    pub view_sets: bool,
-    /// Pairs of which a run collapsed.
-    pub collapsed: usize,
-    /// Pairs that are left out since a side was not run.
-    pub incomplete: usize,
-    /// Difference in the paper; `None` if it lacks a side.
-    pub published: Option<f64>,
-    /// Verdict of `difference`.
+    /// Left side minus right side, as the mean over pairs with the interval that decides, for *near* the excess |left| −
+    /// ½ |right| of the means; then the mean with the interval over scenes like these, such as `+0.42 [+0.10, +0.74] on
+    /// these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like them (mixed model, REML, Satterthwaite)`.
+    pub found: String,
+    /// Difference in the paper; empty if it lacks a side.
+    pub in_paper: String,
+    /// Verdict of the difference found.
     pub verdict: Verdict,
-    decimals: usize,
 }
 
 impl Finding {
@@ -227,64 +217,49 @@ impl Finding {
                 _ => incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
             }
         }
-        let view_sets = views.len() > sides.len();
         let scenes = differences(comparison.is, sides.into_values().collect());
         let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
         let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
         let difference = these.or(alike).or(single);
+        let decimals = quantity.decimals;
         let in_paper = published.and_then(|published| {
             let value = |variant: &str| published.value(variant, quantity).map(|value| compared(quantity, value));
             let sides = [comparison.left.value(value)?, comparison.right.value(value)?];
-            Some(differences(comparison.is, vec![vec![sides]])[0][0])
+            Some(format!("{:+.decimals$}", differences(comparison.is, vec![vec![sides]])[0][0]))
+        });
+        let found = difference.map(|interval| {
+            let over = over(&scenes, if views.len() > scenes.len() { "view set" } else { "seed" });
+            let alike = these.and(alike).map_or(String::new(), |alike| {
+                format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
+            });
+            let remark = |count: usize, what: &str| match count {
+                0 => String::new(),
+                count => format!("; {} {what}", counted(count, "pair")),
+            };
+            let collapsed = remark(collapsed, "with a collapsed run");
+            let incomplete = remark(incomplete, "incomplete and left out");
+            format!("{interval:.decimals$} {over}{alike}{collapsed}{incomplete}")
         });
         Self {
             formula: formula(claim, comparison, records),
-            difference,
-            alike: these.and(alike),
-            pairs: scenes.iter().map(Vec::len).collect(),
-            view_sets,
-            collapsed,
-            incomplete,
-            published: in_paper,
+            found: found.unwrap_or_else(|| "no runs".to_owned()),
+            in_paper: in_paper.unwrap_or_default(),
             verdict: difference.map_or(Verdict::Untested, |interval| verdict(claim, comparison.is, interval)),
-            decimals: quantity.decimals,
         }
     }
+}
 
-    /// Describes the difference, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on
-    /// scenes like them (mixed model, REML, Satterthwaite)`.
-    pub fn found(&self) -> String {
-        let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
-        let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
-        let repeat = if self.view_sets { "view set" } else { "seed" };
-        let over = if scenes == 1 {
-            format!("over {} of one scene", counted(pairs, repeat))
-        } else if pairs == scenes {
-            format!("over {}", counted(scenes, "scene"))
-        } else if self.pairs.iter().all(|&pairs| pairs == first) {
-            format!("on these {scenes} scenes × {}", counted(first, repeat))
-        } else {
-            format!("on these {scenes} scenes, {} in all", counted(pairs, repeat))
-        };
-        let decimals = self.decimals;
-        let alike = self.alike.map_or(String::new(), |alike| {
-            format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
-        });
-        let remark = |count: usize, what: &str| match count {
-            0 => String::new(),
-            count => format!("; {} {what}", counted(count, "pair")),
-        };
-        format!(
-            "{interval:.decimals$} {over}{alike}{}{}",
-            remark(self.collapsed, "with a collapsed run"),
-            remark(self.incomplete, "incomplete and left out")
-        )
-    }
-
-    /// Formats the paper's difference; empty if it has none.
-    pub fn in_paper(&self) -> String {
-        let decimals = self.decimals;
-        self.published.map_or(String::new(), |difference| format!("{difference:+.decimals$}"))
+/// Describes the number of pairs of each scene, such as `on these 4 scenes × 5 view sets`.
+fn over(scenes: &[Vec<f64>], repeat: &str) -> String {
+    let (count, first, pairs) = (scenes.len(), scenes[0].len(), scenes.iter().map(Vec::len).sum());
+    if count == 1 {
+        format!("over {} of one scene", counted(pairs, repeat))
+    } else if pairs == count {
+        format!("over {}", counted(count, "scene"))
+    } else if scenes.iter().all(|pairs| pairs.len() == first) {
+        format!("on these {count} scenes × {}", counted(first, repeat))
+    } else {
+        format!("on these {count} scenes, {} in all", counted(pairs, repeat))
     }
 }
 
@@ -403,7 +378,7 @@ mod tests {
             let finding = claim(left, is, right).test(&list, None).findings.remove(0);
             assert_eq!((finding.verdict, finding.formula), (verdict, format!("PSNR (dB): {formula}")));
         }
-        let found = |left, right| claim(left, Relation::Better, right).test(&list, None).findings[0].found();
+        let found = |left, right| claim(left, Relation::Better, right).test(&list, None).findings.remove(0).found;
         assert_eq!(found("b", "a"), "+1.00 [+0.75, +1.25] over 3 scenes");
         assert_eq!(found("info - few", "both - many"), "+7.40 [+7.15, +7.65] over 3 scenes");
     }
@@ -420,7 +395,7 @@ mod tests {
         }
         let found = |list: &[Record]| {
             let finding = claim("b", Relation::Better, "a").test(list, None).findings.remove(0);
-            (finding.verdict, finding.found())
+            (finding.verdict, finding.found)
         };
         let (verdict, text) = found(&list);
         assert_eq!(verdict, Verdict::Holds);
@@ -437,7 +412,7 @@ mod tests {
     fn collapsed_pairs_count_and_incomplete_pairs_are_named() {
         let mut list = records(&[("a", [10.0, 20.0, 30.0]), ("b", [11.0, 21.1, 5.0])]);
         list[5].collapsed = true;
-        let found = |list: &[Record]| claim("b", Relation::Better, "a").test(list, None).findings[0].found();
+        let found = |list: &[Record]| claim("b", Relation::Better, "a").test(list, None).findings.remove(0).found;
         let text = found(&list);
         assert!(text.starts_with("-7.6") && text.ends_with("over 3 scenes; 1 pair with a collapsed run"), "{text}");
         let text = found(&list[..5]);

@@ -11,18 +11,16 @@ const ERROR_FULL_SCALE: f32 = 0.5;
 /// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
 /// `t` is clamped, NaN counts as 0.
 pub(crate) fn viridis(t: f32) -> [f32; 3] {
-    polynomial(
-        t,
-        &[
-            [0.274, 0.006, 0.333],
-            [0.108, 1.396, 1.387],
-            [-0.327, 0.215, 0.092],
-            [-4.600, -5.758, -19.292],
-            [6.204, 14.154, 56.656],
-            [4.752, -13.749, -65.321],
-            [-5.432, 4.642, 26.272],
-        ],
-    )
+    let coefficients = [
+        [0.274, 0.006, 0.333],
+        [0.108, 1.396, 1.387],
+        [-0.327, 0.215, 0.092],
+        [-4.600, -5.758, -19.292],
+        [6.204, 14.154, 56.656],
+        [4.752, -13.749, -65.321],
+        [-5.432, 4.642, 26.272],
+    ];
+    polynomial(t, &coefficients)
 }
 
 /// Returns a blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
@@ -30,19 +28,17 @@ pub(crate) fn viridis(t: f32) -> [f32; 3] {
 /// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped,
 /// NaN counts as 0.
 pub fn turbo(t: f32) -> [f32; 3] {
-    polynomial(
-        t,
-        &[
-            [0.163, 0.077, 0.273],
-            [2.154, 2.703, 4.517],
-            [-0.121, 1.173, 32.900],
-            [-143.997, -9.031, -332.612],
-            [693.509, 24.893, 953.560],
-            [-1262.856, -68.346, -1264.361],
-            [1017.845, 76.603, 803.768],
-            [-306.269, -28.052, -198.010],
-        ],
-    )
+    let coefficients = [
+        [0.163, 0.077, 0.273],
+        [2.154, 2.703, 4.517],
+        [-0.121, 1.173, 32.900],
+        [-143.997, -9.031, -332.612],
+        [693.509, 24.893, 953.560],
+        [-1262.856, -68.346, -1264.361],
+        [1017.845, 76.603, 803.768],
+        [-306.269, -28.052, -198.010],
+    ];
+    polynomial(t, &coefficients)
 }
 
 /// Draws a depth map: near is red, far is blue ([`turbo`]), faded to white where little was hit.

@@ -174,11 +174,9 @@ mod tests {
         for Case { case, scenes, these, alike } in cases {
             let found = [Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes)];
             for (found, expected) in found.into_iter().zip([these, alike]) {
-                let values = found.map(|Interval { mean, bounds }| (mean, bounds.unwrap()));
-                let (Some((mean, [low, high])), Some(expected)) = (values, &expected) else {
-                    assert_eq!(found.is_some(), expected.is_some(), "{case}: {found:?}");
-                    continue;
-                };
+                assert_eq!(found.is_some(), expected.is_some(), "{case}: {found:?}");
+                let (Some(Interval { mean, bounds }), Some(expected)) = (found, expected) else { continue };
+                let [low, high] = bounds.unwrap();
                 for (found, key) in [(mean, "mean"), (low, "low"), (high, "high")] {
                     let expected = expected[key];
                     assert!((found - expected).abs() < 2e-6 * (high - low), "{case}: {found} {expected}");

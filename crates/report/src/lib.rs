@@ -59,7 +59,6 @@ pub use figures::Figure;
 pub use files::write_atomically;
 pub use gallery::picture_names;
 pub use input::ReportInput;
-pub use interval::Interval;
 pub use markdown::results_document;
 pub use panel::panel;
 pub use protocol::protocol_lines;

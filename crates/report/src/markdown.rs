@@ -39,8 +39,8 @@ pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
 fn claims(claims: &[TestedClaim]) -> String {
     let one = |claim: &TestedClaim| {
         let row = |finding: &Finding| {
-            let cells = [finding.formula.clone(), finding.found(), finding.in_paper(), finding.verdict.to_string()];
-            format!("| {} |", cells.map(|cell| escape_markdown(&cell)).join(" | "))
+            let cells = [&finding.formula, &finding.found, &finding.in_paper, &finding.verdict.to_string()];
+            format!("| {} |", cells.map(|cell| escape_markdown(cell)).join(" | "))
         };
         let head =
             ["| comparison | left − right, here | in the paper | |", "| --- | ---: | ---: | --- |"].map(str::to_owned);

@@ -86,13 +86,9 @@ fn push(file: &mut Vec<u8>, data: &[u8]) {
     let length = (data.len() as u64).to_le_bytes();
     for part in [&length[..], data] {
         file.extend(part);
-        file.extend(masked_crc(part).to_le_bytes());
+        // Rotated and shifted: a CRC over data that holds CRCs would be weak.
+        file.extend(crc32c::crc32c(part).rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes());
     }
-}
-
-/// Computes a CRC-32C, rotated and shifted: a CRC over data that holds CRCs would be weak.
-fn masked_crc(data: &[u8]) -> u32 {
-    crc32c::crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
 /// Encodes the head of a field: its number and the kind of its value.

@@ -41,12 +41,9 @@ impl TextTable {
 
     /// Formats the table as comma-separated values (RFC 4180), with `#` quoted as comments start with it.
     pub fn to_csv(&self) -> String {
-        let quoted = |cell: &String| {
-            if cell.contains([',', '"', '\n', '\r', '#']) {
-                format!("\"{}\"", cell.replace('"', "\"\""))
-            } else {
-                cell.clone()
-            }
+        let quoted = |cell: &String| match cell.contains([',', '"', '\n', '\r', '#']) {
+            true => format!("\"{}\"", cell.replace('"', "\"\"")),
+            false => cell.clone(),
         };
         self.0.iter().map(|cells| cells.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n").collect()
     }

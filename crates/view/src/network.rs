@@ -1,6 +1,6 @@
 //! MLP of a factored field as 4 × 4 matrices for a fragment shader.
 
-use infonerf_ops::factored::{FactoredLayout, Layer};
+use infonerf_ops::factored::FactoredLayout;
 
 use crate::tables::groups;
 
@@ -27,36 +27,28 @@ impl PackedNetwork {
         let mut packed = Self { matrices: Vec::new(), biases: Vec::new(), layers: Vec::new() };
         let mut inputs = inputs.to_vec();
         for (index, layer) in layout.layers.iter().enumerate() {
-            let outputs = if index + 1 == layout.layers.len() {
-                last_outputs(layout.view_dependent, view_dependence)
+            let outputs: Vec<Place> = if index + 1 == layout.layers.len() {
+                let colors = if layout.view_dependent { 0..3 } else { 0..0 };
+                let derivative = |o| Some((o, view_dependence));
+                let of_color = |c: usize| [derivative(4 + 3 * c), derivative(5 + 3 * c), derivative(6 + 3 * c), None];
+                (0..4).map(|o| Some((o, 1.0))).chain(colors.flat_map(of_color)).collect()
             } else {
                 (0..4 * groups(layer.outputs)).map(|o| (o < layer.outputs).then_some((o, 1.0))).collect()
             };
-            packed.push(weights, layer, &inputs, &outputs);
+            let weight = |output: Place, input: Place| match (output, input) {
+                (Some((o, to)), Some((i, from))) => to * from * weights[layer.weight + o * layer.inputs + i],
+                _ => 0.0,
+            };
+            let bias = |output: Place| output.map_or(0.0, |(o, to)| to * weights[layer.bias() + o]);
+            for rows in outputs.chunks_exact(4) {
+                for &input in &inputs {
+                    packed.matrices.extend(rows.iter().map(|&output| weight(output, input)));
+                }
+                packed.biases.extend(rows.iter().map(|&output| bias(output)));
+            }
+            packed.layers.push((inputs.len() / 4, outputs.len() / 4));
             inputs = outputs;
         }
         packed
     }
-
-    fn push(&mut self, weights: &[f32], layer: &Layer, inputs: &[Place], outputs: &[Place]) {
-        let weight = |output: Place, input: Place| match (output, input) {
-            (Some((o, to)), Some((i, from))) => to * from * weights[layer.weight + o * layer.inputs + i],
-            _ => 0.0,
-        };
-        let bias = |output: Place| output.map_or(0.0, |(o, to)| to * weights[layer.bias() + o]);
-        for rows in outputs.chunks_exact(4) {
-            for &input in inputs {
-                self.matrices.extend(rows.iter().map(|&output| weight(output, input)));
-            }
-            self.biases.extend(rows.iter().map(|&output| bias(output)));
-        }
-        self.layers.push((inputs.len() / 4, outputs.len() / 4));
-    }
-}
-
-fn last_outputs(view_dependent: bool, view_dependence: f32) -> Vec<Place> {
-    let colors = if view_dependent { 0..3 } else { 0..0 };
-    let derivatives = colors.flat_map(|c| [Some(4 + 3 * c), Some(5 + 3 * c), Some(6 + 3 * c), None]);
-    let derivatives = derivatives.map(|output| output.map(|o| (o, view_dependence)));
-    (0..4).map(|o| Some((o, 1.0))).chain(derivatives).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use infonerf_render::{Compositing, LastInterval, RenderConfig, Warp};
 use infonerf_report::turbo;
 use infonerf_scene::{Aabb, Range, Scene};
@@ -104,13 +104,13 @@ fn space(warp: &Warp) -> String {
                            float distanceAt(float s) { return s; }\n"
             .to_owned(),
         Warp::Ndc { to_camera, scale, near } => format!(
-            "const mat4 TO_CAMERA = {};\n\
+            "const mat4 TO_CAMERA = mat4({});\n\
              vec3 warp(vec3 p) {{\n    vec3 q = (TO_CAMERA * vec4(p, 1.0)).xyz;\n    \
              float z = max(-q.z, {:?});\n    \
              return vec3({:?} * q.x / z, {:?} * q.y / z, 1.0 - {:?} / z);\n}}\n\
              float coordinate(float t) {{ return 4.0 * (1.0 - {near:?} / max(t, {:?})); }}\n\
              float distanceAt(float s) {{ return {near:?} / max(1.0 - s / 4.0, 1e-4); }}\n",
-            matrix(to_camera),
+            to_camera.to_cols_array().map(|x| format!("{x:?}")).join(", "),
             0.5 * near,
             scale.x,
             scale.y,
@@ -139,9 +139,4 @@ pub(crate) fn vector4(v: Vec4) -> String {
 
 pub(crate) fn integers3([x, y, z]: [usize; 3]) -> String {
     format!("ivec3({x}, {y}, {z})")
-}
-
-fn matrix(m: &Mat4) -> String {
-    let numbers: Vec<String> = m.to_cols_array().iter().map(|x| format!("{x:?}")).collect();
-    format!("mat4({})", numbers.join(", "))
 }

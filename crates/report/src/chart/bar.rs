@@ -65,13 +65,12 @@ pub fn heat_map(
     rows: &[String],
     values: &[Vec<Option<f64>>],
 ) -> Result<String, ReportError> {
-    let cells: Vec<(usize, usize, f64)> = values
-        .iter()
-        .take(rows.len())
-        .enumerate()
-        .flat_map(|(row, line)| line.iter().take(columns.len()).enumerate().map(move |(column, v)| (row, column, *v)))
-        .filter_map(|(row, column, value)| Some((row, column, value.filter(|value| drawable(*value, false))?)))
-        .collect();
+    let of_row = |(row, line): (usize, &Vec<Option<f64>>)| {
+        let shown = line.iter().map(|value| value.filter(|value| drawable(*value, false)));
+        let cells = shown.take(columns.len()).enumerate();
+        cells.filter_map(|(column, value)| Some((row, column, value?))).collect::<Vec<_>>()
+    };
+    let cells: Vec<(usize, usize, f64)> = values.iter().take(rows.len()).enumerate().flat_map(of_row).collect();
     let least = cells.iter().map(|cell| cell.2).fold(f64::INFINITY, f64::min);
     let most = cells.iter().map(|cell| cell.2).fold(f64::NEG_INFINITY, f64::max);
     let shade = |value: f64| if most > least { ((value - least) / (most - least)) as f32 } else { 0.5 };

@@ -57,10 +57,6 @@ impl Scale {
     pub(super) fn with_zero(self) -> Self {
         Self { low: self.low.min(0.0), high: self.high.max(0.0), ..self }
     }
-
-    fn position(&self, value: f64) -> f64 {
-        ((self.kind.coordinate(value) - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
-    }
 }
 
 impl ScaleKind {
@@ -95,11 +91,8 @@ fn multiples(low: f64, high: f64, step: f64) -> Vec<f64> {
 /// Formats `value` with a metric suffix from ten thousand upwards, in powers of ten when very small or large.
 pub(super) fn short(value: f64, decimals: usize) -> String {
     let magnitude = value.abs();
-    let suffixed = [(1e4, 1e3, "k"), (1e6, 1e6, "M"), (1e9, 1e9, "G"), (1e12, 1e12, "T")]
-        .into_iter()
-        .rev()
-        .find(|&(from, _, _)| magnitude >= from);
-    match suffixed {
+    let suffixes = [(1e12, 1e12, "T"), (1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")];
+    match suffixes.into_iter().find(|&(from, _, _)| magnitude >= from) {
         _ if magnitude >= 1e15 || (magnitude > 0.0 && magnitude < 1e-3) => format!("{value:.0e}"),
         Some((_, unit, suffix)) => format!("{}{suffix}", trimmed(value / unit, decimals)),
         None => trimmed(value, decimals),
@@ -117,7 +110,8 @@ impl Ranged for Scale {
     type ValueType = f64;
 
     fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
-        from + (self.position(*value) * f64::from(to - from)).round() as i32
+        let position = ((self.kind.coordinate(*value) - self.low) / (self.high - self.low)).clamp(0.0, 1.0);
+        from + (position * f64::from(to - from)).round() as i32
     }
 
     fn key_points<Hint: KeyPointHint>(&self, _hint: Hint) -> Vec<f64> {

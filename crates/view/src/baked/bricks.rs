@@ -79,9 +79,9 @@ impl Bricks {
             place[axis] = (at / CELLS).min(self.lattice.cells[axis] - 1);
             local[axis] = at - place[axis] * CELLS;
         }
-        let inside = local.iter().all(|&c| c < POINTS);
-        let number = self.lattice.cell_at(place).filter(|_| inside).and_then(|cell| self.numbers[cell]);
-        let [x, y, z] = local;
+        let ([nx, ny, _], [x, y, z]) = (self.lattice.cells, local);
+        let number =
+            self.numbers[place[0] + nx * (place[1] + ny * place[2])].filter(|_| local.iter().all(|&c| c < POINTS));
         number.map_or(0, |number| self.brick(number as usize)[x + POINTS * (y + POINTS * z)])
     }
 

@@ -38,13 +38,6 @@ impl Lattice {
         [cell % nx, cell / nx % ny, cell / (nx * ny)]
     }
 
-    /// Returns the number of the cell at a place; `None` if there is none.
-    pub(super) fn cell_at(&self, place: [usize; 3]) -> Option<usize> {
-        let [nx, ny, _] = self.cells;
-        let inside = place.iter().zip(self.cells).all(|(place, count)| *place < count);
-        inside.then(|| place[0] + nx * (place[1] + ny * place[2]))
-    }
-
     /// Returns the number of points along each axis.
     fn sides(&self) -> [usize; 3] {
         self.cells.map(|n| n * CELLS + 1)

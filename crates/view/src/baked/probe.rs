@@ -114,11 +114,8 @@ fn eyes(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();
     let Some(&first) = places.first() else {
-        return [Vec3::X, Vec3::Y, Vec3::Z]
-            .into_iter()
-            .flat_map(|axis| [axis, -axis])
-            .map(|axis| scene.space.centre + scene.space.radius * axis)
-            .collect();
+        let axes = Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+        return axes.map(|axis| scene.space.centre + scene.space.radius * axis).collect();
     };
     let mut eyes = vec![first];
     while eyes.len() < EYES {
