@@ -7,20 +7,7 @@ use infonerf_report::{ReportInput, write_report};
 use crate::report::example;
 
 /// Script that names the headings, images, charts and table titles that are cut at the right or left.
-const CUT: &str = "<script>
-addEventListener('load', () => {
-  const width = document.documentElement.clientWidth, parts = document.querySelectorAll('h1, h2, h3, .panel img, .panel figcaption, .chart, .warning, summary, .protocol li');
-  const cut = [...parts].filter((part) => {
-    const { left, right } = part.getBoundingClientRect();
-    return left < 0 || right > width + 1;
-  });
-  const tops = ['.panel img', 'table'].map((name) => document.querySelector(name).getBoundingClientRect().top);
-  parent.postMessage({
-    width: innerWidth, cut: cut.map((part) => part.tagName + ' ' + (part.className || part.textContent)), count: parts.length,
-    scrolls: document.documentElement.scrollWidth > width, figureFirst: tops[0] < tops[1],
-  }, '*');
-});
-</script>";
+const CUT: &str = include_str!("browser/cut.js");
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
@@ -32,7 +19,7 @@ fn nothing_is_cut_at_any_width() {
     }
     let input = ReportInput::new("synthetic-4view", "Few-shot-radiance-fields-of-procedural-scenes", records);
     let report = write_report(&input, root.path()).unwrap();
-    let page = fs::read_to_string(&report).unwrap().replace("</body>", &format!("{CUT}</body>"));
+    let page = fs::read_to_string(&report).unwrap().replace("</body>", &format!("<script>{CUT}</script></body>"));
     fs::write(&report, page).unwrap();
     for width in [390, 1000, 1400] {
         let wrapper = format!(

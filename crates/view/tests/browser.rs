@@ -149,41 +149,7 @@ fn page_draws_baked_fields() {
 }
 
 /// Moves, turns and presses everything that a page has, and leaves where its camera was after each in the document.
-const CONTROLS: &str = "
-    const { canvas, viewer } = stage, seen = {};
-    canvas.setPointerCapture = () => {};
-    const twin = { scene: viewer.scene, camera: { restore: (look) => (twin.look = look) }, overlay: {}, changed: () => {} };
-    stage.twin = { viewer: twin };
-    const note = (name) => {
-      const look = viewer.camera.state(), { eye, target } = look;
-      const alike = JSON.stringify(look) === JSON.stringify(twin.look ?? look);
-      const followed = alike && (twin.mode ?? 0) === viewer.mode && (twin.overlay.on ?? false) === viewer.overlay.on;
-      seen[name] = { eye, target, mode: viewer.mode, frusta: viewer.overlay.on, followed };
-    };
-    const pointer = (type, pointerId, x, y, buttons = 1) =>
-      canvas.dispatchEvent(new PointerEvent(type, { pointerId, clientX: x, clientY: y, buttons }));
-    const drag = (buttons) => {
-      pointer('pointerdown', 1, 100, 100, buttons);
-      pointer('pointermove', 1, 130, 110, buttons);
-      pointer('pointerup', 1, 130, 110, 0);
-    };
-    const key = (key) => canvas.dispatchEvent(new KeyboardEvent('keydown', { key }));
-    note('start');
-    drag(1); note('turned');
-    stage.find('.reset').click(); note('reset');
-    drag(2); note('moved');
-    pointer('pointermove', 1, 10, 10, 0); note('let go');
-    canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -100 })); note('scrolled');
-    stage.find('.reset').click();
-    pointer('pointerdown', 1, 100, 100); pointer('pointerdown', 2, 140, 100); pointer('pointermove', 2, 180, 100);
-    pointer('pointerup', 1, 100, 100); pointer('pointerup', 2, 180, 100); note('pinched');
-    stage.find('.reset').click();
-    key('ArrowRight'); note('right'); key('+'); note('plus'); key('x'); note('another key');
-    stage.root.querySelectorAll('.strip button')[2].click(); note('third image');
-    stage.root.querySelectorAll('.modes input')[1].click(); note('depth');
-    stage.find('.frusta').click(); note('frusta');
-    root.dataset.controls = JSON.stringify(seen);
-";
+const CONTROLS: &str = include_str!("browser/controls.js");
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
@@ -221,15 +187,7 @@ fn controls_move_the_camera() {
 }
 
 /// Script that turns to the right and up until the camera stops, and measures its angles to the training cameras' mean.
-const TURN: &str = "
-    const { camera } = stage.viewer, angles = [];
-    for (const [right, down] of [[0.1, 0], [0, -0.1]]) {
-      stage.goTo(0);
-      for (let i = 0; i < 60; i++) camera.orbit(right, down);
-      angles.push(camera.offMiddle(camera.back));
-    }
-    root.dataset.turned = JSON.stringify({ angles, limit: camera.limit });
-";
+const TURN: &str = include_str!("browser/turn.js");
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
@@ -246,44 +204,7 @@ fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
 
 /// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and
 /// counts the pixels at rest that differ from an image drawn in one go.
-const SLOW: &str = "
-    const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
-    // Frames of the browser's own time.
-    self.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
-    viewer.waiting = false;
-    const signalled = gl.clientWaitSync.bind(gl);
-    gl.clientWaitSync = (...of) =>
-      performance.now() - viewer.fence.started < 400 ? gl.TIMEOUT_EXPIRED : signalled(...of);
-    const until = (holds) => new Promise((done) => {
-      const poll = setInterval(() => holds() && done(clearInterval(poll)), 1);
-    });
-    const read = (target) => {
-      const bytes = new Uint8Array(4 * canvas.width * canvas.height);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
-      gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
-      return bytes;
-    };
-    const different = (a, b) => a.reduce((count, byte, i) => count + (Math.abs(byte - b[i]) > 2), 0);
-    let last = null;
-    for (const [camera, mode] of [[1, 0], [1, 1], [2, 1], [2, 2], [0, 2], [0, 0]]) {
-      viewer.changed();
-      viewer.rowsPerMs = 1;
-      await until(() => viewer.fence && viewer.rows > 0 && viewer.rows < canvas.height);
-      stage.goTo(camera);
-      viewer.mode = mode;
-      viewer.rowsPerMs = 100;
-      stage.moved();
-      await until(() => !viewer.fence && viewer.rows === canvas.height);
-      const whole = viewer.target();
-      whole.resize(canvas.width, canvas.height);
-      viewer.render(whole, 0, canvas.height);
-      const [shown, expected] = [viewer.fine, whole].map(read);
-      cases.push({ camera, mode, mixed: different(shown, expected), changed: last ? different(expected, last) : 1 });
-      last = expected;
-    }
-    clearInterval(ticking);
-    root.dataset.cases = JSON.stringify(cases);
-";
+const SLOW: &str = include_str!("browser/slow.js");
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
