@@ -46,8 +46,7 @@ mod tests {
             points in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),
             others in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),
         ) {
-            let (a, b): (Vec<Vec3>, Vec<Vec3>) =
-                (points.into_iter().map(Vec3::from).collect(), others.into_iter().map(Vec3::from).collect());
+            let [a, b] = [points, others].map(|points| points.into_iter().map(Vec3::from).collect::<Vec<_>>());
             let reversed: Vec<Vec3> = a.iter().rev().copied().collect();
             prop_assert_eq!(chamfer(&a, &reversed).unwrap(), Chamfer { accuracy: 0.0, completeness: 0.0 });
             let brute = |from: &[Vec3], to: &[Vec3]| {

@@ -59,7 +59,6 @@ mod tests {
         // Two triangles in the plane z = 0, one of three times the other's area.
         let surface = Surface {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X * 5.0, Vec3::X * 8.0, Vec3::new(5.0, 1.0, 0.0)],
-            normals: vec![Vec3::Z; 6],
             triangles: vec![[0, 1, 2], [3, 4, 5]],
             ..Surface::default()
         };

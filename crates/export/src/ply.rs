@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use crate::mesh::Mesh;
 
-pub(crate) const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
+const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
 const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
 /// Encodes a mesh: vertices with positions, normals and colours, and triangles. `origin`, the scene's in the world, is added

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Quat, Vec3};
 
-use crate::ply::{NORMAL, header, position_properties, push_position};
+use crate::ply::{header, position_properties, push_position};
 use crate::shading::{endpoints, frame, harmonics};
 use crate::surface::Surface;
 use crate::volume::Volume;
@@ -13,6 +13,10 @@ const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
 /// Opacity of a gaussian at its centre, the greatest that renderers allow.
 const OPACITY: f32 = 0.99;
+
+/// Properties of a gaussian in the layout of 3DGS, without its position.
+const PROPERTIES: &str = "nx ny nz f_dc_0 f_dc_1 f_dc_2 f_rest_0 f_rest_1 f_rest_2 f_rest_3 f_rest_4 f_rest_5 f_rest_6 \
+                          f_rest_7 f_rest_8 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
 
 /// Flat gaussian with a colour that is linear in the direction of view.
 #[derive(Clone, Copy, Debug)]
@@ -61,17 +65,8 @@ impl Gaussian {
 /// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z). `origin`, the scene's in the
 /// world, is added to positions, which then are in double precision.
 pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
-    let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));
-    let names: Vec<String> = position_properties(origin)
-        .into_iter()
-        .chain(NORMAL)
-        .map(str::to_owned)
-        .chain(numbered("f_dc", 3))
-        .chain(numbered("f_rest", 9))
-        .chain(["float opacity".to_owned()])
-        .chain(numbered("scale", 3))
-        .chain(numbered("rot", 4))
-        .collect();
+    let others = PROPERTIES.split(' ').map(|name| format!("float {name}"));
+    let names: Vec<String> = position_properties(origin).map(str::to_owned).into_iter().chain(others).collect();
     let properties: Vec<&str> = names.iter().map(String::as_str).collect();
     let mut file = header(&[("vertex", gaussians.len(), &properties)]);
     for gaussian in gaussians {
@@ -80,14 +75,9 @@ pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
         let linear = sh.iter().flat_map(|channel| channel[1..].iter().copied());
         let [x, y, z, w] = rotation.to_array();
         push_position(&mut file, *position, origin);
-        let values = (*rotation * Vec3::Z)
-            .to_array()
-            .into_iter()
-            .chain(constant)
-            .chain(linear)
-            .chain([(opacity / (1.0 - opacity)).ln()])
-            .chain(scale.to_array().map(f32::ln))
-            .chain([w, x, y, z]);
+        let (normal, logit) = ((*rotation * Vec3::Z).to_array(), (opacity / (1.0 - opacity)).ln());
+        let shape = scale.to_array().map(f32::ln).into_iter().chain([w, x, y, z]);
+        let values = normal.into_iter().chain(constant).chain(linear).chain([logit]).chain(shape);
         values.for_each(|value| file.extend(value.to_le_bytes()));
     }
     file

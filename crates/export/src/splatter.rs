@@ -162,8 +162,7 @@ mod tests {
 
     /// Returns a gaussian of red 1, green and blue 0 from all sides.
     fn gaussian(position: Vec3, scale: Vec3, opacity: f32) -> Gaussian {
-        let channel = |value: f32| [(value - 0.5) / 0.282_094_8, 0.0, 0.0, 0.0];
-        let sh = [channel(1.0), channel(0.0), channel(0.0)];
+        let sh = [1.0, 0.0, 0.0].map(|value| [(value - 0.5) / 0.282_094_8, 0.0, 0.0, 0.0]);
         Gaussian { position, scale, rotation: Quat::IDENTITY, opacity, sh }
     }
 
@@ -184,8 +183,7 @@ mod tests {
     #[test]
     fn the_nearer_one_hides_the_other() {
         let near = gaussian(Vec3::Z, Vec3::splat(0.5), 0.99);
-        let blue =
-            Gaussian { sh: [near.sh[1], near.sh[1], near.sh[0]], ..gaussian(Vec3::ZERO, Vec3::splat(0.5), 0.99) };
+        let blue = Gaussian { position: Vec3::ZERO, sh: [near.sh[1], near.sh[1], near.sh[0]], ..near };
         for order in [[near, blue], [blue, near]] {
             let [red, _, blue] = splat_image(&order, &camera(), [1.0; 3])[15 * 40 + 20];
             assert!(red > 0.95 && blue < 0.05, "{red} {blue}");

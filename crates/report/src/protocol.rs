@@ -40,9 +40,14 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
             _ => format!("seeds {}", joined(&seeds)),
         },
     ];
+    let counts = || records.iter().map(|record| record.as_ref().iterations);
     let second = [
         described(records, "preset ", "", |record| record.preset.clone()),
-        iterations(records),
+        // A range, as every run takes another number of steps under a time budget.
+        match (counts().min(), counts().max()) {
+            (Some(least), Some(most)) if least < most => format!("{least}–{most} iterations"),
+            (least, _) => format!("{} iterations", least.unwrap_or(0)),
+        },
         described(records, "device ", "", |record| record.device.clone()),
     ];
     let third = described(records, "", "", |record| record.evaluation.clone());
@@ -60,15 +65,6 @@ fn view_names(ids: &[usize], files: &[String]) -> String {
     }
     let name = |file: &String| Path::new(file).file_name().unwrap_or_default().to_string_lossy().into_owned();
     joined(&files.iter().map(name).collect::<Vec<_>>())
-}
-
-/// Describes the iterations as a range, as every run takes another number of steps under a time budget.
-fn iterations<R: AsRef<Record>>(records: &[R]) -> String {
-    let counts = || records.iter().map(|record| record.as_ref().iterations);
-    match (counts().min(), counts().max()) {
-        (Some(least), Some(most)) if least < most => format!("{least}–{most} iterations"),
-        (least, _) => format!("{} iterations", least.unwrap_or(0)),
-    }
 }
 
 /// Describes one attribute of all records, as briefly as its differences allow.

@@ -69,9 +69,9 @@ impl Published {
             TableRow { label, settings: Vec::new(), cells: columns.iter().map(cell).collect() }
         };
         let mut rows: Vec<TableRow> =
-            groups.iter().map(|group| row(group.label.clone(), Some(group), group.variant, None)).collect();
+            groups.iter().map(|group| row(group.label.clone(), Some(group), group.variant(), None)).collect();
         for PublishedRow { variant, scene, .. } in &self.rows {
-            let ours: Vec<&VariantGroup> = groups.iter().filter(|group| group.variant == variant).collect();
+            let ours: Vec<&VariantGroup> = groups.iter().filter(|group| group.variant() == variant).collect();
             match scene {
                 None if ours.is_empty() => rows.push(row(variant.clone(), None, variant, None)),
                 Some(scene) if scenes.contains(scene) => {

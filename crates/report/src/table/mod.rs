@@ -10,7 +10,7 @@ use infonerf_metrics::Summary;
 use crate::interval::Interval;
 use crate::protocol::protocol_lines;
 use crate::quantity::Quantity;
-use crate::record::{Record, distinct, short_key};
+use crate::record::{Record, Setting, distinct, short_key};
 
 const MEAN: &str = "mean";
 const MISSING: &str = "–";
@@ -100,11 +100,8 @@ pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) 
 pub(crate) struct VariantGroup<'a> {
     /// Variant, values and, if there are several, preset.
     pub(crate) label: String,
-    /// Label without the values.
-    name: String,
-    values: Option<&'a IndexMap<String, String>>,
-    /// Variant without its preset.
-    pub(crate) variant: &'a str,
+    /// Preset, at the label's end; empty if there is only one.
+    suffix: String,
     /// Records by scene and seed; the first of several with the same.
     records: IndexMap<(&'a str, u64), &'a Record>,
 }
@@ -117,15 +114,7 @@ pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> V
         let key = (record.variant.as_str(), record.preset.as_str());
         let group = groups.entry(key).or_insert_with(|| {
             let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
-            let setting = record.setting.as_ref();
-            let name = setting.map_or(&record.variant, |setting| &setting.variant);
-            VariantGroup {
-                label: record.label() + &suffix,
-                name: format!("{name}{suffix}"),
-                values: setting.map(|setting| &setting.values),
-                variant: &record.variant,
-                records: IndexMap::new(),
-            }
+            VariantGroup { label: record.label() + &suffix, suffix, records: IndexMap::new() }
         });
         group.records.entry((&record.scene, record.seed)).or_insert(record);
     }
@@ -133,6 +122,15 @@ pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> V
 }
 
 impl<'a> VariantGroup<'a> {
+    /// Returns the variant without its preset.
+    pub(crate) fn variant(&self) -> &'a str {
+        &self.records[0].variant
+    }
+
+    fn setting(&self) -> Option<&'a Setting> {
+        self.records[0].setting.as_ref()
+    }
+
     /// Returns the record of `scene` with the lowest seed.
     pub(crate) fn first(&self, scene: &str) -> Option<&'a Record> {
         let own = self.records.values().filter(|record| record.scene == scene);
@@ -167,11 +165,14 @@ pub(crate) fn measured<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> b
 /// Makes a table of columns, each with the scenes over which its cells are means.
 fn assemble<R: AsRef<Record>>(title: String, records: &[R], columns: Vec<(Column, &[String])>) -> Table {
     let groups = groups(records.iter().map(AsRef::as_ref));
-    let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
-    let value = |group: &VariantGroup, key: &String| group.values.and_then(|values| values.get(key)).cloned();
+    let settings = groups.iter().filter_map(VariantGroup::setting);
+    let keys: IndexSet<&String> = settings.flat_map(|setting| setting.values.keys()).collect();
+    let value = |group: &VariantGroup, key: &String| {
+        group.setting().and_then(|setting| setting.values.get(key)).map_or(MISSING, String::as_str).to_owned()
+    };
     let row = |group: &VariantGroup| TableRow {
-        label: group.name.clone(),
-        settings: keys.iter().map(|key| value(group, key).unwrap_or_else(|| MISSING.to_owned())).collect(),
+        label: group.setting().map_or(group.variant(), |setting| &setting.variant).to_owned() + &group.suffix,
+        settings: keys.iter().map(|key| value(group, key)).collect(),
         cells: columns.iter().map(|(column, scenes)| group.cell(column.quantity, scenes)).collect(),
     };
     let rows = groups.iter().map(row).collect();
@@ -259,7 +260,7 @@ impl Table {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::record::{Setting, TestViews};
+    use crate::record::TestViews;
     use crate::table::format::Emphasis;
 
     pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {

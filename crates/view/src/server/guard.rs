@@ -45,12 +45,8 @@ impl Guard {
         let named = |name| request.headers().get_all(name).iter().map(|value| value.to_str().unwrap_or_default());
         let hosts: Vec<&str> = named(HOST).chain(request.uri().authority().map(Authority::as_str)).collect();
         if hosts.is_empty() || !hosts.iter().all(|host| self.is_own(host)) {
-            let address = self.address;
-            return Some(format!(
-                "host: expected {address} or localhost:{}, found {}",
-                address.port(),
-                hosts.join(", ")
-            ));
+            let (address, port, found) = (self.address, self.address.port(), hosts.join(", "));
+            return Some(format!("host: expected {address} or localhost:{port}, found {found}"));
         }
         let is_same = |origin: &str| origin.strip_prefix("http://").is_some_and(|origin| hosts.contains(&origin));
         if !named(ORIGIN).all(is_same) {
