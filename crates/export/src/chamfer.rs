@@ -12,8 +12,7 @@ pub struct Chamfer {
 }
 
 impl Chamfer {
-    /// Returns the chamfer distance of DTU's protocol: the mean of accuracy and completeness (distances, not their
-    /// squares).
+    /// Returns the chamfer distance of DTU's protocol: the mean of accuracy and completeness, which are not squared.
     pub fn mean(&self) -> f64 {
         0.5 * (self.accuracy + self.completeness)
     }

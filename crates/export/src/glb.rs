@@ -17,8 +17,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// the scene's coordinates. `origin`, the scene's in the world, is the node's translation: single precision has no detail
 /// far from 0.
 ///
-/// Colours are stored linear, as in all of glTF, and the material is unlit (`KHR_materials_unlit`), as the
-/// colours include the light.
+/// Colours are stored linear, as in all of glTF. They include the light: the material is `KHR_materials_unlit`.
 ///
 /// # Errors
 /// If the mesh is larger than the format allows, 4 GB.

@@ -10,8 +10,7 @@ const RAYS: u32 = 32;
 const SAMPLES: usize = 384;
 /// Number of rays per query of the volume, which bounds the memory.
 const CHUNK: usize = 512;
-/// Factor between densities that are tried: from one that is half opaque over the whole box to one that is so over
-/// [`FINEST`] of it.
+/// Factor between densities that are tried: from one that is half opaque over the whole box to one over [`FINEST`].
 const FACTOR: f32 = 1.15;
 const FINEST: f32 = 1.0 / 2000.0;
 /// Share of the box at which distances are truncated.
@@ -96,8 +95,7 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
     crossing.chunks(CHUNK).flat_map(of_chunk).collect()
 }
 
-/// Finds the depths of a ray through densities in the middle of intervals of length `step`, the first of which begins
-/// at `near`.
+/// Finds the depths of a ray through densities in the middle of intervals of length `step`, from `near` on.
 fn depths_of(near: f32, step: f32, densities: &[f32]) -> RayDepths {
     let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::new());
     let mut densest = 0.0;

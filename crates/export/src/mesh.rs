@@ -24,8 +24,7 @@ impl Mesh {
 }
 
 impl Surface {
-    /// Draws `count` points on the surface, evenly by area and at random within triangles, from a fixed seed; none if
-    /// the surface has no area.
+    /// Draws `count` points, evenly by area and at random within triangles, from a fixed seed; none without any area.
     pub fn sample(&self, count: usize) -> Vec<Vec3> {
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| self.positions[vertex as usize]);
         let areas = self.triangles.iter().map(corners).map(|[a, b, c]| f64::from((b - a).cross(c - a).length()));

@@ -7,14 +7,12 @@ use rayon::prelude::*;
 use crate::splat::{DEGREE_0, DEGREE_1, Gaussian};
 use crate::splatter::{MAX_ALPHA, Splats};
 
-/// Number of parts of an image whose gradients are accumulated separately. It is fixed, so sums do not depend on the
-/// threads.
+/// Number of parts of an image with gradients of their own, fixed so that sums do not depend on the threads.
 const BANDS: usize = 8;
 /// Decay rates of Adam's moments (Kingma and Ba 2015).
 const BETAS: (f32, f32) = (0.9, 0.99);
 const EPSILON: f32 = 1e-12;
-/// Learning rates of a spherical harmonic, of the logit of the opacity and of the logarithm of a scale. They fall to a
-/// tenth.
+/// Learning rates of a spherical harmonic, an opacity's logit and a scale's logarithm, which fall to a tenth.
 const RATES: (f32, f32, f32) = (0.04, 0.1, 0.02);
 /// Greatest change of a logit and of the logarithm of a scale, which bounds parameters that few pixels determine.
 const MAX_CHANGE: (f32, f32) = (8.0, 1.0);

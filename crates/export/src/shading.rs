@@ -92,8 +92,7 @@ fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// Returns the columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a
-/// linear function.
+/// Returns the columns of `(AᵀA)⁻¹Aᵀ`: the least-squares fit's coefficients of x, y, z and 1.
 fn regression(directions: &[Vec3]) -> Vec<DVec4> {
     let rows: Vec<DVec4> = directions.iter().map(|d| d.as_dvec3().extend(1.0)).collect();
     let outer = |v: DVec4| DMat4::from_cols(v * v.x, v * v.y, v * v.z, v * v.w);

@@ -7,8 +7,7 @@ use crate::shading::{endpoints, frame, harmonics};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
-/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no
-/// holes, and across it.
+/// Standard deviations in voxels: along the surface, where neighbours a voxel apart must leave no holes, and across.
 const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
 /// Opacity of a gaussian at its centre, the greatest that renderers allow.
@@ -35,8 +34,7 @@ pub struct Gaussian {
     pub sh: [[f32; 4]; 3],
 }
 
-/// Places a gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`: a start for
-/// [`refine`](crate::refine).
+/// Places a gaussian with the colours of `volume` at each vertex, tangent to it, a start for [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     let colors = harmonics(surface, &endpoints(surface, volume), volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);

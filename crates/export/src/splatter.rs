@@ -8,8 +8,7 @@ use rayon::prelude::*;
 
 use crate::splat::Gaussian;
 
-/// Distance to the camera, in standard deviations, below which a gaussian is left out: the projection is linearised
-/// about its centre.
+/// Distance to the camera, in standard deviations, below which gaussians are left out: the projection is linearised.
 const MIN_DISTANCE: f32 = 3.0;
 /// Addition to the projected variances, pixels², so that no gaussian falls between pixels.
 const MIN_VARIANCE: f32 = 0.3;

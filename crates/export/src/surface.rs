@@ -120,8 +120,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::volume::testing::Ball;
 
-    /// Asserts that every edge is shared by two triangles that pass it in opposite directions (or by two such pairs,
-    /// where voxels touch at an edge).
+    /// Asserts that triangles pass every edge in opposite directions, in a pair (or two, where voxels touch at an edge).
     pub(crate) fn assert_closed(surface: &Surface) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &surface.triangles {

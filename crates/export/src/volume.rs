@@ -9,8 +9,7 @@ pub trait Volume: Sync {
     /// Evaluates the density σ ≥ 0 at each of `points`, 1/scene unit.
     fn density(&self, points: &[Vec3]) -> Vec<f32>;
 
-    /// Evaluates the display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same
-    /// index, from the eye to the point.
+    /// Evaluates the display-encoded colour in [0, 1]³ at each point, along its unit direction from the eye.
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]>;
 }
 

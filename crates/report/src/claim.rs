@@ -453,8 +453,7 @@ mod tests {
         }
     }
 
-    /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is
-    /// 0.
+    /// Two variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is 0.
     #[test]
     fn noise_about_zero_is_near() {
         let mut list = Vec::new();

@@ -79,8 +79,7 @@ pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) 
     })
 }
 
-/// Draws the mean absolute error over channels: dark is right, yellow is 0.5 off or more (viridis). A pixel that is
-/// not finite is white.
+/// Draws the mean absolute error over channels: dark is right, yellow 0.5 off or more (viridis), white not finite.
 ///
 /// Images are row-major `[height × width]`, values in `[0, 1]`.
 ///

@@ -25,8 +25,7 @@ pub struct StepEvent {
 pub struct Events {
     /// Training steps, in the order of the file.
     pub steps: Vec<StepEvent>,
-    /// Number of lines that are not JSON, of an unknown event, or without a `step`, as the last line of a run
-    /// that was killed often is.
+    /// Number of lines that are not JSON (a killed run's last one), of an unknown event, or without a `step`.
     pub skipped: usize,
 }
 

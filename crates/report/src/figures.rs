@@ -31,8 +31,7 @@ impl Figure {
     }
 }
 
-/// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants; nothing for a single
-/// one.
+/// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over two variants or more.
 pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<Figure>, ReportError> {
     let scenes = distinct(records, |record| record.scene.clone());
     let groups = groups(records.iter().map(AsRef::as_ref));
@@ -70,8 +69,7 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
     Ok(figures)
 }
 
-/// Draws curves of PSNR and loss of the runs of one scene, each run by its label, and of the terms of each run's
-/// objective.
+/// Draws curves of PSNR and loss of one scene's runs, each by its label, and of the terms of each run's objective.
 pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Vec<Figure>, ReportError> {
     let series = |point: Point| runs.iter().filter_map(|(name, events)| curve(name, events, point)).collect();
     let psnr: Vec<Series> = series(&|step| Some((step.seconds?, step.psnr?)));

@@ -12,8 +12,7 @@ const MAX_EXPLAINED: usize = 32;
 ///
 /// Where records differ in one of these, the line names the value of each seed, scene, preset or variant
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
-/// explains it, unless they are too many. Iterations that differ are a range.
-/// Empty for no records.
+/// explains it, unless they are too many. Iterations that differ are a range. Empty for no records.
 pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     if records.is_empty() {
         return Vec::new();

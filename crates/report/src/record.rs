@@ -80,8 +80,7 @@ pub struct CameraErrors {
     pub rotation_deg: f64,
     /// Distance between the given and the true positions, percent of the distance from the scene's centre.
     pub translation_percent_before: f64,
-    /// Distance between the positions at the end of training and the true ones, percent of the distance from the
-    /// scene's centre.
+    /// Distance of the positions at the end of training from the true ones, percent of that from the scene's centre.
     pub translation_percent: f64,
 }
 
@@ -156,8 +155,7 @@ impl Record {
         values.iter().fold(variant.clone(), |label, (key, value)| format!("{label}, {} = {value}", short_key(key)))
     }
 
-    /// Returns the record with every metric that is NaN or infinite set to `None` and named in `notes`, as JSON has no
-    /// such numbers.
+    /// Returns the record without metrics that are NaN or infinite, which JSON lacks; `notes` names them.
     #[must_use]
     pub fn representable(mut self) -> Self {
         let of_rays =

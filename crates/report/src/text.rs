@@ -16,8 +16,7 @@ pub(crate) fn escape_markdown(text: &str) -> String {
     by_code(&plain(text), markdown_text, |code| format!("`{}`", code.replace('|', "\\|")))
 }
 
-/// Applies `of_code` to what stands between backticks and `of_text` to the rest, or to everything if backticks are not
-/// paired.
+/// Applies `of_code` to what stands between backticks and `of_text` to the rest, or to all if they are not paired.
 fn by_code(text: &str, of_text: impl Fn(&str) -> String, of_code: impl Fn(&str) -> String) -> String {
     let parts: Vec<&str> = text.split('`').collect();
     if parts.len() % 2 == 0 || parts.iter().skip(1).step_by(2).any(|code| code.is_empty()) {

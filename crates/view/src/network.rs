@@ -4,8 +4,7 @@ use infonerf_ops::factored::FactoredLayout;
 
 use crate::tables::groups;
 
-/// Input or output of a layer at a place of the shader's vector, and the factor of its weights; `None` for an empty
-/// place.
+/// Input or output of a layer at a place of the shader's vector, and its weights' factor; `None` if the place is empty.
 pub(crate) type Place = Option<(usize, f32)>;
 
 /// Weights of an MLP in the order of a uniform block.

@@ -31,8 +31,7 @@ pub(crate) struct FieldMarch<'a> {
 }
 
 impl FieldMarch<'_> {
-    /// Writes GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3
-    /// direction)`.
+    /// Writes GLSL ES 3.00 around `field`: `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3 direction)`.
     pub(crate) fn shader(&self, field: &str) -> String {
         TEMPLATE
             .replace("{{constants}}\n", &self.constants())

@@ -16,8 +16,7 @@ use infonerf_view::{TrainingControl, page};
 
 const SIZE: u32 = 64;
 
-/// Returns the document of a page after `budget_ms` of the browser's own time, which passes faster where nothing is
-/// due.
+/// Returns the document of a page after `budget_ms` of the browser's time, which passes faster where nothing is due.
 fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     let chosen = std::env::var("CHROMIUM").ok();
     let known = ["chromium", "chromium-browser", "google-chrome"];

@@ -52,8 +52,7 @@ pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError
     })
 }
 
-/// Draws a grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is
-/// the smallest.
+/// Draws a grid of coloured cells with their `values[row][column]`, the first row on top; dark is the smallest.
 ///
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
 ///

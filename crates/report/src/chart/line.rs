@@ -54,8 +54,7 @@ pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     frontier
 }
 
-/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last of all
-/// points.
+/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last `x`.
 fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let corners = frontier.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
     let end = all.iter().map(|point| point.0).fold(f64::NEG_INFINITY, f64::max);

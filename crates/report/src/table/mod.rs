@@ -84,8 +84,7 @@ pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table
     assemble(quantity.heading(), records, each.chain(mean).collect())
 }
 
-/// Makes a table of variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities
-/// without any value are left out.
+/// Makes a table of variants against the quantities that have values, means over all scenes as in [`scene_table`].
 pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let quantities = quantities.iter().filter(|quantity| measured(records, **quantity));

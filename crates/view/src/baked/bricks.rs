@@ -27,8 +27,7 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// Finds the bricks at `resolution` voxels along the domain's side, or at as many as give [`MAX_BRICKS`] bricks;
-    /// returns that number as well.
+    /// Finds the bricks at `resolution` voxels along the domain's side, or at fewer for [`MAX_BRICKS`]; returns it as well.
     pub(super) fn find(probe: &FieldProbe<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
         loop {
             let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);

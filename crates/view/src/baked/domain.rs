@@ -6,8 +6,7 @@ use infonerf_scene::{Aabb, Scene};
 
 use crate::shader::clips;
 
-/// Distance from its centre to which a scene is baked if rays are not clipped to its box, in halves of its longest
-/// side.
+/// Distance from its centre to which a scene is baked if rays are not clipped, in halves of its box's longest side.
 const MAX_REACH: f32 = 3.0;
 /// Share of the light that a density absorbs across the whole box, below which it counts as none.
 const MIN_SHARE: f32 = 0.02;

@@ -123,8 +123,7 @@ fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
     text
 }
 
-/// Subtracts from each byte the one before it in its row of [`POINTS`], modulo 256: small for smooth values, which
-/// deflate well.
+/// Subtracts from each byte the one before it in its row of [`POINTS`], modulo 256: smooth values deflate well.
 fn differences(bytes: &[u8]) -> Vec<u8> {
     let of_row = |row: &[u8]| -> Vec<u8> {
         let before = std::iter::once(0).chain(row.iter().copied());

@@ -47,8 +47,7 @@ impl<'a> FieldProbe<'a> {
         }
     }
 
-    /// Evaluates densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid
-    /// is empty, as in renders.
+    /// Evaluates densities in the warp's coordinate at points of voxels, as in renders 0 where the occupancy grid is empty.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];
@@ -63,8 +62,7 @@ impl<'a> FieldProbe<'a> {
         densities
     }
 
-    /// Returns whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of
-    /// them.
+    /// Returns whether the grid is occupied at `p`; on and beyond the faces of a closed box, just inside of them.
     fn is_open(&self, p: Vec3) -> bool {
         const WITHIN: f32 = 1.0 - 1e-5;
         let Some(grid) = &self.trained.occupancy else { return true };

@@ -6,14 +6,12 @@ use super::bricks::Bricks;
 use super::density::NEARLY_OPAQUE;
 use super::lattice::{POINTS, VOLUME, within};
 
-/// Distance, in points, within which a point is hidden if all others are nearly opaque: less than 1 % of the light
-/// reaches it.
+/// Distance, in points, within which a point is hidden by nearly opaque ones: less than 1 % of the light reaches it.
 const COVER: usize = 2;
 /// Number of points along a brick with those around it.
 const WIDE: usize = POINTS + 2 * COVER;
 
-/// Returns the points, ascending, whose colour is visible: those of a voxel with any density, unless nearly opaque ones
-/// hide them.
+/// Returns the points, ascending, whose colour is visible: of a voxel with density, unless nearly opaque ones hide it.
 pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
     let of_brick = |(number, &cell): (usize, &usize)| -> Vec<usize> {
         let shown = shown(bricks, number, cell);

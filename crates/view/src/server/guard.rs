@@ -36,8 +36,7 @@ impl Guard {
         request.headers().get(TOKEN).is_some_and(|token| token.as_bytes() == self.token.as_bytes())
     }
 
-    /// Returns the reason why a request is refused; `None` if it is admitted. `linked` requests may come from a link on
-    /// another site.
+    /// Returns the reason why a request is refused, if it is. `linked` requests may come from a link on another site.
     ///
     /// The host must be this server's: a site that points its own name at this machine (DNS rebinding) is another host.
     /// An origin, which browsers send along with what a page's script asks for, must be the same.

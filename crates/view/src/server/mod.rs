@@ -67,8 +67,7 @@ impl Server {
     }
 }
 
-/// Returns the address from which this machine reaches others, of the kind of `unspecified`; the loopback address
-/// without a network.
+/// Returns this machine's address towards others, of the kind of `unspecified`; without a network the loopback one.
 fn own_ip(unspecified: IpAddr) -> IpAddr {
     // Connecting a datagram socket sends nothing, but chooses the interface. The targets are documentation's (RFC 5737,
     // 3849).

@@ -49,8 +49,7 @@ impl Roots {
         self.0.iter().enumerate().flat_map(of_root).collect()
     }
 
-    /// Returns the folder of a run that the page named, links followed; `None` if it is no run or outside of the served
-    /// folders.
+    /// Returns the folder of a run that the page named, links followed; `None` if it is no run of the served folders.
     pub(super) fn resolve(&self, run: &str) -> Option<PathBuf> {
         let (index, relative) = run.split_once('/')?;
         let root = &self.0.get(index.parse::<usize>().ok()?)?.folder;
