@@ -46,7 +46,6 @@ mod mesh;
 mod ply;
 mod refine;
 mod shading;
-mod simplify;
 mod splat;
 mod splatter;
 mod surface;

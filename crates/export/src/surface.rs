@@ -1,8 +1,9 @@
-//! Extraction of triangles from densities.
+//! Extraction of triangles from densities, and their simplification.
 
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::Vec3;
+use meshopt::{SimplifyOptions, simplify_decoder};
 
 use crate::components::without_small;
 use crate::error::ExportError;
@@ -53,6 +54,24 @@ impl Surface {
         let normals = normals(&positions, &triangles);
         Ok(Self { positions, normals, triangles, voxel: grid.voxel, dropped })
     }
+
+    /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change
+    /// it least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with
+    /// no more triangles is returned unchanged.
+    #[must_use]
+    pub fn simplified(self, triangles: usize) -> Self {
+        if self.triangles.len() <= triangles {
+            return self;
+        }
+        let vertices: Vec<[f32; 3]> = self.positions.iter().map(Vec3::to_array).collect();
+        // Any error: the number of triangles decides.
+        let (indices, options) = (self.triangles.as_flattened(), SimplifyOptions::None);
+        let indices = simplify_decoder(indices, &vertices, 3 * triangles, f32::MAX, options, None);
+        let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+        let (positions, triangles, dropped) = without_small(self.positions, triangles);
+        let normals = normals(&positions, &triangles);
+        Self { positions, normals, triangles, voxel: self.voxel, dropped: self.dropped + dropped }
+    }
 }
 
 /// Returns ½ − opacity of every voxel, negative inside, with a border of empty voxels.
@@ -99,7 +118,7 @@ fn fill_cavities(values: &mut [f32], grid: &DensityGrid) {
 }
 
 /// Averages the normals of each vertex's triangles, weighted by area.
-pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
         let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
@@ -112,7 +131,7 @@ pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use std::collections::HashMap;
 
     use glam::UVec3;
@@ -120,8 +139,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::volume::testing::Ball;
 
-    /// Asserts that triangles pass every edge in opposite directions, in a pair (or two, where voxels touch at an edge).
-    pub(crate) fn assert_closed(surface: &Surface) {
+    /// Asserts that triangles pass every edge in opposite directions, in a pair (or two where voxels touch at it).
+    fn assert_closed(surface: &Surface) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &surface.triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
@@ -159,6 +178,20 @@ pub(crate) mod tests {
             let exact = 4.0 * std::f32::consts::PI;
             assert!((area / exact - 1.0).abs() < 0.04, "{area} for {exact}");
         }
+    }
+
+    #[test]
+    fn a_simplified_ball_stays_a_ball() {
+        let whole = Ball { radius: 1.0, sharpness: 40.0 }.surface(48);
+        let before = whole.triangles.len();
+        let surface = whole.clone().simplified(before / 10);
+        assert!(surface.triangles.len() <= before / 10 && surface.triangles.len() > before / 12);
+        assert_eq!(surface.normals.len(), surface.positions.len());
+        for p in surface.sample(2000) {
+            assert!((p.length() - 1.0).abs() < 0.5 * whole.voxel, "{p}");
+        }
+        assert_closed(&surface);
+        assert_eq!(whole.clone().simplified(before).triangles, whole.triangles);
     }
 
     #[test]

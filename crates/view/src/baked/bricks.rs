@@ -27,7 +27,7 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// Finds the bricks at `resolution` voxels along the domain's side, or at fewer for [`MAX_BRICKS`]; returns it as well.
+    /// Finds the bricks at `resolution` voxels along the domain's side, or at fewer for [`MAX_BRICKS`], and that number.
     pub(super) fn find(probe: &FieldProbe<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
         loop {
             let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);

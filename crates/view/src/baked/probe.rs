@@ -47,7 +47,7 @@ impl<'a> FieldProbe<'a> {
         }
     }
 
-    /// Evaluates densities in the warp's coordinate at points of voxels, as in renders 0 where the occupancy grid is empty.
+    /// Evaluates densities in the warp's coordinate at voxels' points, as in renders 0 where the occupancy grid is empty.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];

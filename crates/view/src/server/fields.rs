@@ -53,7 +53,7 @@ impl Fields {
         Self { device, runs: Mutex::default() }
     }
 
-    /// Returns the package of a run's first field, from its newest checkpoint; a baked one is coarse until the run ends.
+    /// Returns the package of a run's first field, of its newest checkpoint; a baked one is coarse until the run ends.
     pub(super) fn package(&self, run: &Path) -> Result<Arc<str>> {
         let entry = self.entry(run);
         let mut made = locked(&entry.made);
