@@ -39,8 +39,7 @@ struct Unchecked {
 impl TryFrom<Unchecked> for Claim {
     type Error = String;
 
-    fn try_from(claim: Unchecked) -> Result<Self, String> {
-        let Unchecked { statement, metric, margin, comparisons } = claim;
+    fn try_from(Unchecked { statement, metric, margin, comparisons }: Unchecked) -> Result<Self, String> {
         let needs_margin = comparisons.iter().any(|comparison| comparison.is == Relation::NotWorse);
         match margin {
             None if needs_margin => Err(format!(

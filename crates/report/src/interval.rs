@@ -17,9 +17,6 @@ pub struct Interval {
     pub bounds: Option<[f64; 2]>,
 }
 
-/// Differences of each scene, one per view set. No scene is empty.
-pub(crate) type Differences = [Vec<f64>];
-
 impl Interval {
     /// Returns the mean of independent values: SE = s/√n with n − 1 degrees of freedom; `None` without any.
     fn of(values: &[f64]) -> Option<Self> {
@@ -38,7 +35,7 @@ impl Interval {
         Self { mean, bounds: half.map(|half| [mean - half, mean + half]) }
     }
 
-    /// Estimates the mean over exactly these scenes, each with the same weight, over other view sets: a linear model
+    /// Estimates the mean of differences, one per view set, over exactly these scenes, none of them empty, each with the same weight, over other view sets: a linear model
     /// with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over
     /// the scenes and has N − a degrees of freedom. For a single scene it is Student's paired test.
     ///
@@ -46,7 +43,7 @@ impl Interval {
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.
     ///
     /// `None` if every scene has a single pair, from which no spread of view sets follows.
-    pub(crate) fn on_these_scenes(scenes: &Differences) -> Option<Self> {
+    pub(crate) fn on_these_scenes(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let count = scenes.len() as f64;
         let sum = |term: fn(&[f64; 3]) -> f64| moments.iter().map(term).sum::<f64>();
@@ -66,7 +63,7 @@ impl Interval {
     /// If all scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
     ///
     /// `None` for a single scene.
-    pub(crate) fn on_scenes_alike(scenes: &Differences) -> Option<Self> {
+    pub(crate) fn on_scenes_alike(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();
         let within: f64 = moments.iter().map(|[.., squares]| squares).sum();

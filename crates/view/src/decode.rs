@@ -24,13 +24,6 @@ pub(crate) struct DecodedPackage {
 }
 
 impl DecodedPackage {
-    fn new(package: Value) -> Self {
-        let deflated = BASE64_STANDARD.decode(package["data"].as_str().unwrap()).unwrap();
-        let mut bytes = Vec::new();
-        ZlibDecoder::new(deflated.as_slice()).read_to_end(&mut bytes).unwrap();
-        Self { package, bytes }
-    }
-
     pub(crate) fn part(&self, name: &str) -> &[u8] {
         let [from, length] = [0, 1].map(|i| self.package["parts"][name][i].as_u64().unwrap() as usize);
         &self.bytes[from..from + length]
@@ -143,9 +136,12 @@ pub(crate) fn packed(config: &RenderConfig, trained: &TrainedModel, voxels: usiz
     let scene = Scene::default();
     let renderer = Renderer::new(config, &scene);
     let subjects = Subjects { scene: &scene, renderer: &renderer, config, trained };
-    let decoded = DecodedPackage::new(of_field(&subjects, voxels).unwrap());
-    assert!(!decoded.package["shader"].as_str().unwrap().contains("{{"));
-    decoded
+    let package = of_field(&subjects, voxels).unwrap();
+    assert!(!package["shader"].as_str().unwrap().contains("{{"));
+    let deflated = BASE64_STANDARD.decode(package["data"].as_str().unwrap()).unwrap();
+    let mut bytes = Vec::new();
+    ZlibDecoder::new(deflated.as_slice()).read_to_end(&mut bytes).unwrap();
+    DecodedPackage { package, bytes }
 }
 
 /// Evaluates the field itself at a point.

@@ -7,7 +7,7 @@ const PAGE: &str = include_str!("../assets/page.html");
 const LIVE: &str = include_str!("../assets/live.html");
 const STAGE: &str = include_str!("../assets/stage.html");
 const STYLE: &str = include_str!("../assets/style.css");
-const VIEWER: &str = concat!(
+pub(crate) const VIEWER: &str = concat!(
     include_str!("../assets/camera.js"),
     include_str!("../assets/tables.js"),
     include_str!("../assets/bricks.js"),
@@ -29,11 +29,6 @@ pub(crate) fn of_package(package: &Value, poster: &str) -> String {
         .replace("{{stage}}", &stage)
         .replace("{{title}}", &escape_html(title))
         .replace("{{data}}", &data)
-}
-
-/// Returns the sources that decide how a package is drawn.
-pub(crate) fn sources() -> [&'static str; 2] {
-    [VIEWER, crate::shader::TEMPLATE]
 }
 
 /// Makes the page of the server, which requests everything else from it and sends `token` with commands.

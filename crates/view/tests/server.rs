@@ -6,14 +6,10 @@ use std::net::{SocketAddr, TcpStream};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::{self, TINY, device, plan, train};
+use crate::common::{TINY, device, plan, serve, train};
 use http::Response;
 use infonerf_view::{Server, TrainingControl};
 use serde_json::Value;
-
-fn serve(root: &Path) -> SocketAddr {
-    common::serve(root, None)
-}
 
 /// Sends a request with additional headers through an independent client.
 fn request(method: &str, address: SocketAddr, path: &str, headers: &[(&str, &str)]) -> Response<Vec<u8>> {
@@ -53,7 +49,7 @@ fn status(address: SocketAddr, request: &str) -> u16 {
 fn only_the_servers_own_page_pauses_and_stops_training() {
     let folder = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
-    let address = common::serve(folder.path(), Some(training.clone()));
+    let address = serve(folder.path(), Some(training.clone()));
     let post = |path: &str, headers: &[(&str, &str)]| request("POST", address, path, headers).status().as_u16();
     assert!(!training.is_watched(Duration::from_secs(60)));
     assert_eq!(json(address, "/training"), serde_json::json!({ "paused": false, "stopped": false }));
@@ -89,7 +85,7 @@ fn only_the_servers_own_page_pauses_and_stops_training() {
     post("/stop", &[held, ("host", &format!("localhost:{}", address.port()))]);
     assert!(!training.is_paused() && training.is_stopped());
     training.end();
-    let alone = serve(folder.path());
+    let alone = serve(folder.path(), None);
     assert_eq!((json(address, "/training"), json(alone, "/training")), (Value::Null, Value::Null));
 }
 
@@ -121,7 +117,7 @@ fn run_is_followed_while_it_trains() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan("infonerf", TINY);
     train(out.path(), &plan, Some(2));
-    let address = serve(out.path());
+    let address = serve(out.path(), None);
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
     let run = "0%2Ffast-losses%2Fcrane%2Finfonerf%2Fseed0";
@@ -150,16 +146,16 @@ fn run_is_followed_while_it_trains() {
 fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
     let out = tempfile::tempdir().unwrap();
     let folder = train(out.path(), &plan("infonerf", TINY), None);
-    let made = json(serve(&folder), "/field?run=0/.");
+    let made = json(serve(&folder, None), "/field?run=0/.");
     let file = folder.join("viewer.json");
     let text = fs::read_to_string(&file).unwrap();
     let (line, package) = text.split_once('\n').unwrap();
     assert_eq!(serde_json::from_str::<Value>(package).unwrap(), made);
     fs::write(&file, format!("{line}\n{{\"note\":\"kept\"}}")).unwrap();
-    assert_eq!(json(serve(&folder), "/field?run=0/.")["note"], "kept");
+    assert_eq!(json(serve(&folder, None), "/field?run=0/.")["note"], "kept");
     let manifest = folder.join("checkpoint/manifest.json");
     fs::write(&manifest, fs::read(&manifest).unwrap()).unwrap();
-    assert_eq!(json(serve(&folder), "/field?run=0/.")["note"], "4 steps");
+    assert_eq!(json(serve(&folder, None), "/field?run=0/.")["note"], "4 steps");
 }
 
 /// A run whose checkpoint cannot be read to its end, as a slow one, holds up no other, and its work has a name.
@@ -174,7 +170,7 @@ fn runs_are_packed_independently() {
     let manifest = slow.1.join("checkpoint/manifest.json");
     fs::remove_file(&manifest).unwrap();
     assert!(std::process::Command::new("mkfifo").arg(&manifest).status().unwrap().success());
-    let address = serve(out.path());
+    let address = serve(out.path(), None);
     let path = format!("/field?run={}", slow.0);
     let waiting = std::thread::spawn(move || get(address, &path));
     let start = Instant::now();
@@ -199,7 +195,7 @@ fn fields_of_other_kinds_are_baked() {
     let plan = plan("factored", &set);
     // Coarsely while it trains.
     let folder = train(out.path(), &plan, Some(2));
-    let address = serve(&folder);
+    let address = serve(&folder, None);
     let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
     assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
@@ -219,7 +215,7 @@ fn stand_in() -> (tempfile::TempDir, SocketAddr) {
     fs::write(folder.path().join("config.toml"), "secret").unwrap();
     fs::create_dir(folder.path().join("test")).unwrap();
     fs::write(folder.path().join("test/000.png"), "secret").unwrap();
-    let address = serve(&folder.path().join("runs"));
+    let address = serve(&folder.path().join("runs"), None);
     (folder, address)
 }
 

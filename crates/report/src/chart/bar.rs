@@ -32,7 +32,7 @@ pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError
     let legend = labels.iter().enumerate().map(|(index, label)| (label.clone(), colour(index)));
     let legend: Vec<(String, RGBColor)> = if fit { Vec::new() } else { legend.collect() };
     let x = Scale::labels(if fit { labels } else { vec![String::new(); bars.len()] });
-    let y = Scale::around(ends.chain([0.0]), false).with_zero();
+    let y = Scale::around(ends.chain([0.0]), false);
     drawn(frame, |sheet| {
         let mut plot = plot(sheet, frame, &legend, x, y)?;
         for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, false)) {

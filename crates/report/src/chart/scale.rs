@@ -52,11 +52,6 @@ impl Scale {
     pub(super) fn labels(labels: Vec<String>) -> Self {
         Self { low: 0.0, high: labels.len().max(1) as f64, kind: ScaleKind::Labels(labels) }
     }
-
-    /// Extends the range to zero, for bars.
-    pub(super) fn with_zero(self) -> Self {
-        Self { low: self.low.min(0.0), high: self.high.max(0.0), ..self }
-    }
 }
 
 impl ScaleKind {

@@ -148,12 +148,8 @@ impl<'a> VariantGroup<'a> {
             let values: Option<Vec<f64>> = scenes.iter().map(value).collect();
             Summary::of(values?).map(|summary| summary.mean)
         };
-        let in_cell = self.records.iter().filter(|((scene, _), _)| scenes.iter().any(|wanted| wanted == scene));
-        Cell {
-            summary: Summary::of(seeds.into_iter().filter_map(mean)),
-            collapsed: in_cell.map(|(_, record)| record).any(|record| record.collapsed),
-            ..Cell::default()
-        }
+        let collapsed = self.records.values().any(|record| record.collapsed && scenes.contains(&record.scene));
+        Cell { summary: Summary::of(seeds.into_iter().filter_map(mean)), collapsed, ..Cell::default() }
     }
 }
 

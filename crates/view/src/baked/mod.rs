@@ -6,7 +6,7 @@
 //!
 //! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the field's own space. A brick is 8³ voxels
 //!   with the 9³ points at their corners, so that a graphics card interpolates within it alone; bricks side by side share their outermost points.
-//! - **Density** ([`density`]): √(opacity of a voxel) in 8 bits.
+//! - **Density** ([`bricks`]): √(opacity of a voxel) in 8 bits.
 //! - **Colour** ([`colors`]): `a + b·d` along the direction d, spherical harmonics of degree 1: four numbers of 8 bits for each of
 //!   red, green and blue, fitted to the field's colours along directions from which the cameras look.
 //! - **A field of volumes** (mip-NeRF) is evaluated over what a pixel of the nearest training camera covers there, or over
@@ -18,7 +18,6 @@ mod bricks;
 mod colors;
 #[cfg(test)]
 mod decode;
-mod density;
 mod domain;
 mod lattice;
 mod probe;
@@ -111,7 +110,7 @@ fn atlas(bricks: usize) -> [usize; 3] {
 
 fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
     let mut text = format!("#define BRICK {CELLS}\nconst ivec3 ATLAS = {};\n", integers3(atlas));
-    for (name, value) in [("VOXEL", voxel), ("MAX_OPACITY", density::MAX_OPACITY), ("MAX_COLOR", MAX_COLOR)] {
+    for (name, value) in [("VOXEL", voxel), ("MAX_OPACITY", bricks::MAX_OPACITY), ("MAX_COLOR", MAX_COLOR)] {
         let _ = writeln!(text, "const float {name} = {value:?};");
     }
     for (name, channel) in CHANNELS.iter().zip(&colors.channels) {

@@ -2,8 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::bricks::Bricks;
-use super::density::NEARLY_OPAQUE;
+use super::bricks::{Bricks, NEARLY_OPAQUE};
 use super::lattice::{POINTS, VOLUME, within};
 
 /// Distance, in points, within which a point is hidden by nearly opaque ones: less than 1 % of the light reaches it.

@@ -13,7 +13,9 @@ use infonerf_scene::Scene;
 
 use super::runs::{first_field, stamp};
 use crate::factored::holds;
-use crate::{baked, package, page};
+use crate::page::VIEWER;
+use crate::shader::TEMPLATE;
+use crate::{baked, package};
 
 /// Maximum number of runs whose packages are kept in memory.
 const MAX_RUNS: usize = 16;
@@ -117,7 +119,7 @@ impl Version {
     /// Identifies the version, and the program that draws it, in one line.
     fn line(&self) -> String {
         let mut hasher = DefaultHasher::new();
-        (env!("CARGO_PKG_VERSION"), page::sources(), &self.config).hash(&mut hasher);
+        (env!("CARGO_PKG_VERSION"), [VIEWER, TEMPLATE], &self.config).hash(&mut hasher);
         format!("{:016x} {} {}", hasher.finish(), self.stamp, self.finished)
     }
 }
