@@ -82,11 +82,8 @@ mod tests {
 {"event":"step","st"#;
         let events = Events::parse(text);
         let losses = BTreeMap::from([("rgb".to_owned(), 0.01)]);
-        assert_eq!(
-            events.steps,
-            [StepEvent { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None }]
-        );
-        assert_eq!(events.skipped, 4);
+        let step = StepEvent { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None };
+        assert_eq!(events, Events { steps: vec![step], skipped: 4 });
     }
 
     #[test]

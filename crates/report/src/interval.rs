@@ -35,9 +35,10 @@ impl Interval {
         Self { mean, bounds: half.map(|half| [mean - half, mean + half]) }
     }
 
-    /// Estimates the mean of differences, one per view set, over exactly these scenes, none of them empty, each with the same weight, over other view sets: a linear model
-    /// with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over
-    /// the scenes and has N − a degrees of freedom. For a single scene it is Student's paired test.
+    /// Estimates the mean difference over exactly these scenes (a difference per view set, at least one), each with the
+    /// same weight, over other view sets: a linear model with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s²
+    /// = Σ (d − scene's mean)² / (N − a) is pooled over the scenes and has N − a degrees of freedom. For a single scene
+    /// it is Student's paired test.
     ///
     /// View sets of one scene count as independent of those of another. The paper's spreads agree with that: NeRF's
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.

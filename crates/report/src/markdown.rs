@@ -40,12 +40,11 @@ fn claims(claims: &[TestedClaim]) -> String {
     let one = |claim: &TestedClaim| {
         let row = |finding: &Finding| {
             let cells = [&finding.formula, &finding.found, &finding.in_paper, &finding.verdict.to_string()];
-            format!("| {} |", cells.map(|cell| escape_markdown(cell)).join(" | "))
+            format!("\n| {} |", cells.map(|cell| escape_markdown(cell)).join(" | "))
         };
-        let head =
-            ["| comparison | left − right, here | in the paper | |", "| --- | ---: | ---: | --- |"].map(str::to_owned);
-        let rows: Vec<String> = head.into_iter().chain(claim.findings.iter().map(row)).collect();
-        format!("**{}**: {}\n\n{}", claim.verdict, escape_markdown(&claim.statement), rows.join("\n"))
+        let (verdict, statement) = (claim.verdict, escape_markdown(&claim.statement));
+        let head = "| comparison | left − right, here | in the paper | |\n| --- | ---: | ---: | --- |";
+        format!("**{verdict}**: {statement}\n\n{head}{}", claim.findings.iter().map(row).collect::<String>())
     };
     claims.iter().map(one).collect::<Vec<_>>().join("\n\n")
 }

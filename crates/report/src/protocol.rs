@@ -103,16 +103,13 @@ mod tests {
 
     #[test]
     fn differences_are_explained_by_seed_scene_or_variant() {
-        let mut records =
-            vec![record("lego", "nerf", 0, 1.0), record("lego", "nerf", 1, 1.0), record("mic", "nerf", 1, 1.0)];
+        let mut records = [("lego", 0), ("lego", 1), ("mic", 1)].map(|(scene, seed)| record(scene, "nerf", seed, 1.0));
         records[0].train_views = vec![1, 2];
         records[2].image_size = [800, 800];
         records[1].device = "cuda".into();
         let lines = protocol_lines(&records);
-        assert!(
-            lines[0].starts_with("train views seed 0: 1, 2; seed 1: 26, 86, 2, 55 · test views every-8 (25)"),
-            "{lines:?}"
-        );
+        let expected = "train views seed 0: 1, 2; seed 1: 26, 86, 2, 55 · test views every-8 (25)";
+        assert!(lines[0].starts_with(expected), "{lines:?}");
         assert!(lines[0].contains("lego: 400 × 400; mic: 800 × 800 pixels"), "{lines:?}");
         assert!(lines[1].contains("device mixed: flex; cuda"), "{lines:?}");
         assert!(protocol_lines::<Record>(&[]).is_empty());

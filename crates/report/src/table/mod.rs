@@ -312,8 +312,8 @@ pub(crate) mod tests {
 
     #[test]
     fn collapsed_cells_are_never_best_and_ties_share() {
-        let mut records =
-            vec![record("lego", "a", 0, 10.0), record("lego", "b", 0, 20.0), record("lego", "c", 0, 10.001)];
+        let runs = [("a", 10.0), ("b", 20.0), ("c", 10.001)];
+        let mut records = runs.map(|(variant, psnr)| record("lego", variant, 0, psnr)).to_vec();
         records[1].collapsed = true;
         let table = scene_table(&records, Quantity::PSNR);
         let best: Vec<bool> = table.rows.iter().map(|row| row.cells[0].best).collect();
