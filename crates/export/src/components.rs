@@ -33,11 +33,8 @@ pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (
         }
         *place
     };
-    let triangles = triangles
-        .into_iter()
-        .filter(|triangle| is_kept(triangle[0]))
-        .map(|triangle| triangle.map(&mut place))
-        .collect();
+    let triangles = triangles.into_iter().filter(|triangle| is_kept(triangle[0]));
+    let triangles = triangles.map(|triangle| triangle.map(&mut place)).collect();
     (kept, triangles, dropped)
 }
 

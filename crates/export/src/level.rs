@@ -77,13 +77,10 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
         let camera = camera.resized(width, height);
         (0..width * height).map(move |i| camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5))
     };
-    let crossing: Vec<_> = cameras
-        .iter()
-        .flat_map(of_camera)
-        .filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)))
-        .filter(|(_, near, far)| far > near)
-        .map(|(ray, near, far)| (ray, near, (far - near) / SAMPLES as f32))
-        .collect();
+    let rays = cameras.iter().flat_map(of_camera);
+    let crossing = rays.filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)));
+    let crossing = crossing.filter(|(_, near, far)| far > near);
+    let crossing: Vec<_> = crossing.map(|(ray, near, far)| (ray, near, (far - near) / SAMPLES as f32)).collect();
     let of_chunk = |rays: &[_]| -> Vec<RayDepths> {
         let at = |&(ray, near, step): &(infonerf_scene::Ray, f32, f32)| {
             (0..SAMPLES).map(move |i| ray.origin + (near + (i as f32 + 0.5) * step) * ray.direction)

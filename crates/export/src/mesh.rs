@@ -28,12 +28,11 @@ impl Surface {
     pub fn sample(&self, count: usize) -> Vec<Vec3> {
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| self.positions[vertex as usize]);
         let areas = self.triangles.iter().map(corners).map(|[a, b, c]| f64::from((b - a).cross(c - a).length()));
-        let mut total = 0.0;
-        let mut add = |area: f64| {
+        let (mut total, mut ends) = (0.0, Vec::with_capacity(self.triangles.len()));
+        for area in areas {
             total += area;
-            total
-        };
-        let ends: Vec<f64> = areas.map(&mut add).collect();
+            ends.push(total);
+        }
         if total <= 0.0 {
             return Vec::new();
         }

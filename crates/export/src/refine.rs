@@ -148,12 +148,8 @@ fn backward(splats: &Splats, y: usize, target: &SplatTarget, background: [f32; 3
         hits.push((x, splat, alpha, passes));
     });
     let wanted = target.image[y * width..][..width].iter();
-    let residuals: Vec<Vec3> = colors
-        .iter()
-        .zip(passes)
-        .zip(wanted)
-        .map(|((color, passes), want)| *color + passes * background - Vec3::from_array(*want))
-        .collect();
+    let shown = colors.iter().zip(passes).map(|(color, passes)| *color + passes * background);
+    let residuals: Vec<Vec3> = shown.zip(wanted).map(|(shown, want)| shown - Vec3::from_array(*want)).collect();
     let mut behind = vec![background; width];
     for (x, number, alpha, passes) in hits.into_iter().rev() {
         let (splat, gradient) = (&splats.list[number], &mut gradients[number]);

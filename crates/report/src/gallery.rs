@@ -122,9 +122,8 @@ impl GalleryImage {
 fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<GalleryImage, String> {
     let path = record.directory().join(folder).join(format!("{name}.png"));
     let described = |error: &dyn std::fmt::Display| format!("{}: {error}", slashed(&path));
-    let bytes = fs::read(root.join(&path)).map_err(|error| described(&error))?;
-    let decoded = image::load_from_memory_with_format(&bytes, ImageFormat::Png).map_err(|error| described(&error))?;
-    let (mut png, mut shown) = (bytes, decoded);
+    let mut png = fs::read(root.join(&path)).map_err(|error| described(&error))?;
+    let mut shown = image::load_from_memory_with_format(&png, ImageFormat::Png).map_err(|error| described(&error))?;
     if shown.width().max(shown.height()) > MAX_SIDE {
         shown = shown.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
         png = png_bytes(&shown).map_err(|error| described(&error))?;

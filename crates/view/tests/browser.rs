@@ -129,9 +129,8 @@ fn page_draws_the_programs_renders() {
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn page_draws_baked_fields() {
-    for (experiment, variant) in
-        [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")]
-    {
+    let baked = [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")];
+    for (experiment, variant) in baked {
         let set = ["train.iterations=300", "eval.test=first-1"];
         let (_out, run, file) = trained_page(&plan_of("crane", experiment, variant, &set));
         let length = fs::metadata(&file).unwrap().len();

@@ -75,15 +75,11 @@ mod tests {
 
     use super::*;
 
-    fn scene() -> Scene {
-        let at = |x| glam::DMat4::from_translation(glam::DVec3::new(x, 0.0, 4.0));
-        let all_train_cameras = vec![Camera::from_fov(8, 8, 0.5, at(0.0)), Camera::from_fov(8, 8, 0.5, at(0.5))];
-        Scene { all_train_cameras, ..Scene::default() }
-    }
-
     #[test]
     fn domain_holds_everything_that_rays_can_meet() {
-        let scene = scene();
+        let at = |x| glam::DMat4::from_translation(glam::DVec3::new(x, 0.0, 4.0));
+        let all_train_cameras = [0.0, 0.5].map(|x| Camera::from_fov(8, 8, 0.5, at(x))).to_vec();
+        let scene = Scene { all_train_cameras, ..Scene::default() };
         let mut config = Config::from_table(Preset::Fast.table()).unwrap().render;
         let cut = Domain::of(&scene, &config, &Warp::Identity);
         assert_eq!((cut.bounds, cut.side), (scene.space.bounds, 3.0));

@@ -79,12 +79,9 @@ mod tests {
         for host in ["localhost:7007", "LOCALHOST:7007", "127.0.0.1:7007", "127.8.8.8:7007", "[::1]:7007"] {
             assert!(is_own("127.0.0.1:7007", host) && is_own("192.168.0.1:7007", host), "{host}");
         }
-        for host in
-            ["", ":7007", "evil.example:7007", "localhost.evil.example:7007", "192.168.0.1:7007", "0.0.0.0:7007"]
-        {
-            assert!(!is_own("127.0.0.1:7007", host), "{host}");
-        }
-        for host in ["localhost", "127.0.0.1:7008", "localhost:7007:7007"] {
+        let others = " :7007 evil.example:7007 localhost.evil.example:7007 192.168.0.1:7007 0.0.0.0:7007 localhost \
+                      127.0.0.1:7008 localhost:7007:7007";
+        for host in others.split(' ') {
             assert!(!is_own("127.0.0.1:7007", host), "{host}");
         }
         assert!(is_own("192.168.0.1:7007", "192.168.0.1:7007") && is_own("0.0.0.0:7007", "192.168.0.1:7007"));
