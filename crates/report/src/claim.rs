@@ -385,13 +385,11 @@ mod tests {
     /// A gain on one scene and a loss on the other are a gain on these two, and say nothing of a third.
     #[test]
     fn interval_of_these_scenes_decides() {
-        let mut list = Vec::new();
-        for (scene, gain) in [("x", 1.0), ("y", -0.8)] {
-            for seed in 0..4 {
-                list.push(record(scene, "a", seed, 20.0));
-                list.push(record(scene, "b", seed, 20.0 + gain + 0.01 * seed as f64));
-            }
-        }
+        let pairs = |(scene, gain)| {
+            let b = move |seed| record(scene, "b", seed, 20.0 + gain + 0.01 * seed as f64);
+            (0..4).flat_map(move |seed| [record(scene, "a", seed, 20.0), b(seed)])
+        };
+        let mut list: Vec<Record> = [("x", 1.0), ("y", -0.8)].into_iter().flat_map(pairs).collect();
         let found = |list: &[Record]| {
             let finding = claim("b", Relation::Better, "a").test(list, None).findings.remove(0);
             (finding.verdict, finding.found)

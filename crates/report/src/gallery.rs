@@ -149,7 +149,7 @@ pub(crate) fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     if names.len() <= count {
         return names;
     }
-    (0..count).filter_map(|i| names.get((2 * i + 1) * names.len() / (2 * count)).cloned()).collect()
+    (0..count).map(|i| names[(2 * i + 1) * names.len() / (2 * count)].clone()).collect()
 }
 
 pub(crate) fn slashed(path: &Path) -> String {

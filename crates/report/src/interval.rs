@@ -139,11 +139,8 @@ impl fmt::Display for Interval {
             let text = format!("{value:+.precision$}");
             if text.trim_matches(['+', '-', '0', '.']).is_empty() { format!("{:+.precision$}", 0.0) } else { text }
         };
-        f.write_str(&shown(self.mean))?;
-        match self.bounds {
-            Some([low, high]) => write!(f, " [{}, {}]", shown(low), shown(high)),
-            None => Ok(()),
-        }
+        let bounds = self.bounds.map(|[low, high]| format!(" [{}, {}]", shown(low), shown(high)));
+        write!(f, "{}{}", shown(self.mean), bounds.unwrap_or_default())
     }
 }
 

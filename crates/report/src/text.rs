@@ -19,7 +19,7 @@ pub(crate) fn escape_markdown(text: &str) -> String {
 /// Applies `of_code` to what stands between backticks and `of_text` to the rest, or to all if they are not paired.
 fn by_code(text: &str, of_text: impl Fn(&str) -> String, of_code: impl Fn(&str) -> String) -> String {
     let parts: Vec<&str> = text.split('`').collect();
-    if parts.len() % 2 == 0 || parts.iter().skip(1).step_by(2).any(|code| code.is_empty()) {
+    if parts.len().is_multiple_of(2) || parts.iter().skip(1).step_by(2).any(|code| code.is_empty()) {
         return of_text(text);
     }
     // Text and code alternate.

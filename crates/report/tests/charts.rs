@@ -5,17 +5,13 @@ use infonerf_report::chart::{
 };
 use proptest::prelude::*;
 
-fn series(name: &str, points: Vec<(f64, f64)>) -> Series {
-    Series { name: name.into(), points }
-}
-
-fn all_charts(points: Vec<(f64, f64)>, log: bool) -> Vec<String> {
+fn all_charts(points: &[(f64, f64)], log: bool) -> Vec<String> {
     let axis = |label: &str| Axis { label: label.into(), log };
     let frame = ChartFrame { title: "Title".into(), x: axis("x"), y: axis("y") };
     let bars = points.iter().map(|&(x, y)| Bar { label: "b".into(), value: x, spread: Some(y) }).collect::<Vec<_>>();
     let grid = vec![points.iter().map(|point| Some(point.0)).collect(), vec![None]];
     let labels = ["p".to_owned(), "q".to_owned()];
-    let all = [series("a", points.clone()), series("b", points)];
+    let all = ["a", "b"].map(|name| Series { name: name.into(), points: points.to_vec() });
     vec![
         line_chart(&frame, &all).unwrap(),
         frontier_chart(&frame, &all).unwrap(),
@@ -36,7 +32,7 @@ fn ink_follows_the_page_and_a_file_has_its_own() {
 proptest! {
     #[test]
     fn any_numbers_make_a_chart(points in prop::collection::vec((prop::num::f64::ANY, prop::num::f64::ANY), 0..6), log in prop::bool::ANY) {
-        for svg in all_charts(points, log) {
+        for svg in all_charts(&points, log) {
             prop_assert!(svg.contains("Title") && svg.trim_end().ends_with("</svg>"));
             prop_assert!(!svg.contains("NaN"));
         }

@@ -1,5 +1,7 @@
 //! The JSON schema of `results.json` says what records hold, and what reading them needs.
 
+use std::collections::BTreeSet;
+
 use infonerf_metrics::METRICS;
 use infonerf_report::{CameraErrors, Record, Setting};
 use serde_json::{Map, Value};
@@ -63,9 +65,7 @@ fn every_key_has_a_description_and_its_type() {
     assert_eq!(schema["type"], "array");
     let properties = &schema["items"]["properties"];
     let record = serde_json::to_value(full()).unwrap();
-    let (mut described, mut written) = (keys(properties), keys(&record));
-    described.sort();
-    written.sort();
+    let [described, written] = [properties, &record].map(|object| keys(object).into_iter().collect::<BTreeSet<_>>());
     assert_eq!(described, written, "results.schema.json and the record");
     for (key, value) in object(&record) {
         assert!(allows(&properties[key], value), "{key}: {value}");

@@ -94,7 +94,8 @@ fn shader(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> Strin
 
 fn constants(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> String {
     let rows = 3 * layout.levels.len() * texture_groups(layout);
-    let integers = [
+    let mut text = String::new();
+    for (name, value) in [
         ("GROUPS", texture_groups(layout)),
         ("FREQUENCIES", layout.frequencies),
         ("INPUTS", network.layers[0].0),
@@ -104,9 +105,7 @@ fn constants(layout: &FactoredLayout, network: &PackedNetwork, size: Vec3) -> St
         ("OFFSETS", 2 * rows),
         ("LINE_WIDTH", finest(layout)),
         ("LINE_ROWS", rows),
-    ];
-    let mut text = String::new();
-    for (name, value) in integers {
+    ] {
         let _ = writeln!(text, "#define {name} {value}");
     }
     for (name, value) in [("DENSITY_SCALE", layout.density_scale), ("DENSITY_BIAS", layout.density_bias)] {

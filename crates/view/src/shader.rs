@@ -41,22 +41,20 @@ impl FieldMarch<'_> {
 
     fn constants(&self) -> String {
         let clip = self.clip.unwrap_or(Aabb { min: Vec3::ZERO, max: Vec3::ZERO });
-        let integers = [
+        let mut text = String::new();
+        for (name, value) in [
             ("CLIPS", usize::from(self.clip.is_some())),
             ("STRAIGHT", usize::from(self.warp.is_identity())),
             ("ADDITIVE", usize::from(self.config.compositing == Compositing::Additive)),
             ("ENDLESS", usize::from(self.config.last_interval == LastInterval::Infinite)),
             ("TURBO_LAST", COLOURS - 1),
-        ];
-        let vectors = [("LOW", self.low), ("CELL", self.cell), ("CLIP_LOW", clip.min), ("CLIP_HIGH", clip.max)];
-        let mut text = String::new();
-        for (name, value) in integers {
+        ] {
             let _ = writeln!(text, "#define {name} {value}");
         }
         for (name, value) in [("STEP", self.step), ("STOP", self.stop)] {
             let _ = writeln!(text, "const float {name} = {value:?};");
         }
-        for (name, value) in vectors {
+        for (name, value) in [("LOW", self.low), ("CELL", self.cell), ("CLIP_LOW", clip.min), ("CLIP_HIGH", clip.max)] {
             let _ = writeln!(text, "const vec3 {name} = {};", vector(value));
         }
         let _ = writeln!(text, "const ivec3 GRID = {};", integers3(self.cells));

@@ -32,7 +32,6 @@ struct RunPackage {
     run: PathBuf,
     /// Locked while the package is made.
     made: Mutex<Option<Made>>,
-    /// Work that is being done; empty if none is.
     work: Mutex<&'static str>,
 }
 
