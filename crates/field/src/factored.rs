@@ -15,8 +15,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_density, check_detail, check_range};
 use crate::detail::part_weights;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Penalty};
 use crate::init::{parameter, uniform};
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
+use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`FactoredField`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -197,7 +198,7 @@ mod tests {
     use infonerf_ops::to_host;
 
     use super::*;
-    use crate::Extent;
+    use crate::points::Extent;
 
     fn field(view_dependence: f32, device: &Device) -> FactoredField {
         let config = FactoredConfig {

@@ -7,7 +7,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 
-use crate::{FieldOutput, Points};
+use crate::points::{FieldOutput, Points};
 
 /// A learnable function from position and view direction to density and colour.
 ///

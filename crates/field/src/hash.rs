@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_density, check_detail, check_range, check_width};
 use crate::detail::part_weights;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
 use crate::init::{Init, parameter, uniform};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::points::{FieldOutput, Points};
 
 const CORNERS: usize = 8;
 /// Factors of the spatial hash (Müller et al. 2022, Eq. 4).

@@ -8,11 +8,15 @@ use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    FactoredConfig, FactoredField, Field, FieldFile, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint,
-    HashConfig, HashGrid, MipConfig, MipNerf, NerfConfig, NerfMlp, NeuralBody, NeuralBodyConfig, NeuralVolumes,
-    NeuralVolumesConfig, Penalty, PixelNerf, PixelNerfConfig, Points, Sources,
-};
+use crate::factored::{FactoredConfig, FactoredField};
+use crate::field::{Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, Sources};
+use crate::hash::{HashConfig, HashGrid};
+use crate::mip::{MipConfig, MipNerf};
+use crate::nerf::{NerfConfig, NerfMlp};
+use crate::neural_body::{NeuralBody, NeuralBodyConfig};
+use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
+use crate::pixel::{PixelNerf, PixelNerfConfig};
+use crate::points::{FieldOutput, Points};
 
 /// Defines [`FieldConfig`] and [`RadianceField`] from a list of fields: one line per field, with its name, its config and
 /// its module. The name in lower case is its `field.kind`.

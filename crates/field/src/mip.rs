@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{Extent, Field, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Points};
+use crate::points::{Extent, FieldOutput, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

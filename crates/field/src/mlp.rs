@@ -10,8 +10,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::check::{check_precision, check_range, check_width};
+use crate::field::FieldSetup;
 use crate::init::Init;
-use crate::{FieldOutput, FieldSetup, Points};
+use crate::points::{FieldOutput, Points};
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MlpSize {

@@ -14,9 +14,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check_detail, check_range};
 use crate::detail::frequency_window;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint, Sources};
 use crate::init::{Init, normal};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
+use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -162,7 +163,7 @@ impl Field for NerfMlp {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Extent;
+    use crate::points::Extent;
 
     fn config() -> NerfConfig {
         NerfConfig {

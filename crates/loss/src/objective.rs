@@ -3,11 +3,16 @@ use infonerf_ops::means::weighted_sum;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::renders::union;
-use crate::{
-    EntropyConfig, KlConfig, LatentConfig, Need, OpacityPriorConfig, PhotometricConfig, Renders, SemanticConfig,
-    SilhouetteConfig, StereoConfig, Term, TermSetup, TermSpec, TvConfig, Weighted,
-};
+use crate::renders::{Need, Renders, union};
+use crate::term::{Term, TermSetup, TermSpec, Weighted};
+use crate::terms::entropy::EntropyConfig;
+use crate::terms::kl::KlConfig;
+use crate::terms::opacity_prior::OpacityPriorConfig;
+use crate::terms::penalties::{LatentConfig, TvConfig};
+use crate::terms::photometric::PhotometricConfig;
+use crate::terms::semantic::SemanticConfig;
+use crate::terms::silhouette::SilhouetteConfig;
+use crate::terms::stereo::StereoConfig;
 
 /// Defines [`LossConfig`] from a list of terms: the name of each, which is its table in config files, and its config.
 macro_rules! terms {

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Moment, Schedule};
 
-use crate::{Need, Renders};
+use crate::renders::{Need, Renders};
 
 /// A term of the objective, ready to be evaluated.
 pub trait Term: Debug + Send + Sync {

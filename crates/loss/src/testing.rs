@@ -7,7 +7,9 @@ use infonerf_ops::means::mean_squared_difference;
 use infonerf_ops::{Segments, composite, to_host, upload};
 use infonerf_render::{Passes, RenderOutput, Samples};
 
-use crate::{LossConfig, Renders, Target, Term};
+use crate::objective::LossConfig;
+use crate::renders::{Renders, Target};
+use crate::term::Term;
 
 /// The config of every term, all off, with `settings` (TOML) merged in.
 pub fn config(settings: &str) -> LossConfig {

@@ -2,7 +2,8 @@ use infonerf_ops::sampling::LastInterval;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Placement, SpaceChoice};
+use crate::placement::Placement;
+use crate::warp::SpaceChoice;
 
 /// Config of rendering: sampling of rays, compositing, and skipping.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

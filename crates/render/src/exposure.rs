@@ -2,7 +2,8 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::{to_host, upload};
 
-use crate::{Passes, RenderOutput, RenderedImage};
+use crate::image::RenderedImage;
+use crate::output::{Passes, RenderOutput};
 
 /// A gain and a bias per training view and channel: exposure and white balance that differ between images of one scene.
 ///

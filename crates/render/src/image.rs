@@ -6,7 +6,9 @@ use rayon::prelude::*;
 
 use crate::fill::filled;
 use crate::march::march;
-use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
+use crate::model::TrainedModel;
+use crate::output::{Counts, RenderOutput, RenderRequest};
+use crate::renderer::Renderer;
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
@@ -169,7 +171,11 @@ pub(crate) mod tests {
     use infonerf_schedule::Moment;
 
     use super::*;
-    use crate::{Model, Noise, OccupancyConfig, OccupancyGrid, Placement, RandomStream, RenderConfig};
+    use crate::config::{OccupancyConfig, RenderConfig};
+    use crate::model::Model;
+    use crate::noise::{Noise, RandomStream};
+    use crate::occupancy::OccupancyGrid;
+    use crate::placement::Placement;
 
     /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {

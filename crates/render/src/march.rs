@@ -15,8 +15,11 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
+use crate::config::Compositing;
+use crate::model::TrainedModel;
+use crate::output::Counts;
+use crate::renderer::Renderer;
 use crate::steps::UniformSteps;
-use crate::{Compositing, Counts, Renderer, TrainedModel};
 
 /// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]

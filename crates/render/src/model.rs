@@ -6,7 +6,10 @@ use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::{CameraRefinement, Exposure, OccupancyGrid, Residuals};
+use crate::cameras::CameraRefinement;
+use crate::exposure::Exposure;
+use crate::occupancy::OccupancyGrid;
+use crate::residuals::Residuals;
 
 /// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]

@@ -7,8 +7,10 @@ use infonerf_field::{Field, FieldOutput, Points, density_gradient};
 use infonerf_scene::{Backdrop, Camera};
 use infonerf_schedule::Moment;
 
-use crate::image::{combine, render_one};
-use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
+use crate::image::{RenderedImage, combine, render_one};
+use crate::model::{Model, TrainedModel};
+use crate::renderer::Renderer;
+use crate::warp::Warp;
 
 /// Renders the picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z
 /// towards the camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not
@@ -64,7 +66,9 @@ mod tests {
 
     use super::*;
     use crate::image::tests::config;
-    use crate::{ModelFrame, Placement, SpaceChoice};
+    use crate::model::ModelFrame;
+    use crate::placement::Placement;
+    use crate::warp::SpaceChoice;
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).
     #[derive(Module, Debug)]

@@ -9,7 +9,8 @@ use infonerf_ops::upload;
 use infonerf_scene::{Aabb, Ray};
 use rayon::prelude::*;
 
-use crate::{Noise, OccupancyConfig};
+use crate::config::OccupancyConfig;
+use crate::noise::Noise;
 
 /// Maximal number of points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
@@ -321,7 +322,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::RandomStream;
+    use crate::noise::RandomStream;
 
     fn config() -> OccupancyConfig {
         OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, ..OccupancyConfig::default() }

@@ -8,8 +8,9 @@ use infonerf_ops::sampling::{Streams, points_on_rays};
 use infonerf_ops::{is_gpu, upload, upload_together};
 use infonerf_scene::{PixelAt, Ray};
 
-use crate::output::on;
-use crate::{Noise, RandomStream, Samples, Warp};
+use crate::noise::{Noise, RandomStream};
+use crate::output::{Samples, on};
+use crate::warp::Warp;
 
 /// Batch of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
 ///

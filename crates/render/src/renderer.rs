@@ -4,11 +4,14 @@ use infonerf_ops::{CompositeOver, additive_depth, composite_over, upload};
 use infonerf_scene::{Aabb, Backdrop, Range, Scene, Space};
 use infonerf_schedule::Moment;
 
+use crate::config::{Compositing, RenderConfig};
+use crate::model::Model;
+use crate::noise::{Noise, RandomStream};
+use crate::occupancy::OccupancyGrid;
+use crate::output::{Passes, RenderOutput, RenderRequest, Samples};
+use crate::rays::RayBatch;
 use crate::sampler::{PassDistances, PlacedSamples, Skip};
-use crate::{
-    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBatch, RenderConfig, RenderOutput,
-    RenderRequest, Samples, Warp,
-};
+use crate::warp::Warp;
 
 /// Renderer of one scene: renders batches of rays.
 #[derive(Clone, Debug)]

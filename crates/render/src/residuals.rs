@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, Vec4};
 use infonerf_scene::{Camera, Scene, View, bilinear};
 use rayon::prelude::*;
 
-use crate::RenderedImage;
+use crate::image::RenderedImage;
 
 const NEAREST: usize = 6;
 /// θ₀ of [`Residuals`], radians.
@@ -156,7 +156,7 @@ mod tests {
     use infonerf_scene::Image;
 
     use super::*;
-    use crate::Counts;
+    use crate::output::Counts;
 
     const SIZE: u32 = 48;
     const GREY: f32 = 0.5;
@@ -207,7 +207,7 @@ mod tests {
     fn added(scene: &Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
         let mut shown = picture(at, 1.0);
         shown.depth[0] = f32::INFINITY;
-        residuals(&scene).add_to(&mut shown, at, None, |_, camera| picture(camera, factor));
+        residuals(scene).add_to(&mut shown, at, None, |_, camera| picture(camera, factor));
         assert_eq!(shown.rgb[0], [GREY; 3], "a ray that meets nothing");
         let patterns = plane(at).map(|(point, _)| pattern(point));
         shown.rgb.iter().map(|rgb| rgb[0] - GREY).zip(patterns).skip(1).collect()

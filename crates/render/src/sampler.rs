@@ -8,9 +8,11 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::output::on;
+use crate::occupancy::OccupancyGrid;
+use crate::output::{Samples, on};
+use crate::rays::RayBatch;
+use crate::renderer::Renderer;
 use crate::steps::UniformSteps;
-use crate::{OccupancyGrid, RayBatch, Renderer, Samples};
 
 /// Knowledge of space by which samples are skipped.
 #[derive(Clone, Copy, Debug)]
@@ -217,8 +219,11 @@ mod tests {
     use infonerf_scene::{Range, Scene, Space};
 
     use super::*;
+    use crate::config::RenderConfig;
     use crate::image::tests::config;
-    use crate::{Noise, Placement, RandomStream, RenderConfig, SpaceChoice};
+    use crate::noise::{Noise, RandomStream};
+    use crate::placement::Placement;
+    use crate::warp::SpaceChoice;
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
 

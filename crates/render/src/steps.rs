@@ -5,9 +5,9 @@ use std::ops::Range;
 use glam::Vec3;
 use infonerf_scene::Ray;
 
-use crate::occupancy::CellState;
+use crate::occupancy::{CellState, OccupancyGrid};
+use crate::renderer::Renderer;
 use crate::warp::WarpedRay;
-use crate::{OccupancyGrid, Renderer};
 
 /// Steps whose cells are looked up at a time: their arithmetic overlaps in the processor.
 const BLOCK: usize = 8;

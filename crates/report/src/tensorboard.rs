@@ -13,7 +13,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use serde_json::Value;
 use walkdir::WalkDir;
 
-use crate::{error::ReportError, files::write_atomically};
+use crate::error::ReportError;
+use crate::files::write_atomically;
 
 const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.

@@ -21,11 +21,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_range, check_width};
+use crate::field::{BodyVertices, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, Sources};
 use crate::init::{Init, normal, parameter};
-use crate::points::along_axes;
-use crate::{
-    BodyVertices, Field, FieldFile, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Points, Sources,
-};
+use crate::points::{FieldOutput, Points, along_axes};
 use encoder::{EncoderSites, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).

@@ -4,7 +4,7 @@ use infonerf_ops::upload;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::Penalty;
+use crate::field::Penalty;
 use crate::init::{normal, parameter};
 
 impl Penalty {

@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use super::code::Code;
 use super::{COLOR, LEAKY_GAIN, LEAKY_SLOPE};
-use crate::SourceView;
 use crate::check::{check, check_range};
+use crate::field::SourceView;
 use crate::init::{self, glorot_linear};
 
 /// Kernel of the convolutions, whose stride is 2 and whose padding is 1: each halves the resolution.

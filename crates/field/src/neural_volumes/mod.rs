@@ -20,9 +20,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_range};
-use crate::{
-    Field, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, Points, SourceImages, Sources,
-};
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, Penalty, SourceImages, Sources};
+use crate::points::{FieldOutput, Points};
 use code::{Code, Latent};
 use encoder::CodeEncoder;
 use template::Template;

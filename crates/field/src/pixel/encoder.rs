@@ -13,7 +13,7 @@ use infonerf_schedule::Fault;
 use rand::Rng;
 
 use super::EncoderConfig;
-use crate::SourceView;
+use crate::field::SourceView;
 use crate::init::{self, parameter};
 
 /// Factor by which the stem makes images smaller.

@@ -19,10 +19,11 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_range};
-use crate::{
-    DensityActivation, Field, FieldFile, FieldOutput, FieldSetup, FieldSpec, FieldTraits, Footprint, Points,
-    SourceImages, SourceView, Sources,
+use crate::field::{
+    Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages, SourceView, Sources,
 };
+use crate::nerf::DensityActivation;
+use crate::points::{FieldOutput, Points};
 use encoder::ImageEncoder;
 use mlp::ResnetMlp;
 use project::view_points;

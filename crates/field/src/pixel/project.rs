@@ -4,8 +4,8 @@ use burn::tensor::Tensor;
 use infonerf_ops::upload;
 use rayon::prelude::*;
 
-use crate::points::along_axes;
-use crate::{Points, SourceView};
+use crate::field::SourceView;
+use crate::points::{Points, along_axes};
 
 /// Least depth before a camera, scene units: points that are not before it are projected as if at that depth.
 const MIN_DEPTH: f32 = 1e-3;

@@ -5,7 +5,8 @@ use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked rays count as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

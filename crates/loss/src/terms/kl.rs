@@ -4,7 +4,8 @@ use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Information gain reduction (InfoNeRF, Sec. 4.3): the divergence of each ray's distribution from its neighbour's, in nats,
 /// mean over all pairs.

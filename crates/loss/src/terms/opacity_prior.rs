@@ -2,7 +2,8 @@ use burn::tensor::Tensor;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Bounds the logarithms: added to A and to 1 − A.
 const MARGIN: f64 = 0.1;

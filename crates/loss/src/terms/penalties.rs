@@ -6,7 +6,8 @@ use infonerf_ops::means::weighted_sum;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///

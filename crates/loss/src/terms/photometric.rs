@@ -3,7 +3,8 @@ use infonerf_ops::means::{mean_squared_difference, weighted_sum};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,8 @@ use infonerf_scene::View;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a render from an unseen pose
 /// and a training image.

@@ -4,7 +4,8 @@ use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec};
+use crate::renders::Renders;
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Supervision of opacity A = Σ w by a known background colour: the mean over the rays of training images of A for pixels of
 /// that colour, which most likely show the background, and of −A for the rest.

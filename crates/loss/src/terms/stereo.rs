@@ -7,7 +7,8 @@ use infonerf_schedule::{Fault, Schedule};
 use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec};
+use crate::renders::Renders;
+use crate::term::{Term, TermSetup, TermSpec};
 
 const MAX_VIEWS: usize = 100;
 /// Number of pairs of views to compare, at least one per view.

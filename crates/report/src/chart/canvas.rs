@@ -11,7 +11,8 @@ use plotters::style::register_font;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{ChartFrame, scale::Scale};
-use crate::{error::ReportError, text::plain};
+use crate::error::ReportError;
+use crate::text::plain;
 
 /// Placeholder of the surrounding text's colour, which [`drawn`] replaces: no chart uses it for anything else.
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
