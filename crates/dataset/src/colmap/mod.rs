@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::{Camera, SceneError};
 
-use crate::files::read_file;
+use crate::files::{FARTHEST, read_file};
 use read::Values;
 
 /// Folders below a scene's that may hold reconstructions, or numbered folders of them; the last is the scene's own.
@@ -147,11 +147,8 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     }
     let turned = DMat3::from_quat(rotation.normalize()).transpose();
     let position = -(turned * DVec3::from(translation));
-    if !position.is_finite() || position.abs().max_element() > crate::files::FARTHEST {
-        return Err(fault(
-            &format!("a position within {:e} of the origin", crate::files::FARTHEST),
-            format!("{position}"),
-        ));
+    if !position.is_finite() || position.abs().max_element() > FARTHEST {
+        return Err(fault(&format!("a position within {FARTHEST:e} of the origin"), position.to_string()));
     }
     Ok(opengl(turned, position))
 }
@@ -196,12 +193,11 @@ pub(crate) mod testing {
     pub fn write_text(dir: &Path, all: &Reconstruction) {
         fs::create_dir_all(dir).unwrap();
         let join = |v: &[f64]| v.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-        let mut out = "# Camera list\n".to_owned();
-        for (id, c) in &all.cameras {
-            let name = MODELS[c.model].0;
-            out += &format!("{id} {name} {} {} {}\n", c.width, c.height, join(&c.parameters));
-        }
-        fs::write(dir.join("cameras.txt"), out).unwrap();
+        let line = |(id, c): (&u32, &ColmapCamera)| {
+            format!("{id} {} {} {} {}\n", MODELS[c.model].0, c.width, c.height, join(&c.parameters))
+        };
+        let cameras: String = all.cameras.iter().map(line).collect();
+        fs::write(dir.join("cameras.txt"), format!("# Camera list\n{cameras}")).unwrap();
         let mut out = "# Image list\n".to_owned();
         for image in &all.images {
             let (q, t) = world_to_camera(&image.pose);
@@ -210,11 +206,9 @@ pub(crate) mod testing {
             out += &(seen.chain(["3.5 4.5 -1".to_owned()]).collect::<Vec<_>>().join(" ") + "\n");
         }
         fs::write(dir.join("images.txt"), out).unwrap();
-        let mut out = "# Points\n".to_owned();
-        for (id, p) in &all.points {
-            out += &format!("{id} {} 1 2 3 0.5 1 0\n", join(&p.to_array()));
-        }
-        fs::write(dir.join("points3D.txt"), out).unwrap();
+        let point = |(id, p): (&u64, &DVec3)| format!("{id} {} 1 2 3 0.5 1 0\n", join(&p.to_array()));
+        let points: String = all.points.iter().map(point).collect();
+        fs::write(dir.join("points3D.txt"), format!("# Points\n{points}")).unwrap();
     }
 }
 
@@ -225,7 +219,7 @@ mod tests {
     use infonerf_procedural::train_cameras;
 
     /// Returns points on a ball, seen by cameras of every model.
-    pub(super) fn toy() -> Reconstruction {
+    fn toy() -> Reconstruction {
         let parameter = |name: &&str| match *name {
             "fx" => 50.0,
             "fy" => 51.0,
@@ -238,32 +232,18 @@ mod tests {
         };
         let camera = |(model, (_, names)): (usize, &(&str, &[&str]))| {
             let parameters: Vec<f64> = names.iter().map(parameter).collect();
-            let camera = ColmapCamera::new(Path::new("toy"), "camera", model, (32, 24), parameters);
-            (!names.is_empty()).then(|| (model as u32 + 1, camera.unwrap()))
+            (model as u32 + 1, ColmapCamera::new(Path::new("toy"), "camera", model, (32, 24), parameters).unwrap())
         };
-        let cameras: BTreeMap<u32, ColmapCamera> = MODELS.iter().take(10).enumerate().filter_map(camera).collect();
-        let points: BTreeMap<u64, DVec3> = (0..60)
-            .map(|i| {
-                let a = i as f64;
-                (i * 3, DVec3::new((a * 0.7).sin(), (a * 1.3).cos(), (a * 0.4).sin()))
-            })
-            .collect();
-        let images = cameras
-            .iter()
-            .zip(train_cameras(8))
-            .map(|((&id, camera), from)| {
-                let full = camera.at(from.to_world);
-                let see = |(&n, &p): (&u64, &DVec3)| full.project_f64(p).map(|pixel| (pixel, n));
-                let observations = points.iter().filter_map(see).collect();
-                ColmapImage {
-                    id: id + 10,
-                    name: format!("a{id:02}.png"),
-                    camera: id,
-                    pose: from.to_world,
-                    observations,
-                }
-            })
-            .collect();
+        let cameras: BTreeMap<u32, ColmapCamera> = MODELS.iter().take(10).enumerate().map(camera).collect();
+        let point = |a: f64| DVec3::new((a * 0.7).sin(), (a * 1.3).cos(), (a * 0.4).sin());
+        let points: BTreeMap<u64, DVec3> = (0..60).map(|i| (i * 3, point(i as f64))).collect();
+        let image = |((&id, camera), Camera { to_world: pose, .. }): ((&u32, &ColmapCamera), Camera)| {
+            let full = camera.at(pose);
+            let see = |(&n, &p): (&u64, &DVec3)| full.project_f64(p).map(|pixel| (pixel, n));
+            let (name, observations) = (format!("a{id:02}.png"), points.iter().filter_map(see).collect());
+            ColmapImage { id: id + 10, name, camera: id, pose, observations }
+        };
+        let images = cameras.iter().zip(train_cameras(8)).map(image).collect();
         Reconstruction { cameras, images, points }
     }
 
@@ -283,13 +263,10 @@ mod tests {
         }
     }
 
-    fn fault(file: &str, change: impl Fn(&mut Vec<u8>), text: bool) -> String {
+    fn fault(file: &str, change: impl Fn(&mut Vec<u8>)) -> String {
         let guard = tempfile::tempdir().unwrap();
-        if text {
-            write_text(guard.path(), &toy())
-        } else {
-            write_binary(guard.path(), &toy())
-        }
+        let write = if file.ends_with(".txt") { write_text } else { write_binary };
+        write(guard.path(), &toy());
         let path = guard.path().join(file);
         let mut bytes = fs::read(&path).unwrap();
         change(&mut bytes);
@@ -302,20 +279,18 @@ mod tests {
     #[test]
     fn faults_of_binary_files() {
         for file in ["cameras.bin", "images.bin", "points3D.bin"] {
-            assert!(fault(file, |b| b.truncate(b.len() / 2), false).contains("ends early"));
-            assert!(fault(file, |b| b.truncate(3), false).contains("ends early"));
-            assert!(fault(file, |b| b[..8].fill(255), false).contains("ends early"));
-            assert!(fault(file, |b| b.push(0), false).contains("more bytes"));
+            assert!(fault(file, |b| b.truncate(b.len() / 2)).contains("ends early"));
+            assert!(fault(file, |b| b.truncate(3)).contains("ends early"));
+            assert!(fault(file, |b| b[..8].fill(255)).contains("ends early"));
+            assert!(fault(file, |b| b.push(0)).contains("more bytes"));
         }
-        assert!(fault("cameras.bin", |b| b[12] = 77, false).contains("expected a known lens model"));
-        assert!(
-            fault("cameras.bin", |b| b[12] = 10, false)
-                .contains("FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE), found THIN_PRISM_FISHEYE")
-        );
-        assert!(fault("cameras.bin", |b| b[16..24].fill(0), false).contains("an image side"));
-        assert!(fault("images.bin", |b| b[12..20].fill(0), false).contains("quaternion of length 1"));
-        assert!(fault("images.bin", |b| b[12..20].fill(255), false).contains("quaternion"));
-        assert!(fault("images.bin", |b| b[68] = 99, false).contains("the number of a camera"));
+        assert!(fault("cameras.bin", |b| b[12] = 77).contains("expected a known lens model"));
+        let unsupported = "FOV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE), found THIN_PRISM_FISHEYE";
+        assert!(fault("cameras.bin", |b| b[12] = 10).contains(unsupported));
+        assert!(fault("cameras.bin", |b| b[16..24].fill(0)).contains("an image side"));
+        assert!(fault("images.bin", |b| b[12..20].fill(0)).contains("quaternion of length 1"));
+        assert!(fault("images.bin", |b| b[12..20].fill(255)).contains("quaternion"));
+        assert!(fault("images.bin", |b| b[68] = 99).contains("the number of a camera"));
     }
 
     #[test]
@@ -323,13 +298,13 @@ mod tests {
         let replace = |from: &'static str, to: &'static str| {
             move |b: &mut Vec<u8>| *b = String::from_utf8(b.clone()).unwrap().replacen(from, to, 1).into_bytes()
         };
-        assert!(fault("cameras.txt", replace("PINHOLE 32", "MAGIC 32"), true).contains("line 2"));
-        assert!(fault("cameras.txt", replace(" 50 16", " 50 x"), true).contains("line 2"));
-        assert!(fault("cameras.txt", replace(" 50 16", " -50 16"), true).contains("positive focal length"));
-        assert!(fault("cameras.txt", replace(" 50 16 12", " 50 16"), true).contains("too few words"));
-        assert!(fault("images.txt", replace("11 ", "11 9"), true).contains("quaternion of length 1"));
-        assert!(fault("images.txt", replace(" 3.5 4.5 -1", " 3.5 4.5"), true).contains("line 3"));
-        assert!(fault("points3D.txt", replace(" 1 2 3", " "), true).contains("line 2"));
+        assert!(fault("cameras.txt", replace("PINHOLE 32", "MAGIC 32")).contains("line 2"));
+        assert!(fault("cameras.txt", replace(" 50 16", " 50 x")).contains("line 2"));
+        assert!(fault("cameras.txt", replace(" 50 16", " -50 16")).contains("positive focal length"));
+        assert!(fault("cameras.txt", replace(" 50 16 12", " 50 16")).contains("too few words"));
+        assert!(fault("images.txt", replace("11 ", "11 9")).contains("quaternion of length 1"));
+        assert!(fault("images.txt", replace(" 3.5 4.5 -1", " 3.5 4.5")).contains("line 3"));
+        assert!(fault("points3D.txt", replace(" 1 2 3", " ")).contains("line 2"));
         let guard = tempfile::tempdir().unwrap();
         let text = Reconstruction::read(guard.path()).unwrap_err().to_string();
         assert!(text.contains("expected a reconstruction of COLMAP"), "{text}");

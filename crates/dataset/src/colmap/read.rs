@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::iter::Enumerate;
+use std::iter::{self, Enumerate};
 use std::path::Path;
 use std::str::{FromStr, Lines, SplitWhitespace};
 
@@ -14,6 +14,7 @@ use super::{ColmapCamera, ColmapImage, pose};
 
 /// Longest name of an image, in bytes.
 const MAX_NAME: usize = 4096;
+const EARLY: &str = "it ends early";
 
 /// The values of a file, one after the other.
 pub(crate) struct Values<'a> {
@@ -78,12 +79,9 @@ pub(crate) fn points(mut values: Values<'_>) -> Result<BTreeMap<u64, DVec3>, Sce
 impl<'a> Values<'a> {
     /// Begins a binary file.
     pub fn binary(path: &'a Path, bytes: &'a [u8]) -> Result<Self, SceneError> {
-        let mut values = Self { path, source: Source::Binary { rest: bytes, records: 0 } };
-        let count = values.u64()?;
-        if let Source::Binary { records, .. } = &mut values.source {
-            *records = count;
-        }
-        Ok(values)
+        let start = Self { path, source: Source::Binary { rest: bytes, records: 0 } };
+        let (count, rest) = bytes.split_first_chunk().ok_or_else(|| start.fault("", EARLY))?;
+        Ok(Self { path, source: Source::Binary { rest, records: u64::from_le_bytes(*count) } })
     }
 
     /// Begins a text file.
@@ -104,12 +102,7 @@ impl<'a> Values<'a> {
                 *records -= 1;
                 Ok(true)
             }
-            Source::Text { .. } => loop {
-                match self.next_line() {
-                    Some(0) => {}
-                    count => return Ok(count.is_some()),
-                }
-            },
+            Source::Text { .. } => Ok(iter::from_fn(|| self.next_line()).any(|words| words > 0)),
         }
     }
 
@@ -122,12 +115,10 @@ impl<'a> Values<'a> {
     }
 
     fn fault(&self, expected: &str, found: impl Display) -> SceneError {
-        match &self.source {
-            Source::Binary { .. } => {
-                SceneError::malformed(self.path, "a binary file of a COLMAP reconstruction", found)
-            }
-            Source::Text { .. } => SceneError::field(self.path, self.place(String::new()), expected, found),
+        if let Source::Binary { .. } = self.source {
+            return SceneError::malformed(self.path, "a binary file of a COLMAP reconstruction", found);
         }
+        SceneError::field(self.path, self.place(String::new()), expected, found)
     }
 
     /// Returns the place of a record for errors: the line of text, or `name`.
@@ -151,7 +142,7 @@ impl<'a> Values<'a> {
             *rest = left;
             return Ok(taken);
         }
-        Err(self.fault("", "it ends early"))
+        Err(self.fault("", EARLY))
     }
 
     /// Returns a number of `N` bytes, or a word.
@@ -223,9 +214,8 @@ impl<'a> Values<'a> {
         }
         let count = self.next_line().unwrap_or(0);
         if !count.is_multiple_of(3) {
-            return Err(
-                self.fault("positions and points seen there: x, y, number, and so on", format!("{count} numbers"))
-            );
+            let expected = "positions and points seen there: x, y, number, and so on";
+            return Err(self.fault(expected, format!("{count} numbers")));
         }
         Ok(count as u64 / 3)
     }

@@ -1,12 +1,12 @@
 //! Writing COLMAP's binary files.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use infonerf_scene::SceneError;
 
 use super::{Reconstruction, world_to_camera};
+use crate::files::{make_folder, write_file};
 
 impl Reconstruction {
     /// Writes `cameras.bin`, `images.bin` and `points3D.bin` to `dir`, which is made; `colour` is that of a point.
@@ -14,14 +14,10 @@ impl Reconstruction {
     /// # Errors
     /// The system refuses.
     pub fn write(&self, dir: &Path, colour: impl Fn(u64) -> [u8; 3]) -> Result<(), SceneError> {
-        fs::create_dir_all(dir).map_err(|e| SceneError::io(dir, e))?;
-        for (name, bytes) in
-            [("cameras.bin", self.cameras()), ("images.bin", self.images()), ("points3D.bin", self.points(colour))]
-        {
-            let path = dir.join(name);
-            fs::write(&path, bytes).map_err(|e| SceneError::io(&path, e))?;
-        }
-        Ok(())
+        make_folder(dir)?;
+        write_file(&dir.join("cameras.bin"), self.cameras())?;
+        write_file(&dir.join("images.bin"), self.images())?;
+        write_file(&dir.join("points3D.bin"), self.points(colour))
     }
 
     fn cameras(&self) -> Vec<u8> {

@@ -1,6 +1,5 @@
 //! NeRF's synthetic scenes: `transforms_{train,test}.json` and RGBA images.
 
-use std::fs;
 use std::path::Path;
 
 use infonerf_procedural as procedural;
@@ -8,8 +7,7 @@ use infonerf_scene::{Body, Camera, SceneError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::make;
-use crate::files::npy;
+use crate::files::{make_folder, npy, write_file};
 
 /// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
 /// images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it hits nothing).
@@ -23,7 +21,7 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
         write_vertices(&dir.join("vertices.ply"), &body)?;
     }
     for (split, cameras) in [("train", train), ("test", test)] {
-        make(&dir.join(split))?;
+        make_folder(&dir.join(split))?;
         let view = |(id, camera): (usize, &Camera)| -> Result<Value, SceneError> {
             let view = procedural::render(name, camera)?;
             view.rgba.write_png(&dir.join(format!("{split}/r_{id}.png")))?;
@@ -42,8 +40,7 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
         let transforms = json!({"camera_angle_x": fov, "near": near, "far": far, "aabb": bounds, "frames": frames});
         // The poses come last: a folder that has them is complete.
-        let path = dir.join(format!("transforms_{split}.json"));
-        fs::write(&path, format!("{transforms:#}\n")).map_err(|e| SceneError::io(&path, e))?;
+        write_file(&dir.join(format!("transforms_{split}.json")), format!("{transforms:#}\n"))?;
     }
     Ok(())
 }
@@ -53,5 +50,5 @@ fn write_vertices(path: &Path, body: &Body) -> Result<(), SceneError> {
     let properties = ["x", "y", "z"].map(|axis| format!("property float {axis}\n")).concat();
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n{properties}end_header\n", body.vertices.len());
     text.extend(body.vertices.iter().map(|v| format!("{} {} {}\n", v.x, v.y, v.z)));
-    fs::write(path, text).map_err(|e| SceneError::io(path, e))
+    write_file(path, text)
 }

@@ -16,6 +16,8 @@ use std::path::Path;
 use infonerf_procedural as procedural;
 use infonerf_scene::{Format, SceneError};
 
+use crate::files::{make_folder, write_file};
+
 /// The file that marks a folder as written here. It holds the format's name.
 const MARK: &str = ".infonerf-export";
 
@@ -62,12 +64,8 @@ fn claim(dir: &Path, format: Format) -> Result<(), SceneError> {
         let expected = format!("a new or empty folder, or one that an export in {format}'s format wrote");
         return Err(SceneError::malformed(dir, expected, "it holds other files"));
     }
-    make(dir)?;
-    fs::write(&path, mark).map_err(|e| SceneError::io(&path, e))
-}
-
-fn make(folder: &Path) -> Result<(), SceneError> {
-    fs::create_dir_all(folder).map_err(|e| SceneError::io(folder, e))
+    make_folder(dir)?;
+    write_file(&path, mark)
 }
 
 #[cfg(test)]

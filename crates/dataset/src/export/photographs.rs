@@ -1,6 +1,5 @@
 //! Photographs of procedural scenes in the formats of LLFF, DTU and ZJU-MoCap.
 
-use std::fs;
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
@@ -8,10 +7,9 @@ use infonerf_procedural as procedural;
 use infonerf_scene::{Aabb, Body, Camera, Image, Lens, Ray, SceneError};
 use rayon::prelude::*;
 
-use super::make;
 use super::pickle::{self, dict, list, numbers, object, text};
 use crate::capture::camera_pose;
-use crate::files::npy;
+use crate::files::{make_folder, npy, write_file};
 
 /// Background of photographs of a scene that has nothing behind it.
 const WHITE: [f32; 3] = [1.0; 3];
@@ -41,12 +39,13 @@ impl ExportedView {
     }
 }
 
-fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
-    let photograph = |camera: Camera| {
+fn photographs(name: &str, size: u32, count: usize, lens: Lens) -> Result<Vec<ExportedView>, SceneError> {
+    let photograph = |camera: &Camera| {
+        let camera = camera.with_lens(lens);
         let procedural::Rendering { rgba, depth } = procedural::render(name, &camera)?;
         Ok(ExportedView { camera, image: rgba.to_f32().composite(WHITE), depth })
     };
-    cameras.into_par_iter().map(photograph).collect()
+    procedural::photographs(name, size, count).par_iter().map(photograph).collect()
 }
 
 /// Writes the subject's mask in a photograph, white on black.
@@ -65,8 +64,8 @@ fn intrinsics(camera: &Camera) -> DMat3 {
 /// (height, width, focal length) as columns of a 3×5 matrix, then the depths of the nearest and the farthest point.
 pub(super) fn write_llff(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let (near, far, _) = procedural::extent(name)?;
-    let photographs = photographs(name, procedural::photographs(name, size, LLFF_VIEWS))?;
-    make(&dir.join("images"))?;
+    let photographs = photographs(name, size, LLFF_VIEWS, Lens::PERSPECTIVE)?;
+    make_folder(&dir.join("images"))?;
     for (i, photograph) in photographs.iter().enumerate() {
         photograph.image.write_png(&dir.join(format!("images/image{i:03}.png")))?;
     }
@@ -98,9 +97,9 @@ fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
 /// Writes `image/<NNNNNN>.png`, `mask/<NNN>.png` and `cameras_sphere.npz`: `world_mat_<i>` is `K [R | t]`, and
 /// `scale_mat_<i>` takes the unit sphere to the one about the subject.
 pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
-    let photographs = photographs(name, procedural::photographs(name, size, DTU_VIEWS))?;
+    let photographs = photographs(name, size, DTU_VIEWS, Lens::PERSPECTIVE)?;
     for folder in ["image", "mask"] {
-        make(&dir.join(folder))?;
+        make_folder(&dir.join(folder))?;
     }
     let mut seen = Vec::new();
     for (i, photograph) in photographs.iter().enumerate() {
@@ -147,14 +146,12 @@ fn sphere(points: &[Vec3]) -> (DVec3, f64) {
 /// Writes one frame: `annots.npy`, `Camera_B<i>/000000.png`, the same under `mask_cihp`, and of a scene with a body
 /// `new_vertices/0.npy` and `new_params/0.npy`, whose frame is the world's.
 pub(super) fn write_zju(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
-    let cameras =
-        procedural::photographs(name, size, ZJU_VIEWS).iter().map(|camera| camera.with_lens(lens())).collect();
-    let photographs = photographs(name, cameras)?;
+    let photographs = photographs(name, size, ZJU_VIEWS, lens())?;
     for (i, photograph) in photographs.iter().enumerate() {
         let image = image_path(i, 0);
         let mask = Path::new("mask_cihp").join(&image);
         for path in [Path::new(&image), &mask] {
-            make(&dir.join(path.with_file_name("")))?;
+            make_folder(&dir.join(path.with_file_name("")))?;
         }
         photograph.image.write_png(&dir.join(&image))?;
         write_mask(&dir.join(mask), photograph, &procedural::object_mask(name, &photograph.camera)?)?;
@@ -163,7 +160,7 @@ pub(super) fn write_zju(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
         write_body(dir, &body)?;
     }
     let cameras: Vec<Camera> = photographs.into_iter().map(|p| p.camera).collect();
-    write_file(&dir.join("annots.npy"), &pickle::npy(&annotations(&cameras, 1)))
+    write_file(&dir.join("annots.npy"), pickle::npy(&annotations(&cameras, 1)))
 }
 
 fn image_path(camera: usize, frame: usize) -> String {
@@ -198,14 +195,10 @@ pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
 
 fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
     for folder in ["new_vertices", "new_params"] {
-        make(&dir.join(folder))?;
+        make_folder(&dir.join(folder))?;
     }
     let vertices: Vec<f32> = body.vertices.iter().flat_map(|v| v.to_array()).collect();
     npy::write(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
     let still = || numbers(&[1, 3], &[0.0; 3]);
-    write_file(&dir.join("new_params/0.npy"), &pickle::npy(&object(dict(&[("Rh", still()), ("Th", still())]))))
-}
-
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), SceneError> {
-    fs::write(path, bytes).map_err(|e| SceneError::io(path, e))
+    write_file(&dir.join("new_params/0.npy"), pickle::npy(&object(dict(&[("Rh", still()), ("Th", still())]))))
 }

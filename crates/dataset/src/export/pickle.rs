@@ -1,11 +1,15 @@
 //! Pickles of dictionaries, lists, strings and NumPy arrays: just what `numpy.save` writes for an array of objects.
 
+use crate::files::npy;
+
 /// Returns a string.
 pub(crate) fn text(value: &str) -> Vec<u8> {
-    let mut out = vec![b'X'];
-    out.extend((value.len() as u32).to_le_bytes());
-    out.extend(value.bytes());
-    out
+    sized(b'X', value.as_bytes())
+}
+
+/// Returns bytes after an opcode and their number.
+fn sized(code: u8, bytes: &[u8]) -> Vec<u8> {
+    [&[code], &(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
 }
 
 /// Returns a list of pickled values.
@@ -38,10 +42,7 @@ fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
 /// Returns an array of `f64`, no side longer than 255.
 pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    let mut data = vec![b'B'];
-    data.extend((bytes.len() as u32).to_le_bytes());
-    data.extend(bytes);
-    ndarray(sides, dtype("f8", "<"), data)
+    ndarray(sides, dtype("f8", "<"), sized(b'B', &bytes))
 }
 
 /// Returns the whole pickle of an array of objects without axes, as `numpy.save` writes a dictionary.
@@ -52,11 +53,5 @@ pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
 
 /// Returns the `.npy` file around such a pickle.
 pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
-    let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
-    // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.
-    while !(header.len() + 11).is_multiple_of(64) {
-        header.push(' ');
-    }
-    let length = (header.len() as u16 + 1).to_le_bytes();
-    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), b"\n", pickle].concat()
+    npy::with_header("|O", &[], pickle)
 }

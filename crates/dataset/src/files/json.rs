@@ -43,10 +43,7 @@ impl<'a> Node<'a> {
 
     /// Returns the field `key` of an object, which must be there.
     pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
-        match self.find(key) {
-            Some(node) => Ok(node),
-            None => Err(SceneError::field(self.file, self.join(key), expected, "nothing")),
-        }
+        self.find(key).ok_or_else(|| SceneError::field(self.file, self.join(key), expected, "nothing"))
     }
 
     /// Returns the field `key`, if this is an object that has it and it is not null.

@@ -24,6 +24,14 @@ pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u
     fs::read(path).map_err(|e| SceneError::io(path, e))
 }
 
+pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SceneError> {
+    fs::write(path, bytes).map_err(|e| SceneError::io(path, e))
+}
+
+pub(crate) fn make_folder(path: &Path) -> Result<(), SceneError> {
+    fs::create_dir_all(path).map_err(|e| SceneError::io(path, e))
+}
+
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -1,7 +1,7 @@
 //! NumPy's `.npy` files, a short header of text and then the values, and `.npz` archives of them.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Cursor, Read, Write};
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use infonerf_scene::SceneError;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
-use super::read_file;
+use super::{read_file, write_file};
 
 /// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -81,18 +81,17 @@ pub(crate) fn with_header(kind: &str, shape: &[u64], data: &[u8]) -> Vec<u8> {
 pub(crate) fn read_depth(path: &Path, (width, height): (u32, u32)) -> Result<Vec<f32>, SceneError> {
     let expected = format!("f32 ray distances of shape [{height}, {width}]");
     let array = read(path, &expected)?;
-    let bad = array.values.iter().find(|v| v.is_nan() || **v < 0.0);
     if array.shape != [u64::from(height), u64::from(width)] {
         return Err(SceneError::malformed(path, expected, format!("shape {:?}", array.shape)));
     }
-    match bad {
+    match array.values.iter().find(|v| v.is_nan() || **v < 0.0) {
         Some(bad) => Err(SceneError::malformed(path, expected, format!("the distance {bad}"))),
         None => Ok(array.values.into_iter().map(|v| v as f32).collect()),
     }
 }
 
 pub(crate) fn write<T: Copy + Into<f64>>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
-    fs::write(path, encode(shape, values)).map_err(|e| SceneError::io(path, e))
+    write_file(path, encode(shape, values))
 }
 
 /// Returns the bytes of a file with an array of `f32` or `f64` in C's order.
@@ -167,6 +166,8 @@ pub(crate) fn write_archive(path: &Path, arrays: &[NamedArray]) -> Result<(), Sc
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -174,12 +175,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("f.npy");
         write(&path, &[2, 3], &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
-        let bytes = fs::read(&path).unwrap();
-        let mut changed = bytes[..bytes.len() - 24].to_vec();
-        let at = changed.windows(5).position(|w| w == b"False").unwrap();
-        changed[at..at + 5].copy_from_slice(b"True ");
-        changed.extend(&bytes[bytes.len() - 24..]);
-        fs::write(&path, changed).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        let at = bytes.windows(5).position(|w| w == b"False").unwrap();
+        bytes[at..at + 5].copy_from_slice(b"True ");
+        fs::write(&path, bytes).unwrap();
         assert_eq!(read(&path, "numbers").unwrap().values, [0.0, 2.0, 4.0, 1.0, 3.0, 5.0]);
     }
 

@@ -130,33 +130,26 @@ struct Machine<'a> {
 impl<'a> Machine<'a> {
     fn run(&mut self) -> Result<Value, String> {
         loop {
-            let value = match self.unsigned(1)? as u8 {
+            match self.unsigned(1)? as u8 {
                 b'.' => return self.pop(),
                 // Protocol and length of a frame.
-                0x80 => self.take(1).map(|_| None)?,
-                0x95 => self.take(8).map(|_| None)?,
-                b'(' => {
-                    self.marks.push(self.stack.len());
-                    None
-                }
+                0x80 => self.take(1).map(drop)?,
+                0x95 => self.take(8).map(drop)?,
+                b'(' => self.marks.push(self.stack.len()),
                 code @ (b'a' | b'e') => {
                     let items = if code == b'a' { vec![self.pop()?] } else { self.above_mark()? };
-                    match self.top_object()? {
-                        Object::Items(list) => list.extend(items),
-                        _ => return Err("an element for what is no list".into()),
-                    }
-                    None
+                    let Object::Items(list) = self.top_object()? else {
+                        return Err("an element for what is no list".into());
+                    };
+                    list.extend(items);
                 }
                 code @ (b's' | b'u') => {
                     let items = if code == b'u' { self.above_mark()? } else { self.popped(2)? };
                     let (pairs, []) = items.as_chunks() else { return Err("a key without a value".into()) };
-                    match self.top_object()? {
-                        Object::Dict(dict) => {
-                            dict.extend(pairs.iter().map(|[key, value]| (key.clone(), value.clone())))
-                        }
-                        _ => return Err("an entry for what is no dictionary".into()),
-                    }
-                    None
+                    let Object::Dict(dict) = self.top_object()? else {
+                        return Err("an entry for what is no dictionary".into());
+                    };
+                    dict.extend(pairs.iter().map(|[key, value]| (key.clone(), value.clone())));
                 }
                 code @ (b'q' | b'r' | 0x94) => {
                     let key = match code {
@@ -167,12 +160,13 @@ impl<'a> Machine<'a> {
                     let top = self.stack.last().cloned().ok_or("a stack without values")?;
                     self.charge(&top)?;
                     self.memo.insert(key, top);
-                    None
                 }
-                b'b' => self.build().map(|()| None)?,
-                code => Some(self.value(code)?),
-            };
-            self.stack.extend(value);
+                b'b' => self.build()?,
+                code => {
+                    let value = self.value(code)?;
+                    self.stack.push(value);
+                }
+            }
         }
     }
 
@@ -200,12 +194,8 @@ impl<'a> Machine<'a> {
             }
             b']' | b')' => self.make(Object::Items(Vec::new())),
             b'}' => self.make(Object::Dict(Vec::new())),
-            b't' => {
-                let items = self.above_mark()?;
-                self.make(Object::Items(items))
-            }
-            0x85..=0x87 => {
-                let items = self.popped(usize::from(code - 0x84))?;
+            b't' | 0x85..=0x87 => {
+                let items = if code == b't' { self.above_mark()? } else { self.popped(usize::from(code - 0x84))? };
                 self.make(Object::Items(items))
             }
             b'h' | b'j' => {
@@ -269,13 +259,9 @@ impl<'a> Machine<'a> {
     }
 
     fn items(&self, value: &Value) -> Result<&[Value], String> {
-        match value {
-            Value::Object(index) => match &self.objects[*index] {
-                Object::Items(items) => Ok(items),
-                _ => Err("a dictionary in place of a list".into()),
-            },
-            _ => Err("a value in place of a list".into()),
-        }
+        let Value::Object(index) = value else { return Err("a value in place of a list".into()) };
+        let Object::Items(items) = &self.objects[*index] else { return Err("a dictionary in place of a list".into()) };
+        Ok(items)
     }
 
     fn top_object(&mut self) -> Result<&mut Object, String> {
@@ -305,8 +291,7 @@ impl<'a> Machine<'a> {
         Ok(match (self.pop()?, arguments.as_slice()) {
             (Value::Global("_reconstruct"), [Value::Global("ndarray"), ..]) => self.make(Object::Items(Vec::new())),
             (Value::Global("dtype"), [Value::Text(code), ..]) => {
-                let code = code.trim_start_matches(['<', '|', '=']).to_owned();
-                self.make(Object::Kind(code))
+                self.make(Object::Kind(code.trim_start_matches(['<', '|', '=']).to_owned()))
             }
             (Value::Global("scalar"), [kind, Value::Bytes(bytes)]) => {
                 self.decode(kind, bytes)?.into_iter().next().ok_or("a scalar without a value")?
@@ -360,13 +345,9 @@ impl<'a> Machine<'a> {
 
     /// Decodes numbers or texts from the bytes of an array.
     fn decode(&mut self, kind: &Value, bytes: &[u8]) -> Result<Vec<Value>, String> {
-        let code = match kind {
-            Value::Object(index) => match &self.objects[*index] {
-                Object::Kind(code) => code.clone(),
-                _ => return Err("an array without a type".into()),
-            },
-            _ => return Err("an array without a type".into()),
-        };
+        let object = if let Value::Object(index) = kind { Some(&self.objects[*index]) } else { None };
+        let Some(Object::Kind(code)) = object else { return Err("an array without a type".into()) };
+        let code = code.clone();
         let unknown = || format!("{} bytes of type `{code}`", bytes.len());
         let width: usize = code.get(1..).and_then(|width| width.parse().ok()).ok_or_else(unknown)?;
         let size = if code.starts_with('U') { width.saturating_mul(4) } else { width };
@@ -461,11 +442,7 @@ mod tests {
         let pickle = Pickle::read(b"]q\x00h\x00a.").unwrap();
         assert!(pickle.numbers(pickle.root()).is_none());
         // Doubling, again and again.
-        let mut bomb = b"X\x00\x01\x00\x00".to_vec();
-        bomb.extend([b'a'; 256]);
-        bomb.extend(b"q\x00");
-        bomb.extend(b"h\x00".repeat(1 << 20));
-        bomb.push(b'.');
+        let bomb = [b"X\x00\x01\x00\x00", &[b'a'; 256][..], b"q\x00", &b"h\x00".repeat(1 << 20), b"."].concat();
         assert!(Pickle::read(&bomb).unwrap_err().contains("numbers"));
     }
 }
