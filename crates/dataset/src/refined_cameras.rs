@@ -1,11 +1,8 @@
 //! Cameras of a scene, refined by `infonerf-sfm`.
 
-use glam::DVec2;
-use infonerf_scene::image::GreyImage;
-use infonerf_scene::{Camera, PoseError, Scene, View};
-use infonerf_sfm::{Pose, Posed, Uncertainty, refine};
+use infonerf_scene::{Camera, PoseError, Scene};
+use infonerf_sfm::{Pose, Uncertainty, refine};
 
-use crate::capture::{camera_pose, ray};
 use crate::colmap::opengl;
 
 /// Deviations of given cameras: radians, shares of the mean distance from the scene's centre, and shares of the focal
@@ -37,14 +34,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
         shift: SHIFT * mean(&|camera| camera.position_f64().distance(centre)).max(1e-6),
         focal: if focal { FOCAL } else { 0.0 },
     };
-    let unproject: Vec<_> = scene.train.iter().map(|view| move |pixel| point_at_depth_one(view, pixel)).collect();
-    let posed = scene.train.iter().zip(&unproject).map(|(view, unproject)| {
-        let image =
-            GreyImage::luma(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
-        Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
-    });
-    let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());
-    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty);
+    let found = refine(&scene.train, mean(&|camera| (camera.fx * camera.fy).sqrt()), uncertainty);
     let [before, after] = found.errors;
     let shared = format!("{} points that the photographs share are off by a median of", found.points.len());
     if found.poses.iter().all(Result::is_err) {
@@ -82,14 +72,6 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     }
     scene.unrefined_cameras = Some(given);
     scene
-}
-
-/// Returns `(x, y) / z` of what a view sees at a pixel, if the pixel is valid.
-fn point_at_depth_one(view: &View, pixel: DVec2) -> Option<DVec2> {
-    let (width, height) = (view.camera.width, view.camera.height);
-    let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size as usize - 1));
-    let valid = view.valid.as_ref().is_none_or(|valid| valid[y * width as usize + x]);
-    ray(&view.camera, pixel, 1.0).filter(|_| valid)
 }
 
 /// Moves `camera` to `pose`, with focal lengths `factor` times as long.

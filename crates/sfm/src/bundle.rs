@@ -1,6 +1,8 @@
 //! Bundle adjustment (Triggs et al. 2000): Levenberg–Marquardt on lens, poses and points, the points eliminated by
 //! Schur's complement.
 
+use std::iter::successors;
+
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
@@ -79,21 +81,15 @@ impl Bundle {
         let mut cost = self.cost(how);
         for _ in 0..how.steps {
             let normal = self.linearised(how);
-            let mut improved = None;
-            while damping < 1e8 {
-                if let Some(next) = self.stepped(&normal, how, damping) {
-                    let at = next.cost(how);
-                    if at < cost {
-                        improved = Some((next, at));
-                        break;
-                    }
-                }
-                damping *= 10.0;
-            }
-            let Some((next, at)) = improved else { break };
+            let mut tried = successors(Some(damping), |damping| Some(damping * 10.0)).take_while(|it| *it < 1e8);
+            let improved = tried.find_map(|damping| {
+                let next = self.stepped(&normal, how, damping)?;
+                let at = next.cost(how);
+                (at < cost).then_some((next, at, damping))
+            });
+            let Some((next, at, tried)) = improved else { break };
             let gain = (cost - at) / cost;
-            (*self, cost) = (next, at);
-            damping = (damping * 0.1).max(1e-10);
+            (*self, cost, damping) = (next, at, (tried * 0.1).max(1e-10));
             if gain < 1e-7 {
                 break;
             }

@@ -1,6 +1,7 @@
 //! Poses and the lens, and points from the views that see them.
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
+use infonerf_scene::Camera;
 use nalgebra::{Matrix3, Vector3};
 
 /// Pose of a camera, world to camera: `x ↦ rotation · x + translation`; the camera looks along +z, y is down.
@@ -15,6 +16,12 @@ pub struct Pose {
 impl Pose {
     /// The world's axes.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
+
+    /// Converts camera-to-world in OpenGL's axes.
+    pub fn of(to_world: &DMat4) -> Self {
+        let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)) * DMat3::from_mat4(*to_world).transpose();
+        Self { rotation, translation: -(rotation * to_world.w_axis.truncate()) }
+    }
 
     /// Returns a point of the world in the camera's axes.
     pub fn transform(&self, point: DVec3) -> DVec3 {
@@ -31,6 +38,13 @@ impl Pose {
         let rotation = DMat3::from_quat((DQuat::from_scaled_axis(turn) * DQuat::from_mat3(&self.rotation)).normalize());
         Self { rotation, translation: self.translation + shift }
     }
+}
+
+/// Returns `(x, y) / z`, in the axes of computer vision, of what `camera` sees at a pixel, its focal lengths multiplied by
+/// `factor`.
+pub fn ray(camera: &Camera, pixel: DVec2, factor: f64) -> Option<DVec2> {
+    let focal = factor * DVec2::new(camera.fx, camera.fy);
+    camera.lens.undistort((pixel - DVec2::new(camera.cx, camera.cy)) / focal)
 }
 
 /// Lens with square pixels, the centre of the image, and one coefficient of radial distortion (COLMAP's SIMPLE_RADIAL):

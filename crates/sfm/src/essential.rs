@@ -152,6 +152,7 @@ pub(crate) fn poses(e: &DMat3) -> [Pose; 4] {
 mod tests {
     use super::*;
     use crate::testing::{turn, world};
+    use crate::two_view::{cross, relative};
 
     #[test]
     fn five_exact_pairs_give_the_pose() {
@@ -166,8 +167,8 @@ mod tests {
             for e in &found {
                 assert!((0..5).all(|i| sampson(e, pair(i)) < 1e-15), "seed {seed}");
             }
-            let rotation = all.poses[1].rotation * all.poses[0].rotation.transpose();
-            let shift = (all.poses[1].translation - rotation * all.poses[0].translation).normalize();
+            let Pose { rotation, translation } = relative([&all.poses[0], &all.poses[1]]);
+            let shift = translation.normalize();
             let error = |pose: &Pose| turn(&pose.rotation, &rotation).to_radians() + pose.translation.distance(shift);
             let least = found.iter().flat_map(poses).map(|pose| error(&pose)).fold(f64::INFINITY, f64::min);
             assert!(least < 1e-5, "seed {seed}: {least}");
@@ -182,7 +183,7 @@ mod tests {
             let found = poses(&matrix);
             for pose in &found {
                 assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12 && pose.translation.is_normalized());
-                let again = crate::two_view::cross(pose.translation) * pose.rotation;
+                let again = cross(pose.translation) * pose.rotation;
                 assert!(again.abs_diff_eq(e, 1e-9) || again.abs_diff_eq(-1.0 * e, 1e-9), "{again}");
             }
             assert!(found.iter().any(|pose| turn(&pose.rotation, &DMat3::from_rotation_y(0.3)) < 1e-4));

@@ -21,7 +21,7 @@ mod testing;
 mod two_view;
 
 pub use bundle::Point;
-pub use camera::{Pose, SimpleRadial};
+pub use camera::{Pose, SimpleRadial, ray};
 pub use reconstruction::{NO_DEPTH, Photograph, SparseModel, reconstruct};
-pub use refine::{Posed, Refined, Uncertainty, refine};
+pub use refine::{Refined, Uncertainty, refine};
 pub use two_view::{ImageMatches, explains, verified_matches};

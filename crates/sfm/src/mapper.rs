@@ -7,6 +7,7 @@ use crate::camera::{Pose, SimpleRadial, angle, triangulate};
 use crate::matching::Track;
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
+use crate::reconstruction::SparseModel;
 
 /// Points that a photograph must see to be placed.
 pub(crate) const MIN_POINTS: usize = 15;
@@ -23,13 +24,12 @@ const FOR_LENS: usize = 3;
 /// Factor by which the number of placed photographs grows from one bundle adjustment to the next.
 const GROWTH: f64 = 1.1;
 
-#[derive(Clone)]
 pub(crate) struct Mapper<'a> {
     tracks: &'a [Track],
     /// The place of each track's point, if it has one.
     positions: Vec<Option<DVec3>>,
-    pub(crate) poses: Vec<Result<Pose, String>>,
-    pub(crate) lens: SimpleRadial,
+    poses: Vec<Result<Pose, String>>,
+    lens: SimpleRadial,
     prior: Prior,
     /// Prior of the poses, if they are known roughly.
     expected: Option<PosePrior>,
@@ -50,20 +50,17 @@ impl<'a> Mapper<'a> {
     }
 
     /// Places what can be placed.
-    pub(crate) fn run(mut self) -> Self {
+    pub(crate) fn run(mut self) -> SparseModel {
         self.settle(2);
         let mut settled = self.placed();
         loop {
-            if self.place_next() {
-                if self.placed() as f64 >= GROWTH * settled as f64 {
-                    self.settle(1);
-                    settled = self.placed();
-                } else {
-                    self.triangulate();
-                }
-            } else if settled < self.placed() {
+            let is_growing = self.place_next();
+            let placed = self.placed();
+            if is_growing && (placed as f64) < GROWTH * settled as f64 {
+                self.triangulate();
+            } else if is_growing || settled < placed {
                 self.settle(1);
-                settled = self.placed();
+                settled = placed;
             } else {
                 break;
             }
@@ -73,7 +70,7 @@ impl<'a> Mapper<'a> {
     }
 
     /// Adjusts what is placed roughly: first points may fall far from where they are seen, then ever less.
-    pub(crate) fn refine(mut self) -> Self {
+    pub(crate) fn refine(mut self) -> SparseModel {
         let tolerance = self.tolerance;
         for times in WIDENED {
             self.tolerance = times * tolerance;
@@ -83,34 +80,35 @@ impl<'a> Mapper<'a> {
         self.keep_certain()
     }
 
-    /// Takes the pose off the photograph that sees fewest points while these are fewer than [`MIN_POINTS`]. A point
-    /// that two photographs saw is none once one of them has lost its pose, so that the other may follow.
-    fn keep_certain(mut self) -> Self {
+    /// Returns the map, after it took the pose off the photograph that sees fewest points while these are fewer than
+    /// [`MIN_POINTS`]. A point that two photographs saw is none once one of them has lost its pose, so that the other may
+    /// follow.
+    fn keep_certain(mut self) -> SparseModel {
         loop {
-            let points = self.points();
+            let points: Vec<Point> = self.found().into_iter().map(|(_, point)| point).collect();
             let count =
                 |photograph: usize| points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
             let placed = (0..self.poses.len()).filter(|&i| self.poses[i].is_ok());
             let fewest = placed.map(|i| (count(i), i)).min();
-            let Some((count, photograph)) = fewest.filter(|(count, _)| *count < MIN_POINTS) else { return self };
+            let Some((count, photograph)) = fewest.filter(|(count, _)| *count < MIN_POINTS) else {
+                return SparseModel { lens: self.lens, poses: self.poses, points };
+            };
             self.poses[photograph] = Err(format!("{count} points seen, {MIN_POINTS} needed"));
         }
     }
 
-    pub(crate) fn placed(&self) -> usize {
+    fn placed(&self) -> usize {
         self.poses.iter().flatten().count()
-    }
-
-    /// Returns points that two or more placed photographs see.
-    pub(crate) fn points(&self) -> Vec<Point> {
-        self.found().into_iter().map(|(_, point)| point).collect()
     }
 
     /// Returns points that two or more placed photographs see, with their tracks.
     fn found(&self) -> Vec<(usize, Point)> {
-        let point =
-            |i: usize| Some((i, Point { position: self.positions[i]?, seen: self.agreeing(i, self.positions[i]?) }));
-        (0..self.tracks.len()).filter_map(point).filter(|(_, point)| point.seen.len() > 1).collect()
+        let point = |i: usize| {
+            let position = self.positions[i]?;
+            let seen: Vec<_> = self.agreeing(i, position).map(|(i, _, pixel)| (i, pixel)).collect();
+            (seen.len() > 1).then_some((i, Point { position, seen }))
+        };
+        (0..self.tracks.len()).filter_map(point).collect()
     }
 
     /// Returns poses and pixels of the placed photographs in a track.
@@ -124,10 +122,9 @@ impl<'a> Mapper<'a> {
         self.lens.project(pose.transform(position)).is_some_and(|p| p.distance(pixel) < self.tolerance)
     }
 
-    /// Returns the placed photographs of a track that see it at `position`.
-    fn agreeing(&self, track: usize, position: DVec3) -> Vec<(usize, DVec2)> {
-        let seen = self.seen(track).into_iter();
-        seen.filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel)).map(|(i, _, pixel)| (i, pixel)).collect()
+    /// Returns the placed photographs of a track that see it at `position`, with their poses and pixels.
+    fn agreeing(&self, track: usize, position: DVec3) -> impl Iterator<Item = (usize, Pose, DVec2)> {
+        self.seen(track).into_iter().filter(move |(_, pose, pixel)| self.agrees(pose, position, *pixel))
     }
 
     /// Triangulates the tracks that have no point.
@@ -164,8 +161,7 @@ impl<'a> Mapper<'a> {
 
     /// Returns `position` if two views that agree on it see it under an angle of at least [`SMALLEST_ANGLE`].
     fn kept(&self, track: usize, position: DVec3) -> Option<DVec3> {
-        let agreeing = self.seen(track).into_iter().filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel));
-        let centres: Vec<DVec3> = agreeing.map(|(_, pose, _)| pose.centre()).collect();
+        let centres: Vec<DVec3> = self.agreeing(track, position).map(|(_, pose, _)| pose.centre()).collect();
         (angle(position, &centres) >= SMALLEST_ANGLE).then_some(position)
     }
 
@@ -238,9 +234,10 @@ impl<'a> Mapper<'a> {
 mod tests {
     use super::*;
     use crate::testing::{disturb, turn, world};
+    use crate::two_view::{relative, two_view};
 
     /// Returns what `tracks` place of a world whose poses are known to 0.01.
-    fn refined<'a>(tracks: &'a [Track], all: &Bundle) -> Mapper<'a> {
+    fn refined(tracks: &[Track], all: &Bundle) -> SparseModel {
         let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
         let poses = all.poses.iter().map(|pose| Ok(*pose)).collect();
         Mapper::new(tracks, poses, (all.lens, Prior::fixed(&all.lens)), 2.5, Some(expected)).refine()
@@ -258,11 +255,9 @@ mod tests {
         assert_eq!(found.poses[0], Err("10 points seen, 15 needed".into()));
         assert_eq!(found.placed(), 2);
         // A point that a single placed photograph sees is none.
-        let points = found.points();
-        assert!(points.len() == 16 && points.iter().all(|point| point.seen.len() == 2), "{}", points.len());
+        assert_eq!((found.points.len(), found.observations()), (16, 32));
         let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
-        let found = refined(&fewer, &all);
-        assert_eq!(found.placed(), 0, "20 points of the second are 10 without the first");
+        assert_eq!(refined(&fewer, &all).placed(), 0, "20 points of the second are 10 without the first");
     }
 
     /// The last photograph sees nothing that the others do.
@@ -276,19 +271,17 @@ mod tests {
         let prior = Prior { focal: 960.0, focal_deviation: 0.3, k1_deviation: 0.1 };
         let matches: Vec<_> = tracks.iter().map(|t| (t[0].1, t[3].1)).collect();
         let mut poses = vec![Err(String::new()); 5];
-        (poses[0], poses[3]) =
-            (Ok(Pose::IDENTITY), Ok(crate::two_view::two_view(&matches, &lens, 2.5, 0).unwrap().pose));
+        (poses[0], poses[3]) = (Ok(Pose::IDENTITY), Ok(two_view(&matches, &lens, 2.5, 0).unwrap().pose));
         let found = Mapper::new(&tracks, poses, (lens, prior), 2.5, None).run();
         assert_eq!(found.placed(), 4);
         assert_eq!(found.poses[4], Err("0 matches with placed photographs, 15 needed".into()));
         assert!((found.lens.focal / 900.0 - 1.0).abs() < 0.03, "{:?}", found.lens);
         for i in 1..4 {
-            let first = found.poses[0].as_ref().unwrap().rotation.transpose();
-            let ours = found.poses[i].as_ref().unwrap().rotation * first;
-            assert!(turn(&ours, &(all.poses[i].rotation * all.poses[0].rotation.transpose())) < 0.3);
+            let [first, other] = [0, i].map(|i| found.poses[i].as_ref().unwrap());
+            let exact = relative([&all.poses[0], &all.poses[i]]);
+            assert!(turn(&relative([first, other]).rotation, &exact.rotation) < 0.3);
         }
-        let seen: usize = found.points().iter().map(|p| p.seen.len()).sum();
-        assert!((380..=430).contains(&seen), "{seen}");
+        assert!((380..=430).contains(&found.observations()), "{}", found.observations());
     }
 
     /// Cameras 3° and 4 % off; the last sees nothing that the others do, one match in nine is wrong. Without an error they stay.
@@ -308,12 +301,13 @@ mod tests {
             let lens = (truth.lens, Prior::fixed(&truth.lens));
             let found = Mapper::new(&tracks, given, lens, 2.5, Some(expected.clone())).refine();
             assert_eq!(found.poses[4], Err("0 points seen, 15 needed".into()));
-            let relative = |a: &Pose, b: &Pose| a.rotation * b.rotation.transpose();
             for i in 0..4 {
                 let (ours, exact) = (found.poses[i].as_ref().unwrap(), &truth.poses[i]);
-                let first = found.poses[0].as_ref().unwrap();
-                let off = turn(&relative(ours, first), &relative(exact, &truth.poses[0]));
-                let rough = turn(&relative(&expected.poses[i], &expected.poses[0]), &relative(exact, &truth.poses[0]));
+                let apart = |first: &Pose, other: &Pose| {
+                    turn(&relative([first, other]).rotation, &relative([&truth.poses[0], exact]).rotation)
+                };
+                let off = apart(found.poses[0].as_ref().unwrap(), ours);
+                let rough = apart(&expected.poses[0], &expected.poses[i]);
                 assert!(off < 0.2 * size + 1e-4 && (i == 0 || size == 0.0 || rough > 1.0), "{i}: {rough} {off}");
                 // The frame is that of the cameras given, whose errors nearly have no mean.
                 assert!(turn(&ours.rotation, &exact.rotation) < 2.0 * size + 1e-4);

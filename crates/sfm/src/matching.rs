@@ -51,8 +51,8 @@ fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
     let alike: Vec<usize> = all.par_iter().map(|&(a, b)| matches(&strongest[a], &strongest[b]).len()).collect();
     let mut likely: BTreeSet<(usize, usize)> = all.iter().copied().filter(|(a, b)| b - a <= FOLLOWING).collect();
     for photograph in 0..count {
-        let own = all.iter().zip(&alike).filter(|((a, b), _)| *a == photograph || *b == photograph);
-        let mut own: Vec<_> = own.collect();
+        let mut own: Vec<_> =
+            all.iter().zip(&alike).filter(|((a, b), _)| *a == photograph || *b == photograph).collect();
         own.sort_by_key(|(_, alike)| Reverse(**alike));
         likely.extend(own.into_iter().take(NEIGHBOURS).map(|(pair, _)| *pair));
     }
@@ -62,8 +62,7 @@ fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
 /// Returns the indices `(a, b)` of features that are each other's closest, by far in both photographs.
 pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
     let (rows, columns) = (a.pixels.len(), b.pixels.len());
-    let mut to_b = vec![Best::default(); rows];
-    let mut to_a = vec![Best::default(); columns];
+    let (mut to_b, mut to_a) = (vec![Best::NONE; rows], vec![Best::NONE; columns]);
     let mut similarity = vec![0f32; BLOCK.min(rows) * columns];
     for (block, descriptors) in a.descriptors.chunks(BLOCK * LENGTH).enumerate() {
         products(descriptors, &b.descriptors, &mut similarity);
@@ -122,13 +121,9 @@ struct Best {
     index: usize,
 }
 
-impl Default for Best {
-    fn default() -> Self {
-        Self { first: -1.0, second: -1.0, index: 0 }
-    }
-}
-
 impl Best {
+    const NONE: Self = Self { first: -1.0, second: -1.0, index: 0 };
+
     fn offer(&mut self, similarity: f32, index: usize) {
         if similarity > self.first {
             (self.second, self.first, self.index) = (self.first, similarity, index);
@@ -148,7 +143,7 @@ pub(crate) type Track = Vec<(usize, DVec2)>;
 
 /// Returns the connected components of `matches`, a track each. A photograph that would see the point of a track at two
 /// pixels is left out of that track.
-pub(crate) fn tracks(features: &[Features], matches: &[Matches]) -> Vec<Track> {
+pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item = &'m Matches>) -> Vec<Track> {
     let mut first = vec![0];
     first.extend(features.iter().scan(0, |sum, f| {
         *sum += f.pixels.len();

@@ -65,6 +65,16 @@ pub struct SparseModel {
     pub points: Vec<Point>,
 }
 
+impl SparseModel {
+    pub(crate) fn placed(&self) -> usize {
+        self.poses.iter().flatten().count()
+    }
+
+    pub(crate) fn observations(&self) -> usize {
+        self.points.iter().map(|point| point.seen.len()).sum()
+    }
+}
+
 /// Finds cameras and points, and reports each step to `progress` in a line. `focal`, over the longer side, replaces what the
 /// photographs state.
 ///
@@ -107,9 +117,11 @@ pub fn reconstruct(
         progress(&format!("finding the focal length from {few} of the photographs"));
         if let Ok(start) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
             let prior = Prior { focal: start.lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
-            let found = extended(&features, &matched, start, prior, TOLERANCE * longer);
-            let placed = found.poses.iter().flatten().count();
-            progress(&format!("{placed} of {count} photographs placed by {} points", found.points.len()));
+            let agreed = verified(&features, &matched, &start.lens, TOLERANCE * longer);
+            let tracks = tracks(&features, agreed.iter().map(|(matches, _)| matches));
+            let found = Mapper::new(&tracks, start.poses, (start.lens, prior), TOLERANCE * longer, None).run();
+            let (placed, points) = (found.placed(), found.points.len());
+            progress(&format!("{placed} of {count} photographs placed by {points} points"));
             return Ok(found);
         }
     }
@@ -156,16 +168,14 @@ fn best_guess(
                 continue;
             }
         };
-        let (placed, points) = (found.poses.iter().flatten().count(), found.points.len());
+        let (placed, points) = (found.placed(), found.points.len());
         let (from, to, k1) = (guess, found.lens.focal / longer, found.lens.k1);
         progress(&format!(
             "focal length {from:.2} of the longer side: {placed} of {count} photographs placed by {points} points, adjusted to {to:.2} and k1 = {k1:.3}",
         ));
-        let score = (placed, found.points.iter().map(|p| p.seen.len()).sum::<usize>() as f64 * plausibility(to));
-        let is_known = placed == count
-            && tried
-                .iter()
-                .any(|&(all, _, other): &(usize, f64, f64)| all == count && (to / other).ln().abs() < SAME_FOCAL);
+        let score = (placed, found.observations() as f64 * plausibility(to));
+        let is_same = |&(all, _, other): &(usize, f64, f64)| all == count && (to / other).ln().abs() < SAME_FOCAL;
+        let is_known = placed == count && tried.iter().any(is_same);
         tried.push((placed, score.1, to));
         if best.as_ref().is_none_or(|(most, _)| score > *most) {
             best = Some((score, found));
@@ -174,13 +184,10 @@ fn best_guess(
             break;
         }
     }
-    let none = || {
-        if flat {
-            return NO_DEPTH.to_owned();
-        }
-        format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose")
+    let Some((score, found)) = best else {
+        let apart = format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose");
+        return Err(if flat { NO_DEPTH.to_owned() } else { apart });
     };
-    let (score, found) = best.ok_or_else(none)?;
     let rivals = tried.iter().filter(|(placed, value, _)| *placed == score.0 && *value >= RIVAL * score.1);
     let rivals: Vec<f64> = rivals.map(|(_, _, to)| *to).collect();
     let (least, most) = rivals.iter().fold((f64::INFINITY, 0f64), |(a, b), &v| (a.min(v), b.max(v)));
@@ -199,21 +206,6 @@ fn plausibility(focal: f64) -> f64 {
     1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
 }
 
-/// Returns the map of all photographs that begins with those of `start`.
-fn extended(
-    features: &[Features],
-    matched: &[Matches],
-    start: SparseModel,
-    prior: Prior,
-    tolerance: f64,
-) -> SparseModel {
-    let agreed = verified(features, matched, &start.lens, tolerance).into_iter().map(|(matches, _)| matches);
-    let tracks = tracks(features, &agreed.collect::<Vec<_>>());
-    let mapper = Mapper::new(&tracks, start.poses, (start.lens, prior), tolerance, None).run();
-    let points = mapper.points();
-    SparseModel { lens: mapper.lens, poses: mapper.poses, points }
-}
-
 /// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.
 ///
 /// # Errors
@@ -224,28 +216,24 @@ fn map(
     lens: (SimpleRadial, Prior),
     tolerance: f64,
 ) -> Result<SparseModel, bool> {
-    let (agreed, views): (Vec<Matches>, Vec<TwoView>) =
-        verified(features, matched, &lens.0, tolerance).into_iter().unzip();
-    let tracks = tracks(features, &agreed);
-    if !views.is_empty() && views.iter().all(|view| view.flat >= FLAT) {
+    let mut agreed = verified(features, matched, &lens.0, tolerance);
+    let tracks = tracks(features, agreed.iter().map(|(matches, _)| matches));
+    if !agreed.is_empty() && agreed.iter().all(|(_, view)| view.flat >= FLAT) {
         return Err(true);
     }
     let worth = |view: &TwoView| {
         let angles = view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
         if view.flat >= FLAT { 1e-3 * angles } else { angles }
     };
-    let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();
-    pairs.sort_by(|a, b| worth(b.1).total_cmp(&worth(a.1)));
-    let start = |(matches, view): &(&Matches, &TwoView)| {
+    agreed.sort_by(|(_, a), (_, b)| worth(b).total_cmp(&worth(a)));
+    let start = |(matches, view): &(Matches, TwoView)| {
         let mut poses = vec![Err(String::new()); features.len()];
         (poses[matches.a], poses[matches.b]) = (Ok(Pose::IDENTITY), Ok(view.pose));
-        let mapper = Mapper::new(&tracks, poses, lens, tolerance, None).run();
-        let points = mapper.points();
-        ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)
+        Mapper::new(&tracks, poses, lens, tolerance, None).run()
     };
-    let starts: Vec<_> = pairs.par_iter().take(STARTS).map(start).collect();
-    let best = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
-    best.map(|(_, mapper, points)| SparseModel { lens: mapper.lens, poses: mapper.poses, points }).ok_or(false)
+    let starts: Vec<SparseModel> = agreed.par_iter().take(STARTS).map(start).collect();
+    let score = |model: &SparseModel| (model.placed(), model.observations());
+    starts.into_iter().reduce(|best, other| if score(&other) > score(&best) { other } else { best }).ok_or(false)
 }
 
 #[cfg(test)]

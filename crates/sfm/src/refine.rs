@@ -3,30 +3,20 @@
 use std::f64::consts::SQRT_2;
 
 use glam::{DQuat, DVec2};
+use infonerf_scene::View;
+use infonerf_scene::image::GreyImage;
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
-use crate::camera::{Pose, SimpleRadial, triangulate};
+use crate::camera::{Pose, SimpleRadial, ray, triangulate};
 use crate::mapper::Mapper;
 use crate::matching::{matches_of_pairs, tracks};
-use crate::reconstruction::{FEATURES, TOLERANCE};
+use crate::reconstruction::{FEATURES, SparseModel, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
 use crate::two_view::{relative, verified};
-use infonerf_scene::image::GreyImage;
 
 /// Points may always fall this many pixels from where they are seen.
 const MIN_TOLERANCE: f64 = 1.0;
-
-/// A photograph and its rough pose.
-pub struct Posed<'a> {
-    /// The image.
-    pub image: GreyImage,
-    /// Rough pose.
-    pub pose: Pose,
-    /// Function that returns `(x, y) / z`, in the camera's axes, of the point seen at a pixel through the lens; `None`
-    /// if that is unknown, or the pixel is to be left out.
-    pub unproject: &'a (dyn Fn(DVec2) -> Option<DVec2> + Sync),
-}
 
 /// Uncertainty of cameras: deviations of normal distributions.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,30 +58,24 @@ pub struct Refined {
     pub errors: [f64; 2],
 }
 
-/// Adjusts `photographs` and the points that they share together, beginning at the given poses and drawn to them by their
-/// `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
-pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty) -> Refined {
-    let features: Vec<Features> = photographs.par_iter().map(|photograph| seen(photograph, focal)).collect();
-    let longer = photographs.iter().map(|p| p.image.width.max(p.image.height)).max().unwrap_or(0);
-    let tolerance = (TOLERANCE * longer as f64).max(MIN_TOLERANCE);
+/// Adjusts the cameras of `views` and the points that they share together, beginning at the given poses and drawn to them by
+/// their `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
+pub fn refine(views: &[View], focal: f64, uncertainty: Uncertainty) -> Refined {
+    let features: Vec<Features> = views.par_iter().map(|view| seen(view, focal)).collect();
+    let longer = views.iter().map(|view| view.image.width.max(view.image.height)).max().unwrap_or(0);
+    let tolerance = (TOLERANCE * f64::from(longer)).max(MIN_TOLERANCE);
     let lens = SimpleRadial { focal, k1: 0.0, centre: DVec2::ZERO };
-    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance)
-        .into_iter()
-        .filter(|(matches, found)| uncertainty.allows(&found.pose, [matches.a, matches.b].map(|i| photographs[i].pose)))
-        .map(|(matches, _)| matches)
-        .collect::<Vec<_>>();
-    let tracks = tracks(&features, &agreed);
+    let poses: Vec<Pose> = views.iter().map(|view| Pose::of(&view.camera.to_world)).collect();
+    let mut agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance);
+    agreed.retain(|(matches, found)| uncertainty.allows(&found.pose, [poses[matches.a], poses[matches.b]]));
+    let tracks = tracks(&features, agreed.iter().map(|(matches, _)| matches));
     let prior = Prior { focal, focal_deviation: uncertainty.focal, k1_deviation: 0.0 };
-    let expected = PosePrior {
-        poses: photographs.iter().map(|photograph| photograph.pose).collect(),
-        turn_deviation: uncertainty.turn,
-        shift_deviation: uncertainty.shift,
-    };
-    let given: Vec<Result<Pose, String>> = expected.poses.iter().copied().map(Ok).collect();
-    let found = Mapper::new(&tracks, given.clone(), (lens, prior), tolerance, Some(expected)).refine();
-    let points = found.points();
-    let errors = [(lens, &given), (found.lens, &found.poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
-    Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }
+    let given: Vec<Result<Pose, String>> = poses.iter().copied().map(Ok).collect();
+    let expected = PosePrior { poses, turn_deviation: uncertainty.turn, shift_deviation: uncertainty.shift };
+    let SparseModel { lens: adjusted, poses, points } =
+        Mapper::new(&tracks, given.clone(), (lens, prior), tolerance, Some(expected)).refine();
+    let errors = [(lens, &given), (adjusted, &poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
+    Refined { focal: adjusted.focal / focal, poses, points, errors }
 }
 
 /// Returns the median distance, in pixels, between where `points` are seen and where they fall when these cameras alone
@@ -110,12 +94,17 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
     errors.get(errors.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Finds the features of a photograph, as a lens of that focal length without distortion sees them.
-fn seen(photograph: &Posed<'_>, focal: f64) -> Features {
-    let found = features(&photograph.image, FEATURES);
+/// Finds the features of a view at valid pixels, as a lens of that focal length without distortion sees them.
+fn seen(view: &View, focal: f64) -> Features {
+    let (width, height) = (view.image.width as usize, view.image.height as usize);
+    let found = features(&GreyImage::luma(width, height, view.image.rgb.iter().copied()), FEATURES);
+    let is_valid = |pixel: DVec2| {
+        let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size - 1));
+        view.valid.as_ref().is_none_or(|valid| valid[y * width + x])
+    };
     let mut seen = Features::default();
     for (pixel, descriptor) in found.pixels.iter().zip(found.descriptors.chunks_exact(LENGTH)) {
-        if let Some(p) = (photograph.unproject)(*pixel) {
+        if let Some(p) = ray(&view.camera, *pixel, 1.0).filter(|_| is_valid(*pixel)) {
             seen.pixels.push(focal * p);
             seen.descriptors.extend(descriptor);
         }
@@ -137,15 +126,13 @@ mod tests {
             translation: DVec3::new(x, 0.2, 0.0),
         };
         let given = [at(0.3, 1.0), at(0.5, 3.0)];
-        let relative = |turned: f64, direction: f64| {
-            let rotation = DMat3::from_rotation_y(0.2 + turned);
-            let translation = given[1].translation - DMat3::from_rotation_y(0.2) * given[0].translation;
-            Pose { rotation, translation: (DMat3::from_rotation_z(direction) * translation).normalize() }
-        };
+        let exact = given[1].translation - DMat3::from_rotation_y(0.2) * given[0].translation;
         for (turned, direction, allowed) in
             [(0.0, 0.0, true), (0.15, 0.0, true), (-0.25, 0.0, false), (0.0, 0.3, true), (0.0, -0.8, false)]
         {
-            assert_eq!(uncertainty.allows(&relative(turned, direction), given), allowed, "{turned} {direction}");
+            let translation = (DMat3::from_rotation_z(direction) * exact).normalize();
+            let found = Pose { rotation: DMat3::from_rotation_y(0.2 + turned), translation };
+            assert_eq!(uncertainty.allows(&found, given), allowed, "{turned} {direction}");
         }
     }
 }

@@ -37,14 +37,17 @@ pub(crate) fn verified(
     lens: &SimpleRadial,
     tolerance: f64,
 ) -> Vec<(Matches, TwoView)> {
-    let verified = |&Matches { a, b, ref pairs }: &Matches| {
-        let pixels: Vec<(DVec2, DVec2)> =
-            pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
-        let view = two_view(&pixels, lens, tolerance, (a as u64) << 32 | b as u64)?;
+    let verified = |matches: &Matches| {
+        let &Matches { a, b, ref pairs } = matches;
+        let view = two_view(&pixels(features, matches), lens, tolerance, (a as u64) << 32 | b as u64)?;
         let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
         (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
     };
     matched.par_iter().filter_map(verified).collect()
+}
+
+fn pixels(features: &[Features], Matches { a, b, pairs }: &Matches) -> Vec<(DVec2, DVec2)> {
+    pairs.iter().map(|(i, j)| (features[*a].pixels[*i], features[*b].pixels[*j])).collect()
 }
 
 /// Returns the relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels.
@@ -149,18 +152,18 @@ pub struct ImageMatches {
 /// `most` features.
 pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
     let found: Vec<Features> = images.par_iter().map(|image| features(image, most)).collect();
-    let verify = |Matches { a, b, pairs }: &Matches| {
-        let (width, height) = (images[*a].width as f64, images[*a].height as f64);
-        let longer = width.max(height);
-        let pixels: Vec<_> = pairs.iter().map(|(i, j)| (found[*a].pixels[*i], found[*b].pixels[*j])).collect();
+    let verify = |matches: &Matches| {
+        let &Matches { a, b, .. } = matches;
+        let size = DVec2::new(images[a].width as f64, images[a].height as f64);
+        let (longer, pixels) = (size.max_element(), pixels(&found, matches));
         let inliers = |focal: f64| {
-            let lens = SimpleRadial { focal, k1: 0.0, centre: 0.5 * DVec2::new(width, height) };
+            let lens = SimpleRadial { focal, k1: 0.0, centre: 0.5 * size };
             two_view(&pixels, &lens, TOLERANCE * longer, 0).map_or(Vec::new(), |view| view.inliers)
         };
         let guesses = FOCAL_LENGTHS.map(|times| times * longer);
-        let best = [focal[*a]].into_iter().chain(guesses).map(inliers).max_by_key(Vec::len)?;
+        let best = [focal[a]].into_iter().chain(guesses).map(inliers).max_by_key(Vec::len)?;
         let agree = best.len() as f64 >= AGREEING * pixels.len() as f64;
-        agree.then(|| ImageMatches { a: *a, b: *b, pixels: best.iter().map(|&i| pixels[i]).collect() })
+        agree.then(|| ImageMatches { a, b, pixels: best.iter().map(|&i| pixels[i]).collect() })
     };
     matches_of_pairs(&found).par_iter().filter_map(verify).collect()
 }
@@ -181,8 +184,8 @@ mod tests {
     #[test]
     fn outliers_do_not_turn_the_pose() {
         let mut all = world(2, 3, 200);
-        let rotation = all.poses[2].rotation * all.poses[0].rotation.transpose();
-        let shift = (all.poses[2].translation - rotation * all.poses[0].translation).normalize();
+        let Pose { rotation, translation } = relative([&all.poses[0], &all.poses[2]]);
+        let shift = translation.normalize();
         all.points.iter_mut().for_each(|p| p.seen = vec![p.seen[0], p.seen[2]]);
         disturb(&mut all.points, 0.5, 5);
         let matches: Vec<_> = all.points.iter().map(|p| (p.seen[0].1, p.seen[1].1)).collect();

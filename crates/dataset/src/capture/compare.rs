@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use infonerf_scene::image::{GreyImage, read_rgba, resized_dimensions};
 use infonerf_scene::{Camera, SceneError};
-use infonerf_sfm::{ImageMatches, Pose, explains, verified_matches};
+use infonerf_sfm::{ImageMatches, Pose, explains, ray, verified_matches};
 use rayon::prelude::*;
 
 use super::Capture;
@@ -53,12 +53,25 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         return Ok(doubts);
     }
     let poses: Vec<DMat4> = frames.iter().map(|frame| frame.pose).collect();
-    let explained = |poses: &[DMat4], factor: f64| explained(&matches, &cameras, &chosen, poses, factor);
-    let share =
-        |poses: &[DMat4], factor: f64| explained(poses, factor).iter().sum::<usize>() as f64 / count.max(1) as f64;
+    // How many matches of each pair cameras at `poses` explain, their focal lengths multiplied by `factor`.
+    let explained = |poses: &[DMat4], factor: f64| -> Vec<usize> {
+        let of_pair = |pair: &ImageMatches| {
+            let [a, b] = [pair.a, pair.b].map(|i| Pose::of(&poses[chosen[i]]));
+            let longer = f64::from(cameras[pair.a].width.max(cameras[pair.a].height));
+            let tolerance = TOLERANCE * longer / (factor * cameras[pair.a].fx);
+            let is_explained = |&(in_a, in_b): &(DVec2, DVec2)| {
+                let rays = ray(&cameras[pair.a], in_a, factor).zip(ray(&cameras[pair.b], in_b, factor));
+                rays.is_some_and(|rays| explains([&a, &b], rays, tolerance))
+            };
+            pair.pixels.iter().filter(|pixels| is_explained(pixels)).count()
+        };
+        matches.par_iter().map(of_pair).collect()
+    };
+    let share = |poses: &[DMat4], factor: f64| explained(poses, factor).iter().sum::<usize>() as f64 / count as f64;
     let given = share(&poses, 1.0);
     let all_names: Vec<&str> = frames.iter().map(|frame| frame.name.as_str()).collect();
-    let conventions = conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name));
+    let conventions =
+        conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name.into()));
     let mean = focal.iter().sum::<f64>() / focal.len() as f64;
     let longer = f64::from(cameras[0].width.max(cameras[0].height));
     let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0].map(|times| {
@@ -149,7 +162,7 @@ fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
 }
 
 /// Returns poses as other programs may mean the given matrices, each with the words that follow "taken as".
-fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(String, Vec<DMat4>)> {
+fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>)> {
     let flip = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
     let turn = |pose: &DMat4| DMat3::from_mat4(*pose);
     let with_turn = |pose: &DMat4, turn: DMat3| {
@@ -158,23 +171,23 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(String, Vec<DMat4>)> {
     let with_place = |pose: &DMat4, place: DVec3| DMat4 { w_axis: place.extend(1.0), ..*pose };
     let each = |change: &dyn Fn(&DMat4) -> DMat4| given.iter().map(change).collect::<Vec<_>>();
     let rolled = |degrees: f64| each(&|pose| *pose * DMat4::from_rotation_z(degrees.to_radians()));
-    let mut all = vec![
-        ("with OpenCV's axes (y down, z forward)".to_owned(), each(&|pose| *pose * flip)),
-        ("as world-to-camera matrices".to_owned(), each(&|pose| pose.inverse())),
-        ("as world-to-camera matrices with OpenCV's axes".to_owned(), each(&|pose| pose.inverse() * flip)),
-        ("with transposed rotations".to_owned(), each(&|pose| with_turn(pose, turn(pose).transpose()))),
-        ("with transposed rotations and OpenCV's axes".to_owned(), {
-            each(&|pose| with_turn(pose, turn(pose).transpose()) * flip)
-        }),
-        ("with the translations taken as those of world-to-camera matrices".to_owned(), {
-            each(&|pose| with_place(pose, -(turn(pose) * pose.w_axis.truncate())))
-        }),
-    ];
+    let transposed = |pose: &DMat4| with_turn(pose, turn(pose).transpose());
+    let moved = each(&|pose| with_place(pose, -(turn(pose) * pose.w_axis.truncate())));
     let shifted = |by: usize| (0..given.len()).map(|i| given[(i + by) % given.len()]).collect();
-    all.push(("each with the pose of the next photograph".to_owned(), shifted(1)));
-    all.push(("each with the pose of the photograph before".to_owned(), shifted(given.len() - 1)));
-    all.push(("in the opposite order".to_owned(), given.iter().rev().copied().collect()));
-    all.extend([90.0, 180.0, 270.0].map(|degrees| (format!("with cameras rolled by {degrees}°"), rolled(degrees))));
+    let mut all = vec![
+        ("with OpenCV's axes (y down, z forward)", each(&|pose| *pose * flip)),
+        ("as world-to-camera matrices", each(&|pose| pose.inverse())),
+        ("as world-to-camera matrices with OpenCV's axes", each(&|pose| pose.inverse() * flip)),
+        ("with transposed rotations", each(&transposed)),
+        ("with transposed rotations and OpenCV's axes", each(&|pose| transposed(pose) * flip)),
+        ("with the translations taken as those of world-to-camera matrices", moved),
+        ("each with the pose of the next photograph", shifted(1)),
+        ("each with the pose of the photograph before", shifted(given.len() - 1)),
+        ("in the opposite order", given.iter().rev().copied().collect()),
+        ("with cameras rolled by 90°", rolled(90.0)),
+        ("with cameras rolled by 180°", rolled(180.0)),
+        ("with cameras rolled by 270°", rolled(270.0)),
+    ];
     let mut as_text: Vec<usize> = (0..names.len()).collect();
     as_text.sort_by_key(|&i| names[i]);
     if as_text.windows(2).any(|pair| pair[0] > pair[1]) {
@@ -183,8 +196,8 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(String, Vec<DMat4>)> {
         for (place, &image) in as_text.iter().enumerate() {
             (by_text[image], by_number[place]) = (given[place], given[image]);
         }
-        all.push(("in the order of image names as text".to_owned(), by_text));
-        all.push(("in the order of the numbers in image names".to_owned(), by_number));
+        all.push(("in the order of image names as text", by_text));
+        all.push(("in the order of the numbers in image names", by_number));
     }
     all
 }
@@ -210,39 +223,6 @@ fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(us
             None => return found,
         }
     }
-}
-
-/// Returns how many of the matches of each pair cameras at `poses` explain, their focal lengths multiplied by `factor`.
-fn explained(
-    matches: &[ImageMatches],
-    cameras: &[Camera],
-    chosen: &[usize],
-    poses: &[DMat4],
-    factor: f64,
-) -> Vec<usize> {
-    let explained = |pair: &ImageMatches| {
-        let [a, b] = [pair.a, pair.b].map(|i| camera_pose(&poses[chosen[i]]));
-        let longer = f64::from(cameras[pair.a].width.max(cameras[pair.a].height));
-        let tolerance = TOLERANCE * longer / (factor * cameras[pair.a].fx);
-        let is_explained = |&(in_a, in_b): &(DVec2, DVec2)| {
-            let rays = ray(&cameras[pair.a], in_a, factor).zip(ray(&cameras[pair.b], in_b, factor));
-            rays.is_some_and(|rays| explains([&a, &b], rays, tolerance))
-        };
-        pair.pixels.iter().filter(|pixels| is_explained(pixels)).count()
-    };
-    matches.par_iter().map(explained).collect()
-}
-
-/// Returns `(x, y) / z`, in the camera's axes of computer vision, of what is seen at a pixel.
-pub(crate) fn ray(camera: &Camera, pixel: DVec2, factor: f64) -> Option<DVec2> {
-    let focal = factor * DVec2::new(camera.fx, camera.fy);
-    camera.lens.undistort((pixel - DVec2::new(camera.cx, camera.cy)) / focal)
-}
-
-/// Converts camera-to-world in OpenGL's axes to world-to-camera in those of computer vision.
-pub(crate) fn camera_pose(to_world: &DMat4) -> Pose {
-    let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)) * DMat3::from_mat4(*to_world).transpose();
-    Pose { rotation, translation: -(rotation * to_world.w_axis.truncate()) }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ mod mask;
 mod sizes;
 
 pub(crate) use assemble::{assemble, count_pixels, scene_name};
-pub(crate) use compare::{camera_pose, compare, ray};
+pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, listed};
 pub(crate) use mask::{is_mask_name, read_mask};
 

@@ -5,10 +5,10 @@ use std::path::Path;
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_procedural as procedural;
 use infonerf_scene::{Aabb, Body, Camera, Image, Lens, Ray, SceneError};
+use infonerf_sfm::Pose;
 use rayon::prelude::*;
 
 use super::pickle::{self, dict, list, numbers, object, text};
-use crate::capture::camera_pose;
 use crate::files::{make_folder, npy, write_file};
 
 /// Background of photographs of a scene that has nothing behind it.
@@ -124,7 +124,7 @@ pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMa
 
 /// Returns `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
 fn projection(camera: &Camera) -> DMat4 {
-    let m = intrinsics(camera) * camera_pose(&camera.to_world).rotation;
+    let m = intrinsics(camera) * Pose::of(&camera.to_world).rotation;
     let t = -(m * camera.position_f64());
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
@@ -178,7 +178,7 @@ pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
     let of = |sides: &[usize], values: &dyn Fn(&Camera) -> Vec<f64>| {
         list(&cameras.iter().map(|camera| numbers(sides, &values(camera))).collect::<Vec<_>>())
     };
-    let pose = |camera: &Camera| camera_pose(&camera.to_world);
+    let pose = |camera: &Camera| Pose::of(&camera.to_world);
     let cams = dict(&[
         ("K", of(&[3, 3], &|c| intrinsics(c).transpose().to_cols_array().to_vec())),
         ("D", of(&[5, 1], &|_| DISTORTION.to_vec())),
