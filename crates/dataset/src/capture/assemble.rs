@@ -87,8 +87,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     let none = || SceneError::request("train", "at least one view", "none");
     let alpha = has_alpha(&train.first().ok_or_else(none)?.image)?;
     let frames: Vec<&Frame> = train.iter().chain(&test).copied().collect();
-    let cameras: Vec<_> = frames.par_iter().map(|frame| stored_camera(frame)).collect();
-    let cameras = cameras.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let cameras = in_order(frames.par_iter().map(|frame| stored_camera(frame)))?;
     let scale = ImageScale::new(&cameras, request.image_size).ok_or_else(none)?;
     Ok(Chosen { alpha, train, test, cameras, scale, warnings })
 }
@@ -168,26 +167,20 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
-    let tested = if request.test == TestProtocol::Training { 0 } else { test.len() };
-    warnings.extend(of_many_sizes(&cameras[..train.len() + tested], &scale));
+    let tested: &[&Frame] = if request.test == TestProtocol::Training { &[] } else { &chosen_test };
+    warnings.extend(of_many_sizes(&cameras[..train.len() + tested.len()], &scale));
     warnings.extend(check_valid(&train, &train_views, &mut test)?);
     if request.test != TestProtocol::Training {
         warnings.extend(leave_out_copies(&train_views, &mut test));
     }
-    let tested: HashSet<&Path> = match request.test {
-        TestProtocol::Training => HashSet::new(),
-        _ => chosen_test.iter().map(|frame| frame.image.as_path()).collect(),
-    };
+    let tested: HashSet<&Path> = tested.iter().map(|frame| frame.image.as_path()).collect();
     let others = found.train.iter().filter(|frame| !tested.contains(frame.image.as_path()));
     let base = scale.base_size();
     let stated = train.iter().zip(train_cameras).find(|(_, camera)| (camera.width, camera.height) == base);
     let stated = stated.and_then(|(frame, _)| frame.stated_size());
     let all_train_cameras = others.map(|frame| scale.framed(&likely_camera(frame, base, stated))).collect();
-    let backdrop = if train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border) {
-        Backdrop::Colour
-    } else {
-        Backdrop::Unknown
-    };
+    let is_known = train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border);
+    let backdrop = if is_known { Backdrop::Colour } else { Backdrop::Unknown };
     space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
     Ok(Scene {
         name: scene_name(found.dir),
@@ -198,11 +191,9 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
         backdrop,
         space,
         all_train_cameras,
-        exact_cameras: None,
-        unrefined_cameras: None,
         origin,
         warnings,
-        notes: Vec::new(),
+        ..Scene::default()
     }
     .with_guessed_background())
 }
@@ -233,21 +224,17 @@ fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
 }
 
 fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
-    let mut counts: Vec<((u32, u32), usize)> = Vec::new();
-    for camera in cameras {
-        let size = (camera.width, camera.height);
-        match counts.iter_mut().find(|(known, _)| *known == size) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((size, 1)),
-        }
-    }
-    let sizes: Vec<String> = counts.iter().map(|((w, h), count)| format!("{count} of {w}×{h}")).collect();
-    let (width, height) = scale.canvas;
-    (counts.len() > 1).then(|| {
+    let sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
+    let is_first = |(i, size): &(usize, &(u32, u32))| !sizes[..*i].contains(size);
+    let described = |(_, &size): (usize, &(u32, u32))| {
+        format!("{} of {}×{}", sizes.iter().filter(|other| **other == size).count(), size.0, size.1)
+    };
+    let counts: Vec<String> = sizes.iter().enumerate().filter(is_first).map(described).collect();
+    let (counts, is_one, (width, height)) = (counts.join(", "), counts.len() < 2, scale.canvas);
+    (!is_one).then(|| {
         format!(
-            "images of several sizes ({}) are brought to one scale, in the middle of {width}×{height} pixels; what is \
-             outside of them is neither trained on nor measured",
-            sizes.join(", ")
+            "images of several sizes ({counts}) are brought to one scale, in the middle of {width}×{height} pixels; what \
+             is outside of them is neither trained on nor measured"
         )
     })
 }
@@ -272,16 +259,15 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     let original =
         |view: &View| known.get(&fingerprint(view)).filter(|other| is_copy(view, other)).map(|other| &other.name);
     if test.iter().all(|view| original(view).is_some()) {
-        warnings
-            .push("all test views are copies of training views: they show nothing of how new views will look".into());
+        let text = "all test views are copies of training views: they show nothing of how new views will look";
+        warnings.push(text.into());
         return warnings;
     }
-    test.retain(|view| match original(view) {
-        Some(name) => {
-            warnings.push(format!("{} is a copy of {name}, which is trained on: it is not tested", view.name));
-            false
-        }
-        None => true,
+    test.retain(|view| {
+        let copied = original(view);
+        let warning = |name| format!("{} is a copy of {name}, which is trained on: it is not tested", view.name);
+        warnings.extend(copied.map(warning));
+        copied.is_none()
     });
     warnings
 }
@@ -295,6 +281,13 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
         return Err(SceneError::TooLarge { path: dir.into(), what, size, limit: MAX_BYTES });
     }
     Ok(())
+}
+
+/// Collects what is computed in parallel, or the first fault in order, whichever thread met one first.
+pub(crate) fn in_order<T: Send>(
+    results: impl IndexedParallelIterator<Item = Result<T, SceneError>>,
+) -> Result<Vec<T>, SceneError> {
+    results.collect::<Vec<_>>().into_iter().collect()
 }
 
 struct Reader<'a> {
@@ -312,11 +305,7 @@ impl Reader<'_> {
         let at_once = (MAX_AT_ONCE / largest).clamp(1, 1 << 16) as usize;
         let mut views = Vec::with_capacity(frames.len());
         for (frames, cameras) in frames.chunks(at_once).zip(cameras.chunks(at_once)) {
-            let read: Vec<_> = frames.par_iter().zip(cameras).map(|(frame, camera)| self.view(frame, camera)).collect();
-            // The first fault in the order of the views, whichever thread met it first.
-            for view in read {
-                views.push(view?);
-            }
+            views.extend(in_order(frames.par_iter().zip(cameras).map(|(frame, camera)| self.view(frame, camera)))?);
         }
         Ok(views.into_iter().unzip())
     }

@@ -84,18 +84,14 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
 /// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
 fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let distances = cameras
-        .iter()
-        .flat_map(|camera| {
-            points.iter().step_by(step).filter_map(move |&p| {
-                let pixel = camera.project(p)?;
-                let (w, h) = (camera.width as f32, camera.height as f32);
-                let inside = (0.0..=w).contains(&pixel.x) && (0.0..=h).contains(&pixel.y);
-                inside.then(|| p.distance(camera.position()))
-            })
-        })
-        .collect();
-    ascending(distances)
+    let distance = |camera: &Camera, p: Vec3| {
+        let pixel = camera.project(p)?;
+        let (w, h) = (camera.width as f32, camera.height as f32);
+        let inside = (0.0..=w).contains(&pixel.x) && (0.0..=h).contains(&pixel.y);
+        inside.then(|| p.distance(camera.position()))
+    };
+    let seen = |camera| points.iter().step_by(step).filter_map(move |&p| distance(camera, p));
+    ascending(cameras.iter().flat_map(seen).collect())
 }
 
 /// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
@@ -176,14 +172,11 @@ pub(super) fn object_space(cameras: &[Camera]) -> Space {
     let region = ViewRegion::new(cameras);
     let centre = region.centre().as_vec3();
     let (nearest, farthest) = (region.radii().0 as f32, (region.radii().1 as f32).max(1e-3));
-    let half = cameras
-        .iter()
-        .map(|c| {
-            let tangent = 0.5 * (f64::from(c.width) / c.fx).min(f64::from(c.height) / c.fy);
-            c.position().distance(centre) * tangent as f32
-        })
-        .fold(f32::INFINITY, f32::min);
-    let half = (1.05 * half).clamp(0.01 * farthest, farthest);
+    let half = |c: &Camera| {
+        let tangent = 0.5 * (f64::from(c.width) / c.fx).min(f64::from(c.height) / c.fy);
+        c.position().distance(centre) * tangent as f32
+    };
+    let half = (1.05 * cameras.iter().map(half).fold(f32::INFINITY, f32::min)).clamp(0.01 * farthest, farthest);
     let corner = 3f32.sqrt() * half;
     let near = (nearest - corner).max(0.05 * farthest);
     Space::known(cameras, (near, farthest + corner), Aabb::cube(centre, half))
@@ -216,12 +209,8 @@ fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
 
 /// Lists names, [`MAX_LISTED`] at most.
 pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    names
-        .take(MAX_LISTED + 1)
-        .enumerate()
-        .map(|(i, name)| if i < MAX_LISTED { name } else { "…" })
-        .collect::<Vec<_>>()
-        .join(", ")
+    let listed = names.take(MAX_LISTED + 1).enumerate().map(|(i, name)| if i < MAX_LISTED { name } else { "…" });
+    listed.collect::<Vec<_>>().join(", ")
 }
 
 fn place(frame: &Frame) -> DVec3 {
@@ -238,10 +227,10 @@ pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option
     let is_far = |frame: &Frame| spread > 0.0 && times(frame) > FAR_OUT;
     let far: Vec<&Frame> = train.iter().chain(test.iter()).filter(|frame| is_far(frame)).collect();
     let first = far.iter().map(|frame| times(frame)).fold(0.0, f64::max);
-    if far.is_empty() || far.len() as f64 > (MAX_SHARE * (train.len() + test.len()) as f64).max(1.0) {
+    let (count, all) = (far.len(), train.len() + test.len());
+    if count == 0 || count as f64 > (MAX_SHARE * all as f64).max(1.0) {
         return None;
     }
-    let (count, all) = (far.len(), train.len() + test.len());
     let names = listed(far.iter().map(|frame| frame.name.as_str()));
     let warning = format!(
         "{count} of {all} cameras are up to {first:.0} times farther out than the others and left out: {names}"
@@ -273,25 +262,16 @@ mod tests {
         assert!((bounds.min.z + 2.0).abs() < 1e-5 && bounds.max.z > -0.6);
     }
 
-    fn room() -> Vec<Camera> {
-        (0..8)
-            .map(|i| {
-                let a = f64::from(i) * std::f64::consts::TAU / 8.0;
-                let d = DVec3::new(a.cos(), a.sin(), 0.0);
-                Camera::from_fov(16, 12, 1.2, look_along(DVec3::Z + 0.4 * d, d, DVec3::Z))
-            })
-            .collect()
-    }
-
     #[test]
     fn a_room_seen_from_within_lies_in_its_bounds() {
-        let cameras = room();
-        let walls: Vec<Vec3> = (0..400)
-            .map(|i| {
-                let a = i as f32 * 0.7;
-                Vec3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.2 + 0.004 * i as f32)
-            })
-            .collect();
+        let camera = |i: u32| {
+            let a = f64::from(i) * std::f64::consts::TAU / 8.0;
+            let d = DVec3::new(a.cos(), a.sin(), 0.0);
+            Camera::from_fov(16, 12, 1.2, look_along(DVec3::Z + 0.4 * d, d, DVec3::Z))
+        };
+        let cameras: Vec<Camera> = (0..8).map(camera).collect();
+        let wall = |i: f32| Vec3::new(3.0 * (0.7 * i).cos(), 3.0 * (0.7 * i).sin(), 0.2 + 0.004 * i);
+        let walls: Vec<Vec3> = (0..400u16).map(|i| wall(f32::from(i))).collect();
         for points in [vec![], walls.clone()] {
             let known = !points.is_empty();
             let space = capture_space(&cameras, points, Vec::new());

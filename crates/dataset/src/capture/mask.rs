@@ -1,5 +1,6 @@
 //! Masks: finding and reading them, and the pixels of a view that count.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::image::{find_image, read_rgba, resized_mask};
@@ -22,19 +23,13 @@ pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: 
     if matches!(format, Format::Dtu | Format::Zju) {
         return None;
     }
-    let mut found: Vec<PathBuf> = Vec::new();
+    let mut found: BTreeSet<PathBuf> = BTreeSet::new();
     for frame in train.iter_mut().chain(test.iter_mut()).filter(|frame| frame.mask.is_none()) {
-        if let Some((path, role)) = mask_of(dir, &frame.image) {
-            found.push(path.clone());
-            frame.mask = Some((path, role));
-        }
+        frame.mask = mask_of(dir, &frame.image);
+        found.extend(frame.mask.iter().map(|(path, _)| path.clone()));
     }
-    found.sort_unstable();
-    found.dedup();
     let first = found.first()?;
-    let mut images: Vec<&Path> = train.iter().chain(test.iter()).map(|frame| frame.image.as_path()).collect();
-    images.sort_unstable();
-    images.dedup();
+    let images: BTreeSet<&Path> = train.iter().chain(test.iter()).map(|frame| frame.image.as_path()).collect();
     let first = first.strip_prefix(dir).unwrap_or(first).display();
     Some(format!("{} of {} images have masks, such as {first}", found.len(), images.len()))
 }
@@ -92,11 +87,9 @@ fn exceeds_lens(camera: &Camera) -> bool {
 
 /// Returns which pixels have a known ray, row-major; `None` if all do.
 pub(super) fn lens_mask(camera: &Camera) -> Option<Vec<bool>> {
-    if !exceeds_lens(camera) {
-        return None;
-    }
-    let pixel = |i: u32| f64::from(i) + 0.5;
-    Some((0..camera.height).flat_map(|y| (0..camera.width).map(move |x| camera.covers(pixel(x), pixel(y)))).collect())
+    let covers = |x: u32, y: u32| camera.covers(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    let row = |y: u32| (0..camera.width).map(move |x| covers(x, y));
+    exceeds_lens(camera).then(|| (0..camera.height).flat_map(row).collect())
 }
 
 /// Leaves the views without a valid pixel out of `test`, and warns of pixels and views that are left out.
@@ -150,8 +143,8 @@ mod tests {
             write(values);
             assert_eq!(read(MaskRole::Counts), counts);
             assert_eq!(
-                (read(MaskRole::Capture), read(MaskRole::Dynamic)),
-                (capture.to_vec(), capture.map(|c| !c).to_vec())
+                [read(MaskRole::Capture), read(MaskRole::Dynamic)],
+                [capture.to_vec(), capture.map(|c| !c).to_vec()]
             );
         }
         assert_eq!(read_mask(&path, MaskRole::Capture, (4, 2)).unwrap()[4..], [false, false, true, true]);

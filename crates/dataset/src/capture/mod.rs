@@ -12,7 +12,7 @@ mod extent;
 mod mask;
 mod sizes;
 
-pub(crate) use assemble::{assemble, count_pixels, scene_name};
+pub(crate) use assemble::{assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, listed};
 pub(crate) use mask::{is_mask_name, read_mask};
@@ -112,8 +112,7 @@ impl<'a> Found<'a> {
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;
         if let StatedExtent::Estimated(estimate) = &mut self.extent {
-            let left_out = extent::leave_out(&mut self.train, &mut self.test);
-            if let Some(warning) = left_out {
+            if let Some(warning) = extent::leave_out(&mut self.train, &mut self.test) {
                 self.warnings.push(warning);
                 self.train = numbered(self.train);
                 self.test = numbered(self.test);
@@ -167,9 +166,9 @@ impl<'a> Found<'a> {
         let estimate = match &self.extent {
             StatedExtent::Known(space) => return Ok(Space::clone(space)),
             StatedExtent::Depths(near, far) => {
-                let no_end =
-                    || SceneError::malformed(self.dir, "poses and depths with finite bounds", "no finite bounds");
-                return extent::space_of_depths(cameras, (*near, *far)).ok_or_else(no_end);
+                let expected = "poses and depths with finite bounds";
+                let space = extent::space_of_depths(cameras, (*near, *far));
+                return space.ok_or_else(|| SceneError::malformed(self.dir, expected, "no finite bounds"));
             }
             StatedExtent::Estimated(estimate) => estimate,
         };
@@ -227,7 +226,6 @@ fn take_off(middle: DVec3, train: &mut [Frame], test: &mut [Frame], estimate: &m
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::path::PathBuf;
 
     use glam::{DMat4, Vec3};
     use infonerf_scene::{Layout, Scene, ViewSelection};
@@ -242,24 +240,15 @@ mod tests {
     }
 
     fn loaded(cameras: &[Camera]) -> Scene {
-        let guard = tempfile::tempdir().unwrap();
-        photographs(guard.path(), cameras);
-        load(guard.path(), &request()).unwrap()
-    }
-
-    fn moved(camera: &Camera, by: impl Fn(DVec3) -> DVec3) -> Camera {
-        let mut pose = camera.to_world;
-        pose.w_axis = by(camera.position_f64()).extend(1.0);
-        camera.with_pose(pose)
+        load(photographs(cameras).path(), &request()).unwrap()
     }
 
     /// Photographs in the layout of NeRF's synthetic scenes load as they do in that of nerfstudio.
     #[test]
     fn constants_of_a_data_set_apply_to_that_alone() {
-        let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path();
         let around: Vec<Camera> = cameras(10).iter().map(|camera| moved(camera, |p| 0.95 * p)).collect();
-        photographs(dir, &around);
+        let guard = photographs(&around);
+        let dir = guard.path();
         let json = dir.join("transforms.json");
         let as_capture = load(dir, &request()).unwrap();
         fs::rename(&json, dir.join("transforms_train.json")).unwrap();
@@ -278,9 +267,7 @@ mod tests {
     fn worlds_far_from_their_origin_keep_their_detail() {
         let far = DVec3::new(448_262.25, 4_649_776.5, 85.0);
         let near = loaded(&cameras(10));
-        let guard = tempfile::tempdir().unwrap();
-        photographs(guard.path(), &cameras(10).iter().map(|camera| moved(camera, |p| p + far)).collect::<Vec<_>>());
-        let scene = load(guard.path(), &request()).unwrap();
+        let scene = loaded(&cameras(10).iter().map(|camera| moved(camera, |p| p + far)).collect::<Vec<_>>());
         assert!(near.origin == DVec3::ZERO && near.warnings.is_empty());
         assert!(scene.origin.distance(far) < 10.0 && scene.warnings[0].contains("is taken off all coordinates"));
         let shift = scene.origin - far;
@@ -339,10 +326,9 @@ mod tests {
 
     #[test]
     fn a_pixel_that_undistortion_cuts_off_does_not_matter() {
-        let guard = tempfile::tempdir().unwrap();
         let whole = Camera::pinhole((100, 100), [140.0; 2], [50.0; 2], DMat4::IDENTITY);
         let all: Vec<Camera> = cameras(4).iter().map(|camera| whole.with_pose(camera.to_world)).collect();
-        photographs(guard.path(), &all);
+        let guard = photographs(&all);
         let cut = Camera { height: 99, ..all[2].clone() };
         write_view(&guard.path().join("images/p02.png"), &cut);
         let scene = load(guard.path(), &request()).unwrap();
@@ -356,8 +342,7 @@ mod tests {
         let lens = Camera::pinhole((16, 24), [30.0; 2], [7.0, 13.0], DMat4::IDENTITY);
         let all: Vec<Camera> = cameras(9).iter().map(|camera| lens.with_pose(camera.to_world)).collect();
         let upright = loaded(&all);
-        let guard = tempfile::tempdir().unwrap();
-        photographs(guard.path(), &all);
+        let guard = photographs(&all);
         // JPEGs of a camera that was held upright, stored lying on their side.
         for i in 0..all.len() {
             let from = guard.path().join(format!("images/p{i:02}.png"));
@@ -390,10 +375,9 @@ mod tests {
 
     #[test]
     fn copies_of_training_photographs_are_not_tested() {
-        let guard = tempfile::tempdir().unwrap();
         let mut all = cameras(10);
         all.extend([all[8].clone(), all[3].clone()]);
-        photographs(guard.path(), &all);
+        let guard = photographs(&all);
         let scene = load(guard.path(), &request()).unwrap();
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
         assert_warns(&scene, 0, "images/p03 and images/p11 show one photograph, with two cameras");
@@ -410,7 +394,7 @@ mod tests {
     #[test]
     fn missing_photographs_are_passed_over_unless_they_are_asked_for() {
         let guard = tempfile::tempdir().unwrap();
-        let dir: PathBuf = guard.path().join("toy");
+        let dir = guard.path().join("toy");
         blender(&dir, 6, 3);
         fs::remove_file(dir.join("train/r_4.png")).unwrap();
         fs::remove_file(dir.join("test/r_1.png")).unwrap();
@@ -431,11 +415,10 @@ mod tests {
         let around = infonerf_procedural::train_cameras(20);
         let point = |i: usize| Vec3::new((i as f32 * 0.37).sin(), (i as f32 * 0.91).cos(), (i as f32 * 0.53).sin());
         let near: Vec<Vec3> = (0..300).map(point).collect();
-        let far = near.iter().copied().chain((0..30).map(|i| 2000.0 * point(i)));
+        let far: Vec<Vec3> = near.iter().copied().chain((0..30).map(|i| 2000.0 * point(i))).collect();
         let distances = |points: &[Vec3]| -> Vec<f32> {
             around.iter().flat_map(|camera| points.iter().map(|p| p.distance(camera.position()))).collect()
         };
-        let (far, near) = (far.collect::<Vec<_>>(), near);
         let exact = capture_space(&around, near.clone(), distances(&near));
         let found = capture_space(&around, far.clone(), distances(&far));
         assert!((found.far / exact.far - 1.0).abs() < 0.01 && found.bounds.size().distance(exact.bounds.size()) < 0.1);

@@ -7,6 +7,7 @@ use infonerf_scene::{Body, Camera, SceneError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
+use crate::capture::in_order;
 use crate::files::{make_folder, npy, write_file};
 
 /// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
@@ -34,8 +35,7 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
             }
             Ok(frame)
         };
-        let results: Vec<_> = cameras.par_iter().enumerate().map(view).collect();
-        let frames = results.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let frames = in_order(cameras.par_iter().enumerate().map(view))?;
         let fov = procedural::field_of_view(name);
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
         let transforms = json!({"camera_angle_x": fov, "near": near, "far": far, "aabb": bounds, "frames": frames});

@@ -120,18 +120,19 @@ fn baseline(scene: &Scene) -> Option<String> {
         let others = directions.iter().enumerate().filter(|(j, _)| *j != i);
         others.map(|(_, d)| angle(directions[i], *d)).fold(f64::INFINITY, f64::min).to_degrees()
     };
-    let lonely = (0..directions.len()).filter(|&i| nearest(i) > LONELY_DEG).count();
     let total = directions.len();
-    let text = format!(
-        "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
-    );
-    (lonely > 0).then_some(text)
+    let lonely = (0..total).filter(|&i| nearest(i) > LONELY_DEG).count();
+    (lonely > 0).then(|| {
+        format!(
+            "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
+        )
+    })
 }
 
 fn images(scene: &Scene) -> Vec<String> {
     let mut found = Vec::new();
-    let views =
-        scene.train.iter().chain(scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file)));
+    let tested = scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file));
+    let views = scene.train.iter().chain(tested);
     let measured: Vec<(&View, f32, f32)> = views.map(|v| (v, detail(&v.image), spread(&v.image))).collect();
     let mut details: Vec<f32> = measured.iter().map(|m| m.1).collect();
     details.sort_by(f32::total_cmp);
@@ -210,7 +211,7 @@ mod tests {
     use super::*;
     use crate::{SceneSource, load};
     use glam::Vec3;
-    use infonerf_scene::{Aabb, Range, SceneRequest, TestProtocol, ViewSelection};
+    use infonerf_scene::{Aabb, Range};
 
     fn scene() -> Scene {
         let (train, test) = (ViewSelection::Seed { seed: 0, count: 5 }, TestProtocol::First(1));
@@ -222,6 +223,7 @@ mod tests {
     fn each_fault_is_found_and_a_sound_scene_has_none() {
         let sound = scene();
         assert_eq!(check(&sound), [""; 0]);
+        let narrow = Range::Distance { near: 1.0, far: 2.0 };
         /// A change of the scene, and a part of each warning that it leads to.
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
         let cases: [Case<'_>; 8] = [
@@ -229,13 +231,7 @@ mod tests {
             (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
             (&|s| s.space.points = vec![Vec3::ZERO; 4], &[]),
-            (
-                &|s| {
-                    s.space.points = vec![Vec3::ZERO; 4];
-                    s.space.range = Range::Distance { near: 1.0, far: 2.0 };
-                },
-                &["lie outside near and far"],
-            ),
+            (&|s| (s.space.points, s.space.range) = (vec![Vec3::ZERO; 4], narrow), &["lie outside near and far"]),
             (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
             (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),

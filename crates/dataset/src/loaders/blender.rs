@@ -46,25 +46,24 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         }
         Err(SceneError::NotFound { .. }) => Vec::new(),
         // A list without frames, or with frames that have no pose.
-        Err(SceneError::Field { field, found, .. }) if field == "frames" && found == "an array of 0" => Vec::new(),
-        Err(SceneError::Field { field, found, .. }) if field.ends_with("transform_matrix") && found == "nothing" => {
+        Err(SceneError::Field { field, found, .. })
+            if field == "frames" && found == "an array of 0"
+                || field.ends_with("transform_matrix") && found == "nothing" =>
+        {
             Vec::new()
         }
         Err(error) => return Err(error),
     };
-    let mut found = if tested.is_empty() {
-        let (train, test): (Vec<Frame>, Vec<Frame>) = hold_out(train.frames, &request.test);
+    let (mut train, mut test) = (train.frames, tested);
+    if test.is_empty() {
+        (train, test) = hold_out(train, &request.test);
+        (train, test) = (numbered(train), numbered(test));
         if !test.is_empty() {
             let text = "transforms_test.json has no views: every eighth training view is held out for test";
             warnings.push(text.into());
         }
-        Found::new(dir, Format::Blender, numbered(train), numbered(test), extent)
-    } else {
-        Found::new(dir, Format::Blender, train.frames, tested, extent)
-    };
-    found.warnings = warnings;
-    found.selections = selections;
-    Ok(found)
+    }
+    Ok(Found { warnings, selections, ..Found::new(dir, Format::Blender, train, test, extent) })
 }
 
 /// Returns what is known of the space, and a warning if it has to be estimated.

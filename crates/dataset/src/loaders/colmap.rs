@@ -87,10 +87,8 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
 fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
     let first_in = |folder: &Path| names.iter().map(|name| image_path(folder, name).0).find(|path| path.is_file());
     let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
-    let mut best = match whole.chain(roots.iter().cloned()).find(|folder| first_in(folder).is_some()) {
-        Some(folder) => folder,
-        None => roots[roots.len() - 1].join(FOLDERS[0]),
-    };
+    let found = whole.chain(roots.iter().cloned()).find(|folder| first_in(folder).is_some());
+    let mut best = found.unwrap_or_else(|| roots[roots.len() - 1].join(FOLDERS[0]));
     let (Some(size), Some(root)) = (size, best.parent()) else { return Ok(best) };
     if best.file_name().is_none_or(|name| name != FOLDERS[0]) && best.is_dir() {
         return Ok(best);
@@ -111,6 +109,7 @@ mod tests {
     use std::path::Path;
 
     use glam::{DVec2, DVec3};
+    use tempfile::TempDir;
 
     use super::super::testing::*;
     use crate::colmap::testing::{reconstruction, write_binary, write_text};
@@ -119,7 +118,9 @@ mod tests {
 
     /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not
     /// there.
-    fn folder(dir: &Path, text: bool) -> Vec<Camera> {
+    fn folder(write: fn(&Path, &Reconstruction)) -> (TempDir, Vec<Camera>) {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
         let lens = [24.0, 25.0, 10.5, 8.0, 0.1, 0.02, 1e-3, -1e-3, 0.01, 0.05, 0.02, 0.0];
         let camera = ColmapCamera::new(dir, "camera", 6, (20, 16), lens.to_vec()).unwrap();
         let cameras: Vec<Camera> =
@@ -128,24 +129,18 @@ mod tests {
         let mut all = reconstruction(camera, &cameras, |i| format!("v/{i}.png"));
         all.points = (0..200).map(|i| (i, point(i))).collect();
         all.images.iter_mut().for_each(|image| image.observations = (0..200).map(|p| (DVec2::ZERO, p)).collect());
-        let place = dir.join("sparse/0");
-        if text {
-            write_text(&place, &all)
-        } else {
-            write_binary(&place, &all)
-        }
+        write(&dir.join("sparse/0"), &all);
         fs::create_dir_all(dir.join("images/v")).unwrap();
         for (i, camera) in cameras[..8].iter().enumerate() {
             write_view(&dir.join(format!("images/v/{i}.png")), camera);
         }
-        cameras
+        (guard, cameras)
     }
 
     #[test]
     fn a_procedural_scene_round_trips() {
-        for text in [false, true] {
-            let guard = tempfile::tempdir().unwrap();
-            let cameras = folder(guard.path(), text);
+        for write in [write_binary, write_text] {
+            let (guard, cameras) = folder(write);
             let scene = load(guard.path(), &request()).unwrap();
             assert_eq!((scene.train.len(), scene.test.len(), scene.format), (7, 1, Format::Colmap));
             assert_eq!(scene.train[0].name, "v/1");
@@ -164,8 +159,7 @@ mod tests {
     /// Neither their cameras nor the points that they alone see.
     #[test]
     fn test_photographs_do_not_shape_the_space() {
-        let guard = tempfile::tempdir().unwrap();
-        folder(guard.path(), false);
+        let (guard, _) = folder(write_binary);
         let place = guard.path().join("sparse/0");
         let mut all = Reconstruction::read(guard.path()).unwrap();
         write_binary(&place, &all);
@@ -187,8 +181,7 @@ mod tests {
 
     #[test]
     fn smaller_images_take_their_cameras_with_them() {
-        let guard = tempfile::tempdir().unwrap();
-        let cameras = folder(guard.path(), false);
+        let (guard, cameras) = folder(write_binary);
         fs::create_dir_all(guard.path().join("images_2/v")).unwrap();
         for (i, camera) in cameras[..8].iter().enumerate() {
             write_view(&guard.path().join(format!("images_2/v/{i}.png")), &camera.resized(10, 8));
@@ -204,8 +197,7 @@ mod tests {
         for (disk, named) in
             [("images/v", "/home/me/scan/images/v/0.png"), ("images/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
         {
-            let guard = tempfile::tempdir().unwrap();
-            folder(guard.path(), true);
+            let (guard, _) = folder(write_text);
             let mut all = Reconstruction::read(guard.path()).unwrap();
             all.images.iter_mut().enumerate().for_each(|(i, image)| image.name = named.replace('0', &i.to_string()));
             write_text(&guard.path().join("sparse/0"), &all);
@@ -219,8 +211,7 @@ mod tests {
 
     #[test]
     fn photographs_without_a_pose_are_counted_and_faults_named() {
-        let guard = tempfile::tempdir().unwrap();
-        let cameras = folder(guard.path(), false);
+        let (guard, cameras) = folder(write_binary);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
         assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");

@@ -120,8 +120,7 @@ pub(crate) fn camera(
     let camera = decompose(&world, size).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
     let diagonal = DVec3::new(scale.x_axis.x, scale.y_axis.y, scale.z_axis.z);
     let off = DMat3::from_mat4(scale) - DMat3::from_diagonal(diagonal);
-    let usable = diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element());
-    if !usable {
+    if !(diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element())) {
         return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
     }
     let mut pose = camera.to_world;
@@ -133,17 +132,14 @@ pub(crate) fn camera(
 }
 
 fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> Result<DMat4, SceneError> {
-    let expected = "a finite 4×4 matrix";
-    let Some(array) = matrices.get(name) else {
-        return Err(SceneError::field(path, name, expected, "nothing"));
-    };
-    let values: Option<[f64; 16]> = array.values.as_slice().try_into().ok();
-    match values {
-        Some(values) if array.shape == [4, 4] && values.iter().all(|v| v.is_finite()) => {
-            Ok(DMat4::from_cols_array(&values).transpose())
+    let fault = |found: &str| SceneError::field(path, name, "a finite 4×4 matrix", found);
+    let array = matrices.get(name).ok_or_else(|| fault("nothing"))?;
+    match <[f64; 16]>::try_from(array.values.as_slice()) {
+        Ok(values) if array.shape == [4, 4] => {
+            let matrix = DMat4::from_cols_array(&values).transpose();
+            if matrix.is_finite() { Ok(matrix) } else { Err(fault("a value that is not finite")) }
         }
-        Some(_) if array.shape == [4, 4] => Err(SceneError::field(path, name, expected, "a value that is not finite")),
-        _ => Err(SceneError::field(path, name, expected, format!("shape {:?}", array.shape))),
+        _ => Err(fault(&format!("shape {:?}", array.shape))),
     }
 }
 
@@ -153,14 +149,12 @@ fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
     let (m1, m2, m3) = (sign * rows.x_axis, sign * rows.y_axis, sign * rows.z_axis);
     let scale = m3.length();
-    let Some(r3) = m3.try_normalize() else { return Err("a last row of zeros".into()) };
+    let r3 = m3.try_normalize().ok_or("a last row of zeros")?;
     let across = m2 - m2.dot(r3) * r3;
-    let Some(r2) = across.try_normalize() else { return Err("rows that are multiples of each other".into()) };
+    let r2 = across.try_normalize().ok_or("rows that are multiples of each other")?;
     let along = m1 - m1.dot(r3) * r3;
     let skew = along.dot(r2) / scale;
-    let Some(r1) = (along - along.dot(r2) * r2).try_normalize() else {
-        return Err("rows that are multiples of each other".into());
-    };
+    let r1 = (along - along.dot(r2) * r2).try_normalize().ok_or("rows that are multiples of each other")?;
     let focal = [(along - along.dot(r2) * r2).length() / scale, across.length() / scale];
     if !focal.iter().all(|f| json::PIXELS.contains(f)) {
         return Err(format!("focal lengths {focal:?}"));
@@ -196,26 +190,16 @@ mod tests {
     /// Returns the matrices of cameras in a world that is larger and elsewhere.
     fn arrays(cameras: &[Camera]) -> Vec<NamedArray> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
-        let moved = |camera: &Camera| {
-            let mut pose = camera.to_world;
-            pose.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
-            camera.with_pose(pose)
-        };
+        let moved = |camera: &Camera| moved(camera, |p| p * SCALE + SHIFT);
         let moved: Vec<Camera> = cameras.iter().map(moved).collect();
         let mut arrays = matrices(moved.iter(), scale);
         arrays.push(("world_mat_inv_0".into(), vec![1], vec![0.0]));
         arrays
     }
 
-    fn cameras(n: usize) -> Vec<Camera> {
-        infonerf_procedural::train_cameras(8)[..n]
-            .iter()
-            .map(|c| Camera::pinhole((16, 12), [22.0, 21.0], [8.25, 5.75], c.to_world))
-            .collect()
-    }
-
     fn folder(dir: &Path, n: usize, masks: bool) -> Vec<Camera> {
-        let cameras = cameras(n);
+        let camera = |c: &Camera| Camera::pinhole((16, 12), [22.0, 21.0], [8.25, 5.75], c.to_world);
+        let cameras: Vec<Camera> = infonerf_procedural::train_cameras(8)[..n].iter().map(camera).collect();
         fs::create_dir_all(dir.join("image")).unwrap();
         npy::write_archive(&dir.join("cameras_sphere.npz"), &arrays(&cameras)).unwrap();
         for (i, camera) in cameras.iter().enumerate() {

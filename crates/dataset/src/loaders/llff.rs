@@ -44,9 +44,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let images = find_images(dir, request.image_size)?;
     if images.len() != rows.len() {
         let folder = images.first().and_then(|p| p.parent()).unwrap_or(dir);
-        let reason = format!("it has {}", images.len());
         let expected = format!("{} images, one for each pose", rows.len());
-        return Err(SceneError::malformed(folder, expected, reason));
+        return Err(SceneError::malformed(folder, expected, format!("it has {}", images.len())));
     }
     let (width, height) = images.first().map_or(Ok((1, 1)), |first| stored_dimensions(first))?;
     let (poses, range) = placed(&path, &rows)?;
@@ -114,7 +113,8 @@ pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32,
     let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
     let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
     let scale = 1.0 / (NEAREST * nearest);
-    let poses: Vec<DMat4> = recentre(rows.iter().map(|r| scaled(r.pose, scale)).collect());
+    let scaled = |pose: DMat4| DMat4 { w_axis: (pose.w_axis.truncate() * scale).extend(1.0), ..pose };
+    let poses: Vec<DMat4> = recentre(rows.iter().map(|r| scaled(r.pose)).collect());
     let far = farthest * scale;
     if let Some(found) = poses.iter().find_map(pose::fault) {
         return Err(SceneError::malformed(path, EXPECTED, format!("scaled to its nearest depth {nearest:e}, {found}")));
@@ -123,11 +123,6 @@ pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32,
         return Err(SceneError::malformed(path, EXPECTED, format!("depths from {nearest:e} to {farthest:e}")));
     }
     Ok((poses, (MARGIN * (nearest * scale) as f32, far as f32)))
-}
-
-fn scaled(mut pose: DMat4, scale: f64) -> DMat4 {
-    pose.w_axis = (pose.w_axis.truncate() * scale).extend(1.0);
-    pose
 }
 
 /// Moves the mean pose (mean position, mean backward axis, mean up axis made perpendicular) to the
@@ -153,9 +148,7 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
             continue;
         }
         let images: Vec<PathBuf> = list_images(&folder)?.into_iter().filter(|path| !is_mask_name(path)).collect();
-        let Some(first) = images.first() else {
-            continue;
-        };
+        let Some(first) = images.first() else { continue };
         if best.is_some() {
             let (width, height) = stored_dimensions(first)?;
             if size.is_none_or(|size| width.max(height) < size) {
@@ -183,11 +176,7 @@ mod tests {
 
     /// Returns the row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
     fn row(x: f32) -> [f32; 17] {
-        let m = [0.0, 1.0, 0.0, x, 16.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 0.0, 20.0];
-        let mut row = [0.0; 17];
-        row[..15].copy_from_slice(&m);
-        (row[15], row[16]) = (2.0, 10.0);
-        row
+        [0.0, 1.0, 0.0, x, 16.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 0.0, 20.0, 2.0, 10.0]
     }
 
     fn write(dir: &Path, rows: &[[f32; 17]]) {
@@ -207,8 +196,8 @@ mod tests {
         guard
     }
 
-    fn rows() -> Vec<[f32; 17]> {
-        (0..9).map(|i| row(i as f32)).collect()
+    fn rows() -> [[f32; 17]; 9] {
+        std::array::from_fn(|i| row(i as f32))
     }
 
     #[test]
@@ -238,12 +227,11 @@ mod tests {
         let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
         assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
         // The folder that suits the size is taken.
-        let small = SceneRequest { image_size: Some(8), ..request() };
-        let scene = load(guard.path(), &small).unwrap();
+        let sized = |size: u32| SceneRequest { image_size: Some(size), ..request() };
+        let scene = load(guard.path(), &sized(8)).unwrap();
         assert_eq!(scene.train[0].name, "images_2/image001");
         assert_eq!((scene.train[0].camera.width, scene.train[0].camera.fx), (8, 10.0));
-        let between = SceneRequest { image_size: Some(9), ..request() };
-        assert_eq!(load(guard.path(), &between).unwrap().train[0].name, "images/image001");
+        assert_eq!(load(guard.path(), &sized(9)).unwrap().train[0].name, "images/image001");
     }
 
     #[test]
@@ -259,8 +247,7 @@ mod tests {
         let bad = |column: usize, value: f32| {
             let mut rows = rows();
             rows[5][column] = value;
-            let guard = folder(&rows);
-            message(guard.path(), &request())
+            message(folder(&rows).path(), &request())
         };
         assert!(bad(1, 0.0).contains("field `[5, 0..15]`: expected a 3×5 matrix"));
         assert!(bad(3, f32::NAN).contains("not finite"));

@@ -82,7 +82,9 @@ pub(crate) mod testing {
     use std::fs;
     use std::path::{Path, PathBuf};
 
+    use glam::DVec3;
     use serde_json::{Value, json};
+    use tempfile::TempDir;
 
     use crate::SceneSource;
     use infonerf_procedural::train_cameras;
@@ -114,11 +116,8 @@ pub(crate) mod testing {
 
     /// Asserts that the warning `index` of a scene contains `part`.
     pub fn assert_warns(scene: &Scene, index: usize, part: &str) {
-        assert!(
-            scene.warnings.get(index).is_some_and(|warning| warning.contains(part)),
-            "{part}: {:?}",
-            scene.warnings
-        );
+        let warning = scene.warnings.get(index);
+        assert!(warning.is_some_and(|warning| warning.contains(part)), "{part}: {:?}", scene.warnings);
     }
 
     /// Writes the image that a camera has of `knot`, as a PNG.
@@ -145,8 +144,17 @@ pub(crate) mod testing {
         assert_eq!(*view.image, expected);
     }
 
+    /// Returns a camera whose position is that of `camera` changed by `by`.
+    pub fn moved(camera: &Camera, by: impl Fn(DVec3) -> DVec3) -> Camera {
+        let mut pose = camera.to_world;
+        pose.w_axis = by(camera.position_f64()).extend(1.0);
+        camera.with_pose(pose)
+    }
+
     /// Writes the photographs that `cameras` take of `knot`, on white, with a `transforms.json` of their sizes and poses.
-    pub fn photographs(dir: &Path, cameras: &[Camera]) {
+    pub fn photographs(cameras: &[Camera]) -> TempDir {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
         fs::create_dir_all(dir.join("images")).unwrap();
         let frames = cameras.iter().enumerate().map(|(i, camera)| {
             let image = infonerf_procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
@@ -156,12 +164,12 @@ pub(crate) mod testing {
                 "transform_matrix": camera.to_world.transpose().to_cols_array_2d()})
         });
         write_json(&dir.join("transforms.json"), &json!({"frames": frames.collect::<Vec<_>>()}));
+        guard
     }
 
     /// Returns a 4×4 pose as JSON rows.
     pub fn pose(index: usize) -> Value {
-        let m = train_cameras(8)[index].to_world.transpose().to_cols_array_2d();
-        json!(m)
+        json!(train_cameras(8)[index].to_world.transpose().to_cols_array_2d())
     }
 
     pub fn write_json(path: &Path, value: &Value) {
@@ -215,16 +223,10 @@ pub(crate) mod testing {
         let (parent, key) = pointer.rsplit_once('/').unwrap();
         let parent = root.pointer_mut(parent).unwrap();
         match (parent, value) {
-            (Value::Object(map), Some(value)) => {
-                map.insert(key.into(), value);
-            }
-            (Value::Object(map), None) => {
-                map.remove(key);
-            }
+            (Value::Object(map), Some(value)) => drop(map.insert(key.into(), value)),
+            (Value::Object(map), None) => drop(map.remove(key)),
             (Value::Array(items), Some(value)) => items[key.parse::<usize>().unwrap()] = value,
-            (Value::Array(items), None) => {
-                items.remove(key.parse().unwrap());
-            }
+            (Value::Array(items), None) => drop(items.remove(key.parse().unwrap())),
             _ => panic!("no such place: {pointer}"),
         }
         write_json(path, &root);
