@@ -45,22 +45,8 @@ impl CameraPath {
     /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
     /// cameras are not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::of(&Node::root(path, &json::read(path)?))
-    }
-
-    /// Returns the path in a scene whose origin lies at `origin` in the coordinates of its files.
-    pub fn about(&self, origin: DVec3) -> Self {
-        let mut path = self.clone();
-        path.keyframes.iter_mut().for_each(|keyframe| keyframe.pose.w_axis -= origin.extend(0.0));
-        path
-    }
-
-    /// Returns `n` frames along the path.
-    pub fn interpolated(&self, n: usize) -> Vec<Keyframe> {
-        interpolate_keyframes(&self.keyframes, self.closed, n)
-    }
-
-    fn of(root: &Node<'_>) -> Result<Self, SceneError> {
+        let file = json::read(path)?;
+        let root = Node::root(path, &file);
         if let Some(kind) = root.find("camera_type") {
             let expected = "\"perspective\"";
             if kind.text(expected)? != "perspective" {
@@ -95,6 +81,18 @@ impl CameraPath {
         let closed = !complete && is_cycle.unwrap_or(false);
         Ok(Self { keyframes, closed, fps, frames, size })
     }
+
+    /// Returns the path in a scene whose origin lies at `origin` in the coordinates of its files.
+    pub fn about(&self, origin: DVec3) -> Self {
+        let mut path = self.clone();
+        path.keyframes.iter_mut().for_each(|keyframe| keyframe.pose.w_axis -= origin.extend(0.0));
+        path
+    }
+
+    /// Returns `n` frames along the path.
+    pub fn interpolated(&self, n: usize) -> Vec<Keyframe> {
+        interpolate_keyframes(&self.keyframes, self.closed, n)
+    }
 }
 
 fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
@@ -119,13 +117,12 @@ mod tests {
     /// Exported coordinates lead back to the scene's.
     #[test]
     fn paths_far_from_the_origin_of_the_world() {
-        let mut keyframe = train_cameras(8)[0].to_world;
+        let exact = train_cameras(8)[0].to_world;
         let origin = DVec3::new(448_262.25, 4_649_776.5, 85.0);
-        keyframe.w_axis += origin.extend(0.0);
+        let keyframe = glam::DMat4::from_translation(origin) * exact;
         let rows = json!(keyframe.transpose().to_cols_array());
         let path = read(&json!({"keyframes": [{"camera_to_world": rows}]})).unwrap().about(origin);
-        let exact = train_cameras(8)[0].to_world.w_axis;
-        assert!((path.keyframes[0].pose.w_axis - exact).length() < 1e-8, "{path:?}");
+        assert!((path.keyframes[0].pose.w_axis - exact.w_axis).length() < 1e-8, "{path:?}");
     }
 
     fn flat(index: usize) -> Value {
@@ -161,8 +158,8 @@ mod tests {
     #[test]
     fn keyframes_are_interpolated() {
         let bare = |i| json!({"camera_to_world": flat(i)});
-        let path =
-            read(&json!({"keyframes": [bare(0), bare(1)], "seconds": 2.0, "fps": 10, "is_cycle": true})).unwrap();
+        let file = json!({"keyframes": [bare(0), bare(1)], "seconds": 2.0, "fps": 10, "is_cycle": true});
+        let path = read(&file).unwrap();
         assert_eq!((path.frames, path.closed, path.size, path.keyframes[0].fov_y), (20, true, None, None));
         let frames = path.interpolated(20);
         assert!(frames[10].pose.abs_diff_eq(train_cameras(8)[1].to_world, 1e-9));
@@ -172,7 +169,8 @@ mod tests {
 
     #[test]
     fn faults_name_the_field() {
-        let whole = json!({"fps": 24, "render_width": 8, "camera_path": [entry(0), entry(1)]});
+        let cameras = [entry(0), entry(1)];
+        let whole = json!({"camera_type": "perspective", "fps": 24, "render_width": 8, "camera_path": cameras});
         let cases = [
             ("/camera_path", json!([]), "`camera_path`: expected a list of 1 to 10000 cameras"),
             ("/camera_path", Value::Null, "`keyframes`: expected a list of 1 to 10000 cameras (or in `camera_path`)"),
@@ -186,6 +184,7 @@ mod tests {
             ("/fps", json!(0), "`fps`"),
             ("/fps", json!(1e6), "`fps`"),
             ("/render_width", json!(1e9), "`render_width`: expected a side"),
+            ("/camera_type", json!("fisheye"), "`camera_type`: expected \"perspective\""),
         ];
         for (pointer, value, expected) in cases {
             let mut changed = whole.clone();
@@ -193,9 +192,6 @@ mod tests {
             let text = read(&changed).unwrap_err().to_string();
             assert!(text.contains(expected) && !text.contains('\n'), "{pointer}: {text}");
         }
-        let mut fisheye = whole;
-        fisheye["camera_type"] = json!("fisheye");
-        assert!(read(&fisheye).unwrap_err().to_string().contains("`camera_type`: expected \"perspective\""));
         assert!(CameraPath::read(Path::new("no/path.json")).unwrap_err().to_string().contains("no/path.json"));
     }
 }

@@ -93,9 +93,8 @@ fn colmap(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
     let poses = infonerf_procedural::train_cameras(8);
     let lenses = cameras.iter().flatten().flat_map(|all| all.values()).take(MAX_FRAMES / 3);
     let taken = lenses.flat_map(|lens| poses[..3].iter().map(|camera| lens.at(camera.to_world))).collect();
-    let is_accepted =
-        cameras.iter().any(Option::is_some) || images.iter().any(Option::is_some) || points.contains(&true);
-    is_accepted.then_some(taken)
+    let is_read = cameras.iter().any(Option::is_some) || images.iter().any(Option::is_some) || points.contains(&true);
+    is_read.then_some(taken)
 }
 
 fn cameras_npz(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {

@@ -104,7 +104,7 @@ impl Bundle {
             let projected = self.lens.project(self.poses[*camera].transform(position));
             projected.map_or(f64::INFINITY, |p| p.distance(*pixel))
         });
-        let (focal, k1) = how.prior.residuals(&self.lens);
+        let [focal, k1] = how.prior.residuals(&self.lens);
         let poses = how.poses.map_or(0.0, |prior| prior.cost(&self.poses));
         errors.map(robust).sum::<f64>() + focal.powi(2) + k1.powi(2) + poses
     }
@@ -113,14 +113,11 @@ impl Bundle {
         let size = LENS + POSE * self.poses.len();
         let mut normal =
             Normal { matrix: DMatrix::zeros(size, size), gradient: DVector::zeros(size), points: Vec::new() };
-        let (focal, k1) = how.prior.residuals(&self.lens);
-        for (i, (residual, deviation)) in
-            [(focal, how.prior.focal_deviation), (k1, how.prior.k1_deviation)].into_iter().enumerate()
-        {
-            if deviation > 0.0 {
-                normal.matrix[(i, i)] += deviation.powi(-2);
-                normal.gradient[i] += residual / deviation;
-            }
+        let deviations = [how.prior.focal_deviation, how.prior.k1_deviation];
+        let residuals = how.prior.residuals(&self.lens);
+        for i in (0..LENS).filter(|i| deviations[*i] > 0.0) {
+            normal.matrix[(i, i)] += deviations[i].powi(-2);
+            normal.gradient[i] += residuals[i] / deviations[i];
         }
         if let Some(prior) = how.poses {
             prior.add_to(&mut normal, &self.poses);
@@ -135,7 +132,7 @@ impl Bundle {
                 let residual = projected - pixel;
                 let weight = 1.0 / (1.0 + residual.length_squared() / how.scale.powi(2));
                 let index = |k: usize| if k < LENS { k } else { LENS + POSE * camera + k - LENS };
-                let free = |k: usize| k >= LENS || [how.prior.focal_deviation, how.prior.k1_deviation][k] > 0.0;
+                let free = |k: usize| k >= LENS || deviations[k] > 0.0;
                 let mut coupling = [DVec3::ZERO; LENS + POSE];
                 for (axis, row) in jacobian.iter().enumerate() {
                     let r = residual[axis] * weight;
@@ -209,9 +206,9 @@ impl Prior {
     }
 
     /// Returns the differences of the lens from what was expected, in deviations.
-    fn residuals(&self, lens: &SimpleRadial) -> (f64, f64) {
+    fn residuals(&self, lens: &SimpleRadial) -> [f64; LENS] {
         let over = |value: f64, deviation: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
-        (over((lens.focal / self.focal).ln(), self.focal_deviation), over(lens.k1, self.k1_deviation))
+        [over((lens.focal / self.focal).ln(), self.focal_deviation), over(lens.k1, self.k1_deviation)]
     }
 }
 
@@ -324,8 +321,8 @@ mod tests {
         let moved = all.poses.iter().map(|pose| pose.moved(DVec3::ZERO, DVec3::X * 0.5)).collect();
         let expected = PosePrior { poses: moved, turn_deviation: 0.1, shift_deviation: 0.25 };
         assert!((cost(&all, longer, Some(&expected)) - 21.0).abs() < 1e-9, "and 2 · (0.5 / 0.25)²");
-        all.points[0].seen =
-            vec![(0, all.lens.project(all.poses[0].transform(all.points[0].position)).unwrap() + 2.0 * DVec2::X)];
+        let exact = all.lens.project(all.poses[0].transform(all.points[0].position)).unwrap();
+        all.points[0].seen = vec![(0, exact + 2.0 * DVec2::X)];
         assert!((cost(&all, longer, Some(&expected)) - 21.0 - 5f64.ln()).abs() < 1e-9);
     }
 }

@@ -51,8 +51,7 @@ fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
     let alike: Vec<usize> = all.par_iter().map(|&(a, b)| matches(&strongest[a], &strongest[b]).len()).collect();
     let mut likely: BTreeSet<(usize, usize)> = all.iter().copied().filter(|(a, b)| b - a <= FOLLOWING).collect();
     for photograph in 0..count {
-        let mut own: Vec<_> =
-            all.iter().zip(&alike).filter(|((a, b), _)| *a == photograph || *b == photograph).collect();
+        let mut own: Vec<_> = all.iter().zip(&alike).filter(|((a, b), _)| [*a, *b].contains(&photograph)).collect();
         own.sort_by_key(|(_, alike)| Reverse(**alike));
         likely.extend(own.into_iter().take(NEIGHBOURS).map(|(pair, _)| *pair));
     }
@@ -156,9 +155,8 @@ pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item 
     };
     for (i, all) in features.iter().enumerate() {
         // Features that differ in their orientation alone.
-        (1..all.pixels.len())
-            .filter(|&k| all.pixels[k] == all.pixels[k - 1])
-            .for_each(|k| join(first[i] + k, first[i] + k - 1));
+        let same = (1..all.pixels.len()).filter(|&k| all.pixels[k] == all.pixels[k - 1]);
+        same.for_each(|k| join(first[i] + k, first[i] + k - 1));
     }
     for Matches { a, b, pairs } in matches {
         pairs.iter().for_each(|(i, j)| join(first[*a] + i, first[*b] + j));

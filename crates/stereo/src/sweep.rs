@@ -130,11 +130,11 @@ impl<'a> PointProjection<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::{DMat4, DQuat, DVec3};
 
     #[test]
     fn projections_are_those_of_the_camera() {
-        let pose =
-            glam::DMat4::from_rotation_translation(glam::DQuat::from_rotation_y(0.7), glam::DVec3::new(1.0, 2.0, 3.0));
+        let pose = DMat4::from_rotation_translation(DQuat::from_rotation_y(0.7), DVec3::new(1.0, 2.0, 3.0));
         let camera = Camera::from_fov(40, 30, 1.0, pose);
         let projection = PointProjection::new(&camera);
         for p in [Vec3::new(-1.0, 1.5, -2.0), Vec3::new(-4.0, 2.5, 0.0), Vec3::new(3.0, 1.0, 6.0)] {

@@ -70,8 +70,7 @@ fn pixels_that_are_not_valid_are_not_matched() {
         view.valid = Some((0..2 * half).map(|i| i < half).collect());
         view.image = image.into();
     }
-    let (whole, maps) =
-        (depth_maps(&scene, &StereoSettings::default()), depth_maps(&masked, &StereoSettings::default()));
+    let [whole, maps] = [&scene, &masked].map(|scene| depth_maps(scene, &StereoSettings::default()));
     for (view, (map, whole)) in maps.iter().zip(&whole).enumerate() {
         let half = map.disparity.len() / 2;
         assert!(map.disparity[half..].iter().all(|disparity| disparity.is_nan()));

@@ -82,11 +82,9 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let is_better = best.as_ref().is_some_and(|(share, _)| *share >= BETTER.0 && *share >= given + BETTER.1);
     if given >= EXPLAINED && !is_better {
         for (image, explained, all) in wrong(&matches, &explained(&poses, 1.0), chosen.len()) {
-            doubts.push(format!(
-                "the camera of {} explains {} of {all} matches with other photographs: is its pose right?",
-                names[image],
-                percent(explained as f64 / all as f64)
-            ));
+            let (name, share) = (names[image], percent(explained as f64 / all as f64));
+            let text = format!("explains {share} of {all} matches with other photographs: is its pose right?");
+            doubts.push(format!("the camera of {name} {text}"));
         }
         return Ok(doubts);
     }
@@ -140,23 +138,16 @@ fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
         let doubt = "image widths: is it in pixels, and for images of this size?";
         doubts.push(format!("the focal length of {name} is {found:.2} {doubt}"));
     }
-    let central =
-        |c: &Camera| CENTRAL.contains(&(c.cx / f64::from(c.width))) && CENTRAL.contains(&(c.cy / f64::from(c.height)));
-    if let Some(i) = cameras.iter().position(|c| !central(c)) {
-        let c = &cameras[i];
-        doubts.push(format!(
-            "the principal point of {} is at {:.2} of the width and {:.2} of the height: is it for images of this size?",
-            names[i],
-            c.cx / f64::from(c.width),
-            c.cy / f64::from(c.height)
-        ));
+    let middle = |c: &Camera| [c.cx / f64::from(c.width), c.cy / f64::from(c.height)];
+    if let Some(i) = cameras.iter().position(|c| !middle(c).iter().all(|share| CENTRAL.contains(share))) {
+        let (name, [x, y]) = (names[i], middle(&cameras[i]));
+        let place = format!("is at {x:.2} of the width and {y:.2} of the height");
+        doubts.push(format!("the principal point of {name} {place}: is it for images of this size?"));
     }
     if let Some(i) = cameras.iter().position(|c| !SQUARE.contains(&(c.fy / c.fx))) {
-        let ratio = cameras[i].fy / cameras[i].fx;
-        doubts.push(format!(
-            "the focal lengths of {} differ by a factor of {ratio:.2}: are its pixels not square?",
-            names[i]
-        ));
+        let (name, ratio) = (names[i], cameras[i].fy / cameras[i].fx);
+        doubts
+            .push(format!("the focal lengths of {name} differ by a factor of {ratio:.2}: are its pixels not square?"));
     }
     doubts
 }
@@ -168,11 +159,10 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>
     let with_turn = |pose: &DMat4, turn: DMat3| {
         DMat4::from_cols(turn.x_axis.extend(0.0), turn.y_axis.extend(0.0), turn.z_axis.extend(0.0), pose.w_axis)
     };
-    let with_place = |pose: &DMat4, place: DVec3| DMat4 { w_axis: place.extend(1.0), ..*pose };
     let each = |change: &dyn Fn(&DMat4) -> DMat4| given.iter().map(change).collect::<Vec<_>>();
     let rolled = |degrees: f64| each(&|pose| *pose * DMat4::from_rotation_z(degrees.to_radians()));
     let transposed = |pose: &DMat4| with_turn(pose, turn(pose).transpose());
-    let moved = each(&|pose| with_place(pose, -(turn(pose) * pose.w_axis.truncate())));
+    let moved = |pose: &DMat4| DMat4 { w_axis: (-(turn(pose) * pose.w_axis.truncate())).extend(1.0), ..*pose };
     let shifted = |by: usize| (0..given.len()).map(|i| given[(i + by) % given.len()]).collect();
     let mut all = vec![
         ("with OpenCV's axes (y down, z forward)", each(&|pose| *pose * flip)),
@@ -180,7 +170,7 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>
         ("as world-to-camera matrices with OpenCV's axes", each(&|pose| pose.inverse() * flip)),
         ("with transposed rotations", each(&transposed)),
         ("with transposed rotations and OpenCV's axes", each(&|pose| transposed(pose) * flip)),
-        ("with the translations taken as those of world-to-camera matrices", moved),
+        ("with the translations taken as those of world-to-camera matrices", each(&moved)),
         ("each with the pose of the next photograph", shifted(1)),
         ("each with the pose of the photograph before", shifted(given.len() - 1)),
         ("in the opposite order", given.iter().rev().copied().collect()),
@@ -211,9 +201,8 @@ fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(us
         let of = |image: usize| {
             let own = matches.iter().zip(explained).filter(|(pair, _)| pair.a == image || pair.b == image);
             let own = own.filter(|(pair, _)| !is_known(pair.a) && !is_known(pair.b));
-            own.fold((image, 0, 0), |(_, sum, all), (pair, explained)| {
-                (image, sum + explained, all + pair.pixels.len())
-            })
+            let counts = own.map(|(pair, explained)| (*explained, pair.pixels.len()));
+            counts.fold((image, 0, 0), |(_, sum, all), (explained, own)| (image, sum + explained, all + own))
         };
         let share = |(_, explained, all): &(usize, usize, usize)| *explained as f64 / *all as f64;
         let judged = (0..count).map(of).filter(|(_, _, all)| *all >= OF_ONE.0);
@@ -228,7 +217,6 @@ fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(us
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::path::Path;
 
     use infonerf_scene::SceneRequest;
     use serde_json::json;
@@ -251,10 +239,6 @@ mod tests {
         };
         let frames: Vec<_> = (0..cameras.len()).map(frame).collect();
         write_json(&dir.join("transforms.json"), &json!({"frames": frames}));
-        doubts_of(dir)
-    }
-
-    fn doubts_of(dir: &Path) -> Vec<String> {
         compare(&crate::loaders::read(dir, &SceneRequest::default()).unwrap().understood().unwrap()).unwrap()
     }
 
@@ -296,9 +280,8 @@ mod tests {
             8 => (all[5].to_world, all[8].fx),
             _ => (all[i].to_world, all[i].fx),
         });
-        let names =
-            |name: &str| found.iter().any(|doubt| doubt.contains(name) && doubt.ends_with("is its pose right?"));
-        assert!(found.len() == 2 && names("images/p3") && names("images/p8"), "{found:?}");
+        let is_named = |name: &str| found.iter().any(|doubt| doubt.contains(name) && doubt.ends_with("pose right?"));
+        assert!(found.len() == 2 && is_named("images/p3") && is_named("images/p8"), "{found:?}");
     }
 
     #[test]

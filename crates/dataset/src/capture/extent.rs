@@ -134,11 +134,8 @@ fn quantile(sorted: &[f32], q: f64) -> f32 {
 
 /// Returns the smallest box around what the cameras see within `range`, by a grid of rays through each.
 pub(crate) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
-    let ends = cameras.iter().flat_map(grid).filter_map(|ray| {
-        let (near, far) = range.along(&ray)?;
-        Some([ray.at(near), ray.at(far)])
-    });
-    Aabb::containing(ends.flatten().filter(|p: &Vec3| p.is_finite()))
+    let ends = |ray: Ray| range.along(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]);
+    Aabb::containing(cameras.iter().flat_map(grid).filter_map(ends).flatten().filter(|p: &Vec3| p.is_finite()))
 }
 
 /// Returns rays through a grid of pixel positions, the borders included.

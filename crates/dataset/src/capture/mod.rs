@@ -22,7 +22,7 @@ use std::path::Path;
 use glam::DVec3;
 use infonerf_scene::image::{orientation, quarter_turns, stored_dimensions};
 use infonerf_scene::select::pool::Named;
-use infonerf_scene::{Aabb, Camera, Format, SceneError, SceneRequest, Space, TestProtocol};
+use infonerf_scene::{Aabb, Camera, Format, SceneError, Space, TestProtocol};
 
 use crate::frame::{Frame, Intrinsics, cameras_of, numbered, present};
 
@@ -92,18 +92,11 @@ impl<'a> Found<'a> {
 
     /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and
     /// every eighth of the others is held out for test.
-    pub fn captured(
-        dir: &'a Path,
-        format: Format,
-        frames: Vec<Frame>,
-        request: &SceneRequest,
-        estimate: Estimate,
-    ) -> Self {
+    pub fn captured(dir: &'a Path, format: Format, frames: Vec<Frame>, test: &TestProtocol, known: Estimate) -> Self {
         let (frames, warning) = present(frames);
-        let (train, test) = hold_out(frames, &request.test);
-        let mut found = Self::new(dir, format, numbered(train), numbered(test), StatedExtent::Estimated(estimate));
-        found.warnings.extend(warning);
-        found
+        let (train, test) = hold_out(frames, test);
+        let found = Self::new(dir, format, numbered(train), numbered(test), StatedExtent::Estimated(known));
+        Self { warnings: warning.into_iter().collect(), ..found }
     }
 
     /// Prepares the frames and derives the space.
@@ -175,9 +168,8 @@ impl<'a> Found<'a> {
         let all = || self.train.iter().chain(&self.test);
         let unseen = !estimate.points.is_empty() && all().all(|frame| frame.points.is_empty());
         if unseen && !self.test.is_empty() {
-            let text =
-                "the reconstruction does not say who sees a point: those of test photographs shape the space too";
-            self.warnings.push(text.into());
+            let fault = "the reconstruction does not say who sees a point";
+            self.warnings.push(format!("{fault}: those of test photographs shape the space too"));
         }
         let mut is_seen = vec![unseen; estimate.points.len()];
         self.train.iter().flat_map(|frame| &frame.points).for_each(|&point| is_seen[point] = true);
@@ -228,7 +220,7 @@ mod tests {
     use std::fs;
 
     use glam::{DMat4, Vec3};
-    use infonerf_scene::{Layout, Scene, ViewSelection};
+    use infonerf_scene::{Layout, Scene, SceneRequest, ViewSelection};
 
     use super::*;
     use crate::colmap::ColmapCamera;

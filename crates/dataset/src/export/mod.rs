@@ -119,15 +119,14 @@ mod tests {
         let (scene, cameras) = read_back("table", Format::Dtu, "regnerf-3");
         assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [25, 22, 28]);
         assert_eq!((scene.format, scene.test.len(), scene.warnings.len()), (Format::Dtu, 25, 0));
-        let place = |camera: &Camera| camera.position();
         for view in scene.train.iter().chain(&scene.test) {
             let camera = &cameras[view.id];
             let mask = view.mask.as_deref().unwrap();
             assert_eq!(mask, procedural::object_mask("table", camera).unwrap());
             // What the masks show lies in the unit sphere.
             let shown = procedural::render("table", camera).unwrap();
-            let scale = place(camera).distance(place(&cameras[0]))
-                / place(&view.camera).distance(place(&scene.all_train_cameras[0]));
+            let apart = |a: &Camera, b: &Camera| a.position().distance(b.position());
+            let scale = apart(camera, &cameras[0]) / apart(&view.camera, &scene.all_train_cameras[0]);
             for (i, mask) in mask.iter().enumerate() {
                 let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
                 let (a, b) = (view.camera.ray(x, y), camera.ray(x, y));

@@ -9,6 +9,8 @@ use serde_json::Value;
 
 use super::read_file;
 
+type Result<T> = std::result::Result<T, SceneError>;
+
 /// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
@@ -16,13 +18,13 @@ const MAX_BYTES: u64 = 256 << 20;
 pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
 /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
-pub(crate) fn read(path: &Path) -> Result<Value, SceneError> {
+pub(crate) fn read(path: &Path) -> Result<Value> {
     parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
 }
 
 /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
 /// Python's `NaN` and `Infinity` become null.
-pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
+pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&strict(bytes)));
     value.map_err(|e| SceneError::malformed(path, "JSON", e))
@@ -42,7 +44,7 @@ impl<'a> Node<'a> {
     }
 
     /// Returns the field `key` of an object, which must be there.
-    pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
+    pub fn get(&self, key: &str, expected: &str) -> Result<Self> {
         self.find(key).ok_or_else(|| SceneError::field(self.file, self.join(key), expected, "nothing"))
     }
 
@@ -53,15 +55,11 @@ impl<'a> Node<'a> {
     }
 
     /// Reads the field `key`, if it is there and not null.
-    pub fn optional<T>(
-        &self,
-        key: &str,
-        read: impl FnOnce(Self) -> Result<T, SceneError>,
-    ) -> Result<Option<T>, SceneError> {
+    pub fn optional<T>(&self, key: &str, read: impl FnOnce(Self) -> Result<T>) -> Result<Option<T>> {
         self.find(key).map(read).transpose()
     }
 
-    pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
+    pub fn items(&self, expected: &str) -> Result<Vec<Self>> {
         let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
         let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
         Ok(items.iter().enumerate().map(node).collect())
@@ -72,26 +70,26 @@ impl<'a> Node<'a> {
         self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
     }
 
-    pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
+    pub fn number(&self, expected: &str) -> Result<f64> {
         self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
     }
 
-    pub fn within(&self, range: impl RangeBounds<f64>, expected: &str) -> Result<f64, SceneError> {
+    pub fn within(&self, range: impl RangeBounds<f64>, expected: &str) -> Result<f64> {
         let number = self.number(expected)?;
         if range.contains(&number) { Ok(number) } else { Err(self.error(expected)) }
     }
 
-    pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
-        let numbers = self.items(expected)?.iter().map(|item| item.number(expected)).collect::<Result<Vec<_>, _>>()?;
+    pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N]> {
+        let numbers = self.items(expected)?.iter().map(|item| item.number(expected)).collect::<Result<Vec<_>>>()?;
         let count = numbers.len();
         numbers.try_into().map_err(|_| self.fault(expected, format!("{count} values")))
     }
 
-    pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
+    pub fn flag(&self, expected: &str) -> Result<bool> {
         self.value.as_bool().ok_or_else(|| self.error(expected))
     }
 
-    pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
+    pub fn text(&self, expected: &str) -> Result<&'a str> {
         self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
     }
 

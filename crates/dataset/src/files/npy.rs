@@ -20,6 +20,9 @@ pub(crate) struct Array<T> {
     pub values: Vec<T>,
 }
 
+/// Arrays of an archive, by their names.
+pub(crate) type Arrays = BTreeMap<String, Array<f64>>;
+
 /// Reads an array of `f32` or `f64` as `f64`; in Fortran's order if it is a matrix.
 pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
@@ -108,12 +111,8 @@ pub(crate) fn encode<T: Copy + Into<f64>>(shape: &[u64], values: &[T]) -> Vec<u8
 const MAX_ARCHIVE: u64 = 256 << 20;
 const MAX_ARRAYS: usize = 10_000;
 
-/// Reads the arrays of an archive whose name `wanted` accepts, by their names.
-pub(crate) fn read_archive(
-    path: &Path,
-    expected: &str,
-    wanted: impl Fn(&str) -> bool,
-) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+/// Reads the arrays of an archive whose name `wanted` accepts.
+pub(crate) fn read_archive(path: &Path, expected: &str, wanted: impl Fn(&str) -> bool) -> Result<Arrays, SceneError> {
     decode_archive(path, &read_file(path, expected, MAX_ARCHIVE)?, expected, wanted)
 }
 
@@ -122,7 +121,7 @@ pub(crate) fn decode_archive(
     bytes: &[u8],
     expected: &str,
     wanted: impl Fn(&str) -> bool,
-) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+) -> Result<Arrays, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| fault(&e))?;
     if archive.len() > MAX_ARRAYS {

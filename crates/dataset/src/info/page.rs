@@ -14,14 +14,12 @@ const PAGE: &str = include_str!("page.html");
 pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
     let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
     let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));
-    let train = scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train"));
-    let test = scene.test.iter().map(|v| drawn(&v.camera, &v.name, "test"));
-    let named = |cameras: &[Camera], kind: &str| -> Vec<Value> {
-        cameras.iter().zip(&scene.train).map(|(camera, view)| drawn(camera, &view.name, kind)).collect()
-    };
-    let after =
-        named(learned, "learned").into_iter().chain(named(scene.exact_cameras.as_deref().unwrap_or(&[]), "exact"));
-    let cameras: Vec<Value> = others.chain(test).chain(train).chain(after).collect();
+    let mut cameras: Vec<Value> = others.collect();
+    cameras.extend(scene.test.iter().map(|v| drawn(&v.camera, &v.name, "test")));
+    cameras.extend(scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train")));
+    for (found, kind) in [(learned, "learned"), (scene.exact_cameras.as_deref().unwrap_or(&[]), "exact")] {
+        cameras.extend(found.iter().zip(&scene.train).map(|(camera, view)| drawn(camera, &view.name, kind)));
+    }
     let step = scene.space.points.len().div_ceil(MAX_POINTS).max(1);
     let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
     let data = json!({
@@ -38,8 +36,7 @@ pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
         "{}: {}, cameras {}, near {:.3}, far {:.3}",
         scene.name, scene.format, scene.space.layout, scene.space.near, scene.space.far
     );
-    let warnings =
-        scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect::<String>();
+    let warnings: String = scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect();
     // Within a script only a closing tag would end it.
     let data = data.to_string().replace("</", "<\\/");
     PAGE.replace("{{title}}", &escaped(&words)).replace("{{warnings}}", &warnings).replace("{{data}}", &data)

@@ -46,7 +46,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     }
     let lost = without_pose(&folder, &frames);
     let estimate = Estimate { points: read.points.values().copied().collect(), ..Estimate::default() };
-    let mut found = Found::captured(dir, Format::Colmap, frames, request, estimate);
+    let mut found = Found::captured(dir, Format::Colmap, frames, &request.test, estimate);
     found.warnings.extend(lost);
     if let [(place, count), (_, next), ..] = &models[..] {
         let (name, others) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len() - 1);
@@ -58,12 +58,9 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
 /// Returns folders that may hold the folder of images: the parents of the reconstruction up to `dir`, the nearest
 /// first.
 fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
-    let mut roots: Vec<PathBuf> =
-        place.ancestors().skip(1).take_while(|folder| folder.starts_with(dir)).map(Path::to_owned).collect();
-    if roots.is_empty() {
-        roots.push(dir.to_owned());
-    }
-    roots
+    let above = place.ancestors().skip(1).take_while(|folder| folder.starts_with(dir));
+    let roots: Vec<PathBuf> = above.map(Path::to_owned).collect();
+    if roots.is_empty() { vec![dir.to_owned()] } else { roots }
 }
 
 /// Finds the image that a reconstruction names in `folder`: as it is named, with another extension, or by the end of a
@@ -114,6 +111,7 @@ mod tests {
     use super::super::testing::*;
     use crate::colmap::testing::{reconstruction, write_binary, write_text};
     use crate::colmap::{ColmapCamera, Reconstruction};
+    use infonerf_procedural::train_cameras;
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest};
 
     /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not
@@ -123,8 +121,7 @@ mod tests {
         let dir = guard.path();
         let lens = [24.0, 25.0, 10.5, 8.0, 0.1, 0.02, 1e-3, -1e-3, 0.01, 0.05, 0.02, 0.0];
         let camera = ColmapCamera::new(dir, "camera", 6, (20, 16), lens.to_vec()).unwrap();
-        let cameras: Vec<Camera> =
-            infonerf_procedural::train_cameras(8)[..9].iter().map(|from| camera.at(from.to_world)).collect();
+        let cameras: Vec<Camera> = train_cameras(8)[..9].iter().map(|from| camera.at(from.to_world)).collect();
         let point = |i: u64| DVec3::new((i as f64).sin(), (i as f64 * 1.7).sin(), (i as f64 * 0.6).cos());
         let mut all = reconstruction(camera, &cameras, |i| format!("v/{i}.png"));
         all.points = (0..200).map(|i| (i, point(i))).collect();

@@ -1,6 +1,5 @@
 //! Scans of DTU as IDR, NeuS and pixelNeRF keep them: `image`, `mask` and projection matrices.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
@@ -11,7 +10,7 @@ use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
 use crate::files::json;
-use crate::files::npy::{self, Array};
+use crate::files::npy::{self, Arrays};
 use crate::frame::{Frame, MaskRole};
 
 /// The files that mark this format.
@@ -107,12 +106,7 @@ fn sphere(cameras: &[Camera]) -> Space {
 }
 
 /// Makes camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
-pub(crate) fn camera(
-    path: &Path,
-    matrices: &BTreeMap<String, Array<f64>>,
-    index: usize,
-    size: (u32, u32),
-) -> Result<Camera, SceneError> {
+pub(crate) fn camera(path: &Path, matrices: &Arrays, index: usize, size: (u32, u32)) -> Result<Camera, SceneError> {
     let world = matrix(path, matrices, &format!("world_mat_{index}"))?;
     let scale = matrix(path, matrices, &format!("scale_mat_{index}"))?;
     let fault =
@@ -131,7 +125,7 @@ pub(crate) fn camera(
     }
 }
 
-fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> Result<DMat4, SceneError> {
+fn matrix(path: &Path, matrices: &Arrays, name: &str) -> Result<DMat4, SceneError> {
     let fault = |found: &str| SceneError::field(path, name, "a finite 4×4 matrix", found);
     let array = matrices.get(name).ok_or_else(|| fault("nothing"))?;
     match <[f64; 16]>::try_from(array.values.as_slice()) {

@@ -41,7 +41,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
             found.warnings.extend(warning);
             found
         }
-        None => Found::captured(dir, Format::Transforms, transforms.frames, request, estimate),
+        None => Found::captured(dir, Format::Transforms, transforms.frames, &request.test, estimate),
     };
     if found.train.is_empty() {
         return Err(SceneError::field(&path, "train_filenames", "at least one frame with its image", "none"));

@@ -66,18 +66,15 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
     let of = |names: &[String], what: &str| {
-        names.first().map(|first| {
-            format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path))
-        })
+        let (some, all, first, file) = (names.len(), items.len(), names.first()?, file_name(path));
+        Some(format!("{some} of {all} frames of {file} {what}, the first {first}"))
     };
-    let warnings = [
-        of(&lost, "have no pose and are left out"),
-        of(&scaled, "have matrices that are no exact rotations and are corrected"),
-    ];
+    let left_out = of(&lost, "have no pose and are left out");
+    let corrected = of(&scaled, "have matrices that are no exact rotations and are corrected");
     Ok(Transforms {
         frames,
         lost,
-        warnings: warnings.into_iter().flatten().collect(),
+        warnings: left_out.into_iter().chain(corrected).collect(),
         range: read_range(&root)?,
         bounds: root.optional("aabb", read_bounds)?,
         cube: root.optional("aabb_scale", read_aabb_scale)?,

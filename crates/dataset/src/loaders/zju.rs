@@ -42,21 +42,15 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let Annotations { cameras, images, frames: count } = annotations(&path, &bytes, request.frame.unwrap_or(0))?;
     let size = images.first().map(|first| stored_dimensions(&dir.join(first))).transpose()?.unwrap_or((1, 1));
     let Some(folder) = MASKS.iter().map(|m| dir.join(m)).find(|m| m.is_dir()) else {
-        return Err(SceneError::NotFound {
-            path: dir.join(MASKS[0]),
-            expected: "the folder of the person's masks".into(),
-        });
+        let expected = "the folder of the person's masks".into();
+        return Err(SceneError::NotFound { path: dir.join(MASKS[0]), expected });
     };
-    let frames: Vec<Frame> = images
-        .iter()
-        .zip(&cameras)
-        .enumerate()
-        .map(|(id, (name, camera))| {
-            let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
-            let mask = Some((mask_path(&folder, name), MaskRole::Matte));
-            Frame { id, mask, ..Frame::new(name, dir.join(name), &camera) }
-        })
-        .collect();
+    let frame = |(id, (name, camera)): (usize, (&String, &Camera))| {
+        let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
+        let mask = Some((folder.join(name).with_extension("png"), MaskRole::Matte));
+        Frame { id, mask, ..Frame::new(name, dir.join(name), &camera) }
+    };
+    let frames: Vec<Frame> = images.iter().zip(&cameras).enumerate().map(frame).collect();
     let ids: Vec<usize> = TRAIN.iter().copied().filter(|&i| i < frames.len()).collect();
     let space = space(dir, &frames, &ids, request.frame.unwrap_or(0))?;
     let others: Vec<usize> = (0..frames.len()).filter(|i| !TRAIN.contains(i)).collect();
@@ -82,24 +76,16 @@ pub(crate) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
 }
 
-/// Returns the mask of an image: a PNG under the image's path.
-fn mask_path(folder: &Path, image: &str) -> PathBuf {
-    folder.join(image).with_extension("png")
-}
-
 /// Derives the space of a frame from the body and the cameras `train` about it.
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
-    let body = match body_folders(dir) {
-        Some([folder, poses]) => {
-            // Some films count from 1.
-            let first = if folder.join("0.npy").is_file() { 0 } else { 1 };
-            let file = format!("{}.npy", frame + first);
-            let pose = poses.join(&file);
-            Some(body(&folder.join(&file), pose.is_file().then_some(pose.as_path()))?)
-        }
-        None => None,
+    let read_body = |[folder, poses]: [PathBuf; 2]| {
+        // Some films count from 1.
+        let first = if folder.join("0.npy").is_file() { 0 } else { 1 };
+        let file = format!("{}.npy", frame + first);
+        body(&folder.join(&file), Some(poses.join(&file)).filter(|pose| pose.is_file()).as_deref())
     };
+    let body = body_folders(dir).map(read_body).transpose()?;
     let bounds = match body.as_ref().and_then(|body| Aabb::containing(body.vertices.iter().copied())) {
         Some(Aabb { min, max }) => Aabb { min: min - MARGIN, max: max + MARGIN },
         None => carve(frames, &cameras, train)?,
@@ -133,18 +119,15 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     let pickle = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
     let vector = |key: &str| {
         let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
-        match numbers.as_deref() {
-            Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
-            Some(found) => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
-            None => Err(SceneError::field(pose, key, "three numbers of at most 1e6", "none")),
+        if let Some(&[x, y, z]) = numbers.as_deref().filter(|found| found.iter().all(|v| v.abs() <= 1e6)) {
+            return Ok(DVec3::new(x, y, z));
         }
+        let found = numbers.map_or("none".into(), |found| format!("{found:?}"));
+        Err(SceneError::field(pose, key, "three numbers of at most 1e6", found))
     };
     let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
-    let axes = match rotation.try_normalize() {
-        Some(axis) => DMat3::from_axis_angle(axis, rotation.length()),
-        None => DMat3::IDENTITY,
-    };
-    Ok(Body { vertices, axes: axes.as_mat3(), origin })
+    let about = |axis| DMat3::from_axis_angle(axis, rotation.length());
+    Ok(Body { vertices, axes: rotation.try_normalize().map_or(DMat3::IDENTITY, about).as_mat3(), origin })
 }
 
 /// Returns the box of the points that all masks of the training cameras see a person at.
@@ -152,12 +135,11 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     let about = capture_space(cameras, Vec::new(), Vec::new());
     let mut masks = Vec::new();
     for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
-        if let Some((path, role)) = &frame.mask {
-            let mask = read_mask(path, *role, (camera.width, camera.height))?;
-            // A view that the person is not in says nothing of where they are.
-            if mask.contains(&true) {
-                masks.push((camera, mask));
-            }
+        let Some((path, role)) = &frame.mask else { continue };
+        let mask = read_mask(path, *role, (camera.width, camera.height))?;
+        // A view that the person is not in says nothing of where they are.
+        if mask.contains(&true) {
+            masks.push((camera, mask));
         }
     }
     let seen = |p: Vec3| {
@@ -214,17 +196,13 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     let place = format!("ims[{frame}].ims");
     let images = items(&get(chosen, "ims", &place)?, &place)?;
     let name = |value: &Value| pickle.text(value).filter(|t| !t.is_empty()).map(|t| t.replace('\\', "/"));
-    let images: Vec<String> = images
-        .iter()
-        .map(name)
-        .collect::<Option<_>>()
-        .ok_or_else(|| field(&place, "paths of images", &"something else"))?;
+    let images: Option<Vec<String>> = images.iter().map(name).collect();
+    let images = images.ok_or_else(|| field(&place, "paths of images", &"something else"))?;
     let cams = get(pickle.root(), "cams", "cams")?;
-    let lists = ["K", "D", "R", "T"].map(|key| {
+    let [k, d, r, t] = ["K", "D", "R", "T"].map(|key| {
         let place = format!("cams.{key}");
         items(&get(&cams, key, &place)?, &place)
     });
-    let [k, d, r, t] = lists;
     let (k, d, r, t) = (k?, d?, r?, t?);
     let cameras = k.iter().zip(&d).zip(&r).zip(&t).enumerate();
     let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, &pickle, i, [k, d, r, t]));
@@ -291,6 +269,8 @@ mod tests {
     use super::*;
     use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
     use crate::export::{annotations, lens};
+    use glam::DMat4;
+    use infonerf_procedural::train_cameras;
     use infonerf_scene::{Backdrop, Rgba8, TestProtocol};
 
     fn write(path: &Path, pickle: &[u8]) {
@@ -298,10 +278,8 @@ mod tests {
     }
 
     fn folder(dir: &Path) -> Vec<Camera> {
-        let cameras: Vec<Camera> = infonerf_procedural::train_cameras(8)[..8]
-            .iter()
-            .map(|c| Camera::pinhole((20, 20), [27.0, 27.5], [10.25, 9.75], c.to_world).with_lens(lens()))
-            .collect();
+        let lens = Camera::pinhole((20, 20), [27.0, 27.5], [10.25, 9.75], DMat4::IDENTITY).with_lens(lens());
+        let cameras: Vec<Camera> = train_cameras(8)[..8].iter().map(|c| lens.with_pose(c.to_world)).collect();
         write(&dir.join(MARKER), &annotations(&cameras, 2));
         for (i, camera) in cameras.iter().enumerate() {
             fs::create_dir_all(dir.join(format!("Camera_B{i}"))).unwrap();
@@ -353,14 +331,13 @@ mod tests {
         // And how it is posed: a quarter turn about z.
         fs::create_dir(guard.path().join("new_params")).unwrap();
         let pose = guard.path().join("new_params/2.npy");
-        let of = |turn: f64| {
-            dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
-        };
-        write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
+        let vector = |values: [f64; 3]| numbers(&[1, 3], &values);
+        let of = |turn: f64| object(dict(&[("Rh", vector([0.0, 0.0, turn])), ("Th", vector([0.1, 0.2, 0.3]))]));
+        write(&pose, &of(std::f64::consts::FRAC_PI_2));
         let posed = load(guard.path(), &second()).unwrap().space.body.unwrap();
         assert!((posed.axes * Vec3::X - Vec3::Y).length() < 1e-6, "{:?}", posed.axes);
         assert_eq!(posed.origin, Vec3::new(0.1, 0.2, 0.3));
-        write(&pose, &object(of(f64::NAN)));
+        write(&pose, &of(f64::NAN));
         assert!(message(guard.path(), &second()).contains("`Rh`: expected three numbers of at most 1e6"));
         fs::remove_file(&pose).unwrap();
         npy::write(&body, &[1, 3], &[0.0, f32::NAN, 0.0]).unwrap();
@@ -390,8 +367,7 @@ mod tests {
         assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
         assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
         assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
-        let few = annotations(&cameras[..2], 2);
-        write(&path, &few);
+        write(&path, &annotations(&cameras[..2], 2));
         fs::remove_file(dir.join("mask_cihp/Camera_B0/000001.png")).unwrap();
         assert!(message(dir, &second()).contains("mask_cihp/Camera_B0/000001.png: not found"));
         fs::remove_dir_all(dir.join("mask_cihp")).unwrap();

@@ -9,7 +9,9 @@ use std::process::{Command, Stdio};
 
 use infonerf_scene::SceneError;
 
+use super::OVERLAPPING;
 use crate::colmap::{Reconstruction, models};
+use crate::files::make_folder;
 
 /// Name of the program.
 pub(super) const PROGRAM: &str = "colmap";
@@ -57,7 +59,7 @@ pub(super) fn find(
 ) -> Result<Reconstruction, SceneError> {
     let (database, sparse) = (work.join("colmap.db"), work.join("sparse"));
     let _ = fs::remove_dir_all(work);
-    fs::create_dir_all(&sparse).map_err(|e| SceneError::io(&sparse, e))?;
+    make_folder(&sparse)?;
     for step in &STEPS {
         progress(step.0);
         let mut help = String::new();
@@ -66,8 +68,7 @@ pub(super) fn find(
         run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)?;
     }
     if models(work).is_empty() {
-        let expected = "photographs that overlap enough to find their poses";
-        return Err(SceneError::malformed(images, expected, "colmap made no reconstruction of them"));
+        return Err(SceneError::malformed(images, OVERLAPPING, "colmap made no reconstruction of them"));
     }
     Reconstruction::read(work)
 }
@@ -103,20 +104,17 @@ fn run(program: &Path, step: &str, arguments: &[OsString], progress: &mut impl F
     let mut last = VecDeque::new();
     for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
         let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-        if line.is_empty() {
-            continue;
-        }
-        progress(&line);
-        last.push_back(line);
-        if last.len() > REPEATED {
-            last.pop_front();
+        if !line.is_empty() {
+            progress(&line);
+            last.truncate(REPEATED - 1);
+            last.push_front(line);
         }
     }
     let status = child.wait().map_err(io)?;
     if status.success() {
         return Ok(());
     }
-    let reason = format!("{status}: {}", last.into_iter().collect::<Vec<_>>().join("; "));
+    let reason = format!("{status}: {}", last.into_iter().rev().collect::<Vec<_>>().join("; "));
     Err(SceneError::malformed(program, format!("`{step}` to succeed"), reason))
 }
 

@@ -16,6 +16,7 @@ use infonerf_scene::image::{list_images, unread_format};
 use crate::colmap::Reconstruction;
 use crate::files::file_name;
 
+const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
 /// Below this many images no pose can be found.
 const MIN_IMAGES: usize = 2;
 
@@ -58,12 +59,13 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     }
     let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
     let work = dir.join(WORK);
+    let folders = (&*work, &*sparse, &*images);
     let found = match (search.solver, colmap) {
         (PoseSolver::Colmap, None) => {
             Err(SceneError::malformed(dir, "the colmap program to find the poses", "colmap is not on PATH"))
         }
         (PoseSolver::Colmap, Some(colmap)) => colmap::find(&colmap, &work, &images, &mut progress)
-            .and_then(|found| keep_colmap(&found, &work, &sparse, &images, &mut progress)),
+            .and_then(|found| keep_colmap(&found, folders, &mut progress)),
         (solver, colmap) => {
             let own = own::find(&images, search.focal, &mut progress);
             let is_final = match &own {
@@ -71,16 +73,14 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
                 // COLMAP invents a baseline where there is none.
                 Err(error) => error.to_string().contains(infonerf_sfm::NO_DEPTH),
             };
-            match colmap {
-                Some(colmap) if solver == PoseSolver::Best && !is_final => {
-                    better(own, &colmap, (&work, &sparse, &images), &mut progress)
-                }
-                _ => own.and_then(|own| own.write(&sparse)),
+            match colmap.filter(|_| solver == PoseSolver::Best && !is_final) {
+                Some(colmap) => better(own, &colmap, folders, &mut progress),
+                None => own.and_then(|own| own.write(&sparse)),
             }
         }
     };
     // What cannot be removed is removed by the next attempt, or says so then.
-    let _ = fs::remove_dir_all(work);
+    let _ = fs::remove_dir_all(&work);
     found
 }
 
@@ -100,29 +100,23 @@ fn better(
         }
     };
     let count = list_images(images)?.len();
-    let own_quality = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model));
-    let colmap_quality = quality(&found);
-    let is_better =
-        colmap_quality.0 > own_quality.0 || colmap_quality.0 == own_quality.0 && colmap_quality.1 < own_quality.1;
+    let ours = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model));
+    let theirs = quality(&found);
+    let is_better = theirs.0 > ours.0 || theirs.0 == ours.0 && theirs.1 < ours.1;
     let describe = |(placed, residual): (usize, f64)| match residual {
         f64::INFINITY => format!("{placed} of {count} photographs"),
         _ => format!("{placed} of {count} photographs with a residual of {residual:.2} pixels"),
     };
-    progress(&format!(
-        "{} poses are kept: colmap placed {}, this program {}",
-        if is_better { "colmap's" } else { "this program's" },
-        describe(colmap_quality),
-        describe(own_quality)
-    ));
-    if is_better { keep_colmap(&found, work, sparse, images, progress) } else { own?.write(sparse) }
+    let kept = if is_better { "colmap's" } else { "this program's" };
+    let (ours, theirs) = (describe(ours), describe(theirs));
+    progress(&format!("{kept} poses are kept: colmap placed {theirs}, this program {ours}"));
+    if is_better { keep_colmap(&found, (work, sparse, images), progress) } else { own?.write(sparse) }
 }
 
 /// Moves the reconstruction that COLMAP has left in `work` to `sparse`, and names the photographs that it left out.
 fn keep_colmap(
     found: &Reconstruction,
-    work: &Path,
-    sparse: &Path,
-    images: &Path,
+    (work, sparse, images): (&Path, &Path, &Path),
     progress: &mut impl FnMut(&str),
 ) -> Result<(), SceneError> {
     for name in list_images(images)?.iter().map(|path| file_name(path)) {
@@ -183,10 +177,8 @@ fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
     }
     let count = list_images(&folder)?.len();
     if count < MIN_IMAGES {
-        if let Some(error) = first_unread(&folder) {
-            return Err(error);
-        }
-        return Err(SceneError::malformed(&folder, "at least two photographs", format!("it has {count}")));
+        let few = || SceneError::malformed(&folder, "at least two photographs", format!("it has {count}"));
+        return Err(first_unread(&folder).unwrap_or_else(few));
     }
     Ok(folder)
 }
@@ -204,10 +196,8 @@ mod tests {
         assert!(text.contains("at least two photographs: it has 0"), "{text}");
         fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
         let text = fault(guard.path());
-        assert!(
-            text.contains("IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it"),
-            "{text}"
-        );
+        let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
+        assert!(text.contains(unread), "{text}");
         assert_eq!(unposed(guard.path()).unwrap().to_string(), text);
         assert!(fault(&guard.path().join("none")).contains("not found"));
     }

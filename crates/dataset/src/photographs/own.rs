@@ -11,6 +11,7 @@ use infonerf_scene::{Camera, Image, SceneError, resized_dimensions};
 use infonerf_sfm::{Photograph, reconstruct};
 use rayon::prelude::*;
 
+use super::OVERLAPPING;
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 use crate::files::file_name;
 
@@ -58,8 +59,7 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
         let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(path, longest)).collect();
         photographs.extend(read?);
     }
-    let fault =
-        |reason: String| SceneError::malformed(images, "photographs that overlap enough to find their poses", reason);
+    let fault = |reason: String| SceneError::malformed(images, OVERLAPPING, reason);
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
     let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
@@ -79,10 +79,10 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
         let photograph = &photographs[i];
         let reduced = f64::from(photograph.size.0) / photograph.width as f64;
         let margin = found.lens.centre - photograph.middle();
-        let [cx, cy] = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
+        let centre = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let focal = found.lens.focal * reduced;
         let pose = opengl(pose.rotation.transpose(), pose.centre());
-        let shown = Camera::pinhole(photograph.size, [focal; 2], [cx, cy], pose);
+        let shown = Camera::pinhole(photograph.size, [focal; 2], centre, pose);
         // Reconstructions are of the pixels as they are stored.
         let stored = shown.turned(photograph.turned_back);
         let lens = vec![focal, stored.cx, stored.cy, found.lens.k1];
@@ -204,11 +204,8 @@ mod tests {
             fs::remove_file(&png).unwrap();
         }
         find(guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
-        let found = load(
-            guard.path(),
-            &SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..SceneRequest::default() },
-        )
-        .unwrap();
+        let tested = SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..Default::default() };
+        let found = load(guard.path(), &tested).unwrap();
         let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }

@@ -9,6 +9,7 @@ use infonerf_scene::SceneError;
 use infonerf_scene::image::list_images;
 
 use super::{MIN_IMAGES, program};
+use crate::files::{make_folder, write_file};
 
 /// Frames that are taken of a long video.
 const MAX_TAKEN: usize = 24;
@@ -45,7 +46,7 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
     };
     let partial = dir.with_extension("partial");
     let _ = fs::remove_dir_all(&partial);
-    fs::create_dir_all(&partial).map_err(|e| SceneError::io(&partial, e))?;
+    make_folder(&partial)?;
     progress(&format!("{name}: looking for sharp frames with ffmpeg"));
     let taken = take(&ffmpeg, video, &partial).and_then(|(count, picks)| {
         let last = list_images(&partial)?.len();
@@ -53,8 +54,7 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
             let expected = format!("ffmpeg to write {} frames", picks.len());
             return Err(SceneError::malformed(video, expected, format!("it wrote {last}")));
         }
-        let written = partial.join(SOURCE);
-        fs::write(&written, source).map_err(|e| SceneError::io(&written, e))?;
+        write_file(&partial.join(SOURCE), source)?;
         let _ = fs::remove_file(partial.join(LOG));
         fs::rename(&partial, dir).map_err(|e| SceneError::io(dir, e))?;
         let numbers = picks.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
@@ -95,7 +95,6 @@ fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize
 
 /// Starts ffmpeg in `partial` with a filter. Frames get times one step apart, so that each is written exactly once.
 fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&str]) -> Result<Child, SceneError> {
-    let io = |e| SceneError::io(ffmpeg, e);
     let whole = video.canonicalize().map_err(|e| SceneError::io(video, e))?;
     let log = File::create(partial.join(LOG)).map_err(|e| SceneError::io(partial, e))?;
     let mut input = std::ffi::OsString::from("file:");
@@ -110,7 +109,7 @@ fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&s
         .stdout(Stdio::piped())
         .stderr(log)
         .spawn()
-        .map_err(io)
+        .map_err(|e| SceneError::io(ffmpeg, e))
 }
 
 /// Waits for ffmpeg.
@@ -120,8 +119,7 @@ fn finish(mut child: Child, video: &Path, partial: &Path) -> Result<(), SceneErr
         return Ok(());
     }
     let log = fs::read(partial.join(LOG)).unwrap_or_default();
-    let log = String::from_utf8_lossy(&log);
-    let reason = format!("ffmpeg: {status}: {}", log.lines().last().unwrap_or_default());
+    let reason = format!("ffmpeg: {status}: {}", String::from_utf8_lossy(&log).lines().last().unwrap_or_default());
     Err(SceneError::malformed(video, "a video that ffmpeg reads", reason))
 }
 
