@@ -17,27 +17,24 @@ use crate::files::{json, npy};
 use crate::loaders::transforms::transforms as read_transforms;
 use crate::loaders::{dtu, llff, zju};
 
-/// Reader of a file, which returns the cameras in it, if it accepts the bytes.
-type Reader = fn(&Path, &[u8]) -> Option<Vec<Camera>>;
-
-/// Fuzz targets: names, and readers.
-const TARGETS: [(&str, Reader); 7] = [
-    ("transforms", transforms),
-    ("poses_bounds", poses_bounds),
-    ("depth", |path, bytes| npy::decode(path, bytes, "depths").ok().map(|_| Vec::new())),
-    ("colmap", colmap),
-    ("cameras_npz", cameras_npz),
-    ("annots", |path, bytes| zju::annotations(path, bytes, 0).ok().map(|read| read.cameras)),
-    ("image", image),
-];
 /// Maximum number of frames from which poses are derived, which bounds the time of one input.
 const MAX_FRAMES: usize = 64;
 
 /// Reads `bytes` as `target` does, and selects, perturbs and casts rays through the cameras in them as training does.
 /// Returns whether they are accepted.
 pub fn run(target: &str, bytes: &[u8]) -> bool {
-    let read = TARGETS.iter().find(|(name, _)| *name == target).map(|(_, read)| read(Path::new(target), bytes));
-    let Some(Some(mut cameras)) = read else { return false };
+    let path = Path::new(target);
+    let cameras = match target {
+        "transforms" => transforms(path, bytes),
+        "poses_bounds" => poses_bounds(path, bytes),
+        "depth" => npy::decode(path, bytes, "depths").ok().map(|_| Vec::new()),
+        "colmap" => colmap(path, bytes),
+        "cameras_npz" => cameras_npz(path, bytes),
+        "annots" => zju::annotations(path, bytes, 0).ok().map(|read| read.cameras),
+        "image" => image(path, bytes),
+        _ => None,
+    };
+    let Some(mut cameras) = cameras else { return false };
     cameras.truncate(MAX_FRAMES);
     cameras.iter_mut().for_each(|camera| (camera.width, camera.height) = (8, 6));
     if cameras.is_empty() {

@@ -57,12 +57,8 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
         linear
     });
     let entry = |r: usize, c: usize| &e[3 * r + c];
-    let mut square = [[[0.0; 20]; 3]; 3];
-    for (r, row) in square.iter_mut().enumerate() {
-        for (c, out) in row.iter_mut().enumerate() {
-            *out = sum((0..3).map(|k| (1.0, times(entry(r, k), entry(c, k)))));
-        }
-    }
+    let dot = |r: usize, c: usize| sum((0..3).map(|k| (1.0, times(entry(r, k), entry(c, k)))));
+    let square: [[Cubic; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| dot(r, c)));
     let trace = sum((0..3).map(|i| (1.0, square[i][i])));
     let mut m = SMatrix::<f64, 10, 20>::zeros();
     for (r, row) in square.iter().enumerate() {

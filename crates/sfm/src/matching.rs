@@ -85,21 +85,23 @@ pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
 fn products(a: &[f32], b: &[f32], out: &mut [f32]) {
     let (m, n, k) = (a.len() / LENGTH, b.len() / LENGTH, LENGTH);
     assert!(out.len() >= m * n);
-    let (row, one) = (LENGTH as isize, 1);
+    let (out, a, b) = (out.as_mut_ptr(), a.as_ptr(), b.as_ptr());
+    // Strides from column to column, and from row to row.
+    let (one, row, of_out) = (1, LENGTH as isize, n as isize);
     // SAFETY: `a` has m · k, `b` n · k and `out` at least m · n elements, which the strides stay within.
     unsafe {
         gemm(
             m,
             n,
             k,
-            out.as_mut_ptr(),
+            out,
             one,
-            n as isize,
+            of_out,
             false,
-            a.as_ptr(),
+            a,
             one,
             row,
-            b.as_ptr(),
+            b,
             row,
             one,
             0.0,

@@ -103,7 +103,11 @@ impl Octave {
         for i in 1..SCALES + 3 {
             levels.push(blurred(&levels[i - 1], (sigma(i).powi(2) - sigma(i - 1).powi(2)).sqrt()));
         }
-        let differences = levels.windows(2).map(|pair| difference(&pair[1], &pair[0])).collect();
+        let difference = |pair: &[GreyImage]| {
+            let values = pair[1].values.iter().zip(&pair[0].values).map(|(a, b)| a - b).collect();
+            GreyImage { values, ..pair[1] }
+        };
+        let differences = levels.windows(2).map(difference).collect();
         Self { levels, differences }
     }
 
@@ -167,13 +171,9 @@ impl Octave {
                 let det = hessian[(0, 0)] * hessian[(1, 1)] - hessian[(0, 1)].powi(2);
                 let on_edge = det <= 0.0 || trace * trace * EDGE >= (EDGE + 1.0).powi(2) * det;
                 let scale = s as f32 + step.z;
-                return (contrast >= CONTRAST && !on_edge).then(|| Extremum {
-                    x: x as f32 + step.x,
-                    y: y as f32 + step.y,
-                    sigma: SIGMA * 2f32.powf(scale / SCALES as f32),
-                    level: scale.round() as usize,
-                    contrast,
-                });
+                let (x, y) = (x as f32 + step.x, y as f32 + step.y);
+                let (sigma, level) = (SIGMA * 2f32.powf(scale / SCALES as f32), scale.round() as usize);
+                return (contrast >= CONTRAST && !on_edge).then_some(Extremum { x, y, sigma, level, contrast });
             }
             let moved = |v: usize, by: f32, least: usize, most: usize| {
                 let to = v as f32 + by.round();
@@ -308,11 +308,6 @@ fn doubled(image: &GreyImage) -> GreyImage {
         0.25 * (image.at(x, y) + image.at(right, y) + image.at(x, below) + image.at(right, below))
     };
     GreyImage { width, height, values: (0..width * height).map(value).collect() }
-}
-
-fn difference(image: &GreyImage, other: &GreyImage) -> GreyImage {
-    let values = image.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
-    GreyImage { values, ..*image }
 }
 
 fn add_scaled(out: &mut [f32], values: &[f32], factor: f32) {

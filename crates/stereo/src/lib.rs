@@ -26,11 +26,10 @@ mod semi_global;
 mod sweep;
 
 use glam::Vec3;
-use infonerf_scene::image::resized_mask;
+use infonerf_scene::image::{GreyImage, resized_mask};
 use infonerf_scene::{Camera, Layout, Ray, Scene, View};
 
 use crate::sweep::PlaneSweep;
-use infonerf_scene::image::GreyImage;
 
 pub use map::DepthMap;
 
@@ -67,19 +66,15 @@ pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
 
 fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) -> Vec<DepthMap> {
     let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
-    let cameras: Vec<Camera> = scene
-        .train
-        .iter()
-        .zip(&images)
-        .map(|(view, image)| view.camera.resized(image.width as u32, image.height as u32))
-        .collect();
-    let neighbours: Vec<Vec<usize>> =
-        (0..cameras.len()).map(|view| neighbours_of(scene, &cameras, view, settings.neighbours, disparities)).collect();
+    let resized = |(view, image): (&View, &GreyImage)| view.camera.resized(image.width as u32, image.height as u32);
+    let cameras: Vec<Camera> = scene.train.iter().zip(&images).map(resized).collect();
+    let neighbours_of = |view| neighbours_of(scene, &cameras, view, settings.neighbours, disparities);
+    let neighbours: Vec<Vec<usize>> = (0..cameras.len()).map(neighbours_of).collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
         let sweep = PlaneSweep::new(scene, &cameras[view], &others, disparities);
         let costs = sweep.costs(&images[view], &others);
-        let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]));
+        let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes, &images[view]));
         let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());
         invalid.for_each(|(disparity, _)| *disparity = f32::NAN);
         map
@@ -140,12 +135,12 @@ fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
     let camera = &cameras[view];
     let Some(point) = middle(scene, camera, within) else { return Vec::new() };
     let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
-    let mut scored: Vec<(f32, usize)> = (0..cameras.len())
-        .filter(|&other| other != view && cameras[other].project(point).is_some())
-        .map(|other| (sight(camera).angle_between(sight(&cameras[other])).to_degrees(), other))
-        .filter(|(angle, _)| *angle <= MAX_ANGLE_DEG)
-        .map(|(angle, other)| (score(angle), other))
-        .collect();
+    let scored = |other: usize| {
+        let angle = sight(camera).angle_between(sight(&cameras[other])).to_degrees();
+        (angle <= MAX_ANGLE_DEG).then(|| (score(angle), other))
+    };
+    let seeing = (0..cameras.len()).filter(|&other| other != view && cameras[other].project(point).is_some());
+    let mut scored: Vec<(f32, usize)> = seeing.filter_map(scored).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(count);
     scored.into_iter().map(|(_, other)| other).collect()

@@ -1,8 +1,7 @@
 //! Semi-global matching (Hirschmüller 2008).
 
-use rayon::prelude::*;
-
 use infonerf_scene::image::GreyImage;
+use rayon::prelude::*;
 
 /// Cost of a step to the next plane between neighbouring pixels.
 const SMALL_STEP: f32 = 0.02;
@@ -88,10 +87,7 @@ mod tests {
     #[test]
     fn an_ambiguous_pixel_takes_its_neighbours_plane() {
         let guide = GreyImage { width: 5, height: 3, values: vec![0.5; 15] };
-        let mut costs = vec![1.0; 15 * 6];
-        for pixel in 0..15 {
-            costs[pixel * 6 + 2] = 0.1;
-        }
+        let mut costs = [1.0, 1.0, 0.1, 1.0, 1.0, 1.0].repeat(15);
         // One pixel prefers another plane by a little.
         costs[7 * 6 + 5] = 0.05;
         let found = labels(&costs, 6, &guide);

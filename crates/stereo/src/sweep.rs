@@ -1,11 +1,11 @@
 use glam::{Mat4, Vec2, Vec3};
+use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, Ray, Scene};
 use rayon::prelude::*;
 
 use crate::Disparities;
 use crate::correlation::Windows;
 use crate::map::DepthMap;
-use infonerf_scene::image::GreyImage;
 
 /// Candidate depths per ray.
 const MIN_PLANES: usize = 16;
@@ -21,7 +21,7 @@ const UNSEEN_COST: f32 = 0.5;
 pub(crate) struct PlaneSweep {
     width: usize,
     height: usize,
-    planes: usize,
+    pub(crate) planes: usize,
     /// Ray, disparity of its first plane (the farthest), and the step to the next, for each pixel; none where it shows nothing.
     rays: Vec<Option<(Ray, f32, f32)>>,
 }
@@ -31,8 +31,7 @@ impl PlaneSweep {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let ends = |i: usize| {
             let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-            let (far, near) = within.along(scene, &ray)?;
-            Some((ray, far, near))
+            within.along(scene, &ray).map(|(far, near)| (ray, far, near))
         };
         let ends: Vec<_> = (0..width * height).map(ends).collect();
         // As many planes as a point moves pixels in another view, by how far the first of most steps takes it there: the
@@ -47,10 +46,6 @@ impl PlaneSweep {
         let planes = (longest.min(1.0) * MAX_PLANES as f32).ceil().max(MIN_PLANES as f32) as usize;
         let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
         Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
-    }
-
-    pub(crate) fn planes(&self) -> usize {
-        self.planes
     }
 
     /// Returns the cost of each plane at each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
@@ -83,25 +78,20 @@ impl PlaneSweep {
     /// Samples `image` where the pixels' rays meet a plane; NaN outside of it.
     fn warped(&self, plane: usize, image: &GreyImage, camera: &PointProjection<'_>) -> Vec<f32> {
         let value = |ray: &Option<(Ray, f32, f32)>| {
-            let (ray, far, step) = ray.as_ref()?;
-            let place = camera.place(ray.at(1.0 / (far + plane as f32 * step)))?;
-            Some(image.sample(place.x, place.y))
+            let place =
+                ray.as_ref().and_then(|(ray, far, step)| camera.place(ray.at(1.0 / (far + plane as f32 * step))));
+            place.map_or(f32::NAN, |place| image.sample(place.x, place.y))
         };
-        self.rays.iter().map(|ray| value(ray).unwrap_or(f32::NAN)).collect()
+        self.rays.iter().map(value).collect()
     }
 
     /// Converts labels, which are planes and fractions between them, to a depth map.
     pub(crate) fn depths(&self, labels: &[f32]) -> DepthMap {
-        let disparity = |(ray, label): (&Option<(Ray, f32, f32)>, &f32)| {
-            ray.as_ref().map_or(f32::NAN, |(_, far, step)| far + label * step)
+        let of_ray = |(ray, label): (&Option<(Ray, f32, f32)>, &f32)| {
+            ray.map_or((f32::NAN, f32::NAN), |(_, far, step)| (far + label * step, step))
         };
-        let step = |ray: &Option<(Ray, f32, f32)>| ray.as_ref().map_or(f32::NAN, |(_, _, step)| *step);
-        DepthMap {
-            width: self.width,
-            height: self.height,
-            disparity: self.rays.iter().zip(labels).map(disparity).collect(),
-            step: self.rays.iter().map(step).collect(),
-        }
+        let (disparity, step) = self.rays.iter().zip(labels).map(of_ray).unzip();
+        DepthMap { width: self.width, height: self.height, disparity, step }
     }
 }
 

@@ -13,19 +13,14 @@ use serde_json::{Value, json};
 pub fn transforms(scene: &Scene) -> Value {
     let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.file.clone()).collect() };
     let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(|view| frame(view, scene.origin)).collect();
-    let corner = |corner: Vec3| (corner.as_dvec3() + scene.origin).to_array();
-    let bounds = if scene.origin == DVec3::ZERO {
-        json!([scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()])
-    } else {
-        json!([corner(scene.space.bounds.min), corner(scene.space.bounds.max)])
+    let corner = |corner: Vec3| {
+        let moved = (corner.as_dvec3() + scene.origin).to_array();
+        if scene.origin == DVec3::ZERO { json!(corner.to_array()) } else { json!(moved) }
     };
+    let bounds = [corner(scene.space.bounds.min), corner(scene.space.bounds.max)];
     json!({
-        "near": scene.space.near,
-        "far": scene.space.far,
-        "aabb": bounds,
-        "train_filenames": names(&scene.train),
-        "test_filenames": names(&scene.test),
-        "frames": frames,
+        "near": scene.space.near, "far": scene.space.far, "aabb": bounds,
+        "train_filenames": names(&scene.train), "test_filenames": names(&scene.test), "frames": frames,
     })
 }
 
@@ -34,31 +29,23 @@ fn frame(view: &View, origin: DVec3) -> Value {
     let mut pose = camera.to_world;
     pose.w_axis += origin.extend(0.0);
     let mut frame = json!({
-        "file_path": view.file,
-        "transform_matrix": pose.transpose().to_cols_array_2d(),
-        "w": camera.width,
-        "h": camera.height,
-        "fl_x": camera.fx,
-        "fl_y": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
+        "file_path": view.file, "transform_matrix": pose.transpose().to_cols_array_2d(),
+        "w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
     });
-    let (model, coefficients) = match camera.lens.model() {
-        LensModel::Perspective => ("PINHOLE", Vec::new()),
-        LensModel::RadialTangential { k, q, p } if q == [0.0; 3] => {
-            ("OPENCV", vec![("k1", k[0]), ("k2", k[1]), ("k3", k[2]), ("k4", k[3]), ("p1", p[0]), ("p2", p[1])])
-        }
+    let (model, k, p) = match camera.lens.model() {
+        LensModel::Perspective => ("PINHOLE", Vec::new(), None),
+        LensModel::RadialTangential { k, q, p } if q == [0.0; 3] => ("OPENCV", k.to_vec(), Some(p)),
         // In OpenCV's full model k₄ to k₆ are those of the denominator.
-        LensModel::RadialTangential { k, q, p } => {
-            let numerator = [("k1", k[0]), ("k2", k[1]), ("k3", k[2])];
-            let rest = [("k4", q[0]), ("k5", q[1]), ("k6", q[2]), ("p1", p[0]), ("p2", p[1])];
-            ("FULL_OPENCV", numerator.into_iter().chain(rest).collect())
-        }
-        LensModel::Fov { omega } => ("FOV", vec![("omega", omega)]),
-        LensModel::Fisheye { k } => ("OPENCV_FISHEYE", vec![("k1", k[0]), ("k2", k[1]), ("k3", k[2]), ("k4", k[3])]),
+        LensModel::RadialTangential { k, q, p } => ("FULL_OPENCV", [&k[..3], &q].concat(), Some(p)),
+        LensModel::Fov { .. } => ("FOV", Vec::new(), None),
+        LensModel::Fisheye { k } => ("OPENCV_FISHEYE", k.to_vec(), None),
     };
     frame["camera_model"] = json!(model);
-    for (key, value) in coefficients {
+    if let LensModel::Fov { omega } = camera.lens.model() {
+        frame["omega"] = json!(omega);
+    }
+    let named = |letter: &'static str| (1..).map(move |i| format!("{letter}{i}"));
+    for (key, value) in named("k").zip(k).chain(named("p").zip(p.into_iter().flatten())) {
         frame[key] = json!(value);
     }
     frame

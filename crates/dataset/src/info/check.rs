@@ -56,18 +56,13 @@ fn check(scene: &Scene) -> Vec<String> {
     warnings
 }
 
-fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
-    let chosen = || scene.train.iter().chain(&scene.test);
-    let views = chosen().map(|view| (view.name.clone(), &view.camera));
-    let is_other = |camera: &&Camera| chosen().all(|view| view.camera.to_world != camera.to_world);
-    let others = scene.all_train_cameras.iter().filter(is_other).map(|camera| ("another view".to_owned(), camera));
-    views.chain(others).collect()
-}
-
 /// Describes the cameras for which `is_faulty` as `N of M cameras … : NAMES`.
 fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
-    let all = named_cameras(scene);
-    let found: Vec<&str> = all.iter().filter(|(_, c)| is_faulty(c)).map(|(name, _)| name.as_str()).collect();
+    let chosen = || scene.train.iter().chain(&scene.test);
+    let is_other = |camera: &&Camera| chosen().all(|view| view.camera.to_world != camera.to_world);
+    let others = scene.all_train_cameras.iter().filter(is_other).map(|camera| ("another view", camera));
+    let all: Vec<(&str, &Camera)> = chosen().map(|view| (&*view.name, &view.camera)).chain(others).collect();
+    let found: Vec<&str> = all.iter().filter(|(_, camera)| is_faulty(camera)).map(|(name, _)| *name).collect();
     let names = listed(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }

@@ -1,6 +1,6 @@
 //! A page that shows where a scene's cameras are.
 
-use infonerf_scene::{Camera, Scene};
+use infonerf_scene::{Camera, Scene, Space};
 use serde_json::{Value, json};
 
 const MAX_POINTS: usize = 8000;
@@ -22,20 +22,13 @@ pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
     }
     let step = scene.space.points.len().div_ceil(MAX_POINTS).max(1);
     let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
+    let Space { near, far, bounds, layout, up, centre, radius, .. } = &scene.space;
     let data = json!({
-        "cameras": cameras,
-        "points": points,
-        "box": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
-        "centre": scene.space.centre.to_array(),
-        "radius": scene.space.radius,
-        "up": scene.space.up.to_array(),
-        "near": scene.space.near,
-        "far": scene.space.far,
+        "cameras": cameras, "points": points, "box": [bounds.min.to_array(), bounds.max.to_array()],
+        "centre": centre.to_array(), "radius": radius, "up": up.to_array(), "near": near, "far": far,
     });
-    let words = format!(
-        "{}: {}, cameras {}, near {:.3}, far {:.3}",
-        scene.name, scene.format, scene.space.layout, scene.space.near, scene.space.far
-    );
+    let (name, format) = (&scene.name, scene.format);
+    let words = format!("{name}: {format}, cameras {layout}, near {near:.3}, far {far:.3}");
     let warnings: String = scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect();
     // Within a script only a closing tag would end it.
     let data = data.to_string().replace("</", "<\\/");
@@ -58,7 +51,6 @@ mod tests {
     use super::*;
     use glam::Vec3;
     use infonerf_procedural::train_cameras;
-    use infonerf_scene::Space;
 
     #[test]
     fn a_page_holds_the_scene_and_needs_nothing_else() {

@@ -285,7 +285,11 @@ mod tests {
         assert!(message(guard.path(), &request()).contains("expected 3 masks, one for each image: it has 2"));
         fs::remove_dir_all(guard.path().join("image")).unwrap();
         assert!(message(guard.path(), &request()).contains("image"));
-        fs::write(guard.path().join("cameras_sphere.npz"), "PK").unwrap();
-        assert!(message(guard.path(), &request()).contains("cameras_sphere.npz: expected 4×4 matrices"));
+        let archive = guard.path().join("cameras_sphere.npz");
+        let whole = fs::read(&archive).unwrap();
+        for keep in [0, 2, 30, whole.len() / 2] {
+            fs::write(&archive, &whole[..keep]).unwrap();
+            assert!(message(guard.path(), &request()).contains("cameras_sphere.npz: expected 4×4 matrices"));
+        }
     }
 }

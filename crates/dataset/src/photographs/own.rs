@@ -8,7 +8,7 @@ use std::path::Path;
 use glam::DVec2;
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images, orientation, quarter_turns};
 use infonerf_scene::{Camera, Image, SceneError, resized_dimensions};
-use infonerf_sfm::{Photograph, reconstruct};
+use infonerf_sfm::{Photograph, Point, reconstruct};
 use rayon::prelude::*;
 
 use super::OVERLAPPING;
@@ -94,19 +94,14 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
             let seen = point.seen.iter().filter(|(by, _)| *by == i);
             seen.map(move |(_, pixel)| (photograph.stored((*pixel - margin) * reduced), point_id))
         });
-        all.images.push(ColmapImage {
-            id: i as u32 + 1,
-            name: file_name(&paths[i]),
-            camera: id,
-            pose: stored.to_world,
-            observations: observations.collect(),
-        });
+        let (name, observations) = (file_name(&paths[i]), observations.collect());
+        all.images.push(ColmapImage { id: i as u32 + 1, name, camera: id, pose: stored.to_world, observations });
     }
-    let colour = |seen: &[(usize, DVec2)]| {
-        let (by, pixel) = seen[0];
+    let colour = |point: &Point| {
+        let (by, pixel) = point.seen[0];
         photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
     };
-    let colours = found.points.iter().map(|point| colour(&point.seen)).collect();
+    let colours = found.points.iter().map(colour).collect();
     Ok(OwnPoses { model: all, colours, left_out: lost.len() })
 }
 
