@@ -6,7 +6,6 @@ use glam::DMat4;
 use infonerf_scene::image::{dimensions, is_image_name};
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// Frame: an image that can be loaded, with its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
     pub id: usize,

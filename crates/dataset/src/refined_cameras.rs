@@ -138,9 +138,8 @@ mod tests {
     fn errors_of_refined_cameras() {
         let captures = ["fern", "flower", "room"];
         let built_in = ["bookshelf", "facade", "table", "castle", "knot"];
-        eprintln!(
-            "| scene | views | disturbed by | rotation, degrees | translation, % | what was done |\n|---|---|---|---|---|---|"
-        );
+        eprintln!("| scene | views | disturbed by | rotation, degrees | translation, % | what was done |");
+        eprintln!("|{}", "---|".repeat(6));
         for name in captures.into_iter().chain(built_in) {
             for count in [4, 8] {
                 let scene = if captures.contains(&name) {
@@ -155,15 +154,10 @@ mod tests {
                     let scene = scene.clone().disturbed(degrees, distance, 0);
                     let refined = with_refined_cameras(scene.clone(), false);
                     let (before, after) = (error(&scene), error(&refined));
-                    eprintln!(
-                        "| {name} | {count} | {degrees}°, {} % | {:.2} → {:.2} | {:.2} → {:.2} | {} |",
-                        100.0 * distance,
-                        before.rotation_deg,
-                        after.rotation_deg,
-                        before.translation_percent,
-                        after.translation_percent,
-                        refined.notes.last().or(refined.warnings.last()).unwrap()
-                    );
+                    let turn = format!("{:.2} → {:.2}", before.rotation_deg, after.rotation_deg);
+                    let shift = format!("{:.2} → {:.2}", before.translation_percent, after.translation_percent);
+                    let (percent, done) = (100.0 * distance, refined.notes.last().or(refined.warnings.last()).unwrap());
+                    eprintln!("| {name} | {count} | {degrees}°, {percent} % | {turn} | {shift} | {done} |");
                 }
             }
         }

@@ -105,7 +105,8 @@ impl Bundle {
             projected.map_or(f64::INFINITY, |p| p.distance(*pixel))
         });
         let [focal, k1] = how.prior.residuals(&self.lens);
-        let poses = how.poses.map_or(0.0, |prior| prior.cost(&self.poses));
+        let residuals = how.poses.iter().flat_map(|prior| prior.residuals(&self.poses)).flatten();
+        let poses: f64 = residuals.map(DVec3::length_squared).sum();
         errors.map(robust).sum::<f64>() + focal.powi(2) + k1.powi(2) + poses
     }
 
@@ -219,10 +220,6 @@ impl PosePrior {
             let turn = DQuat::from_mat3(&(pose.rotation * expected.rotation.transpose())).to_scaled_axis();
             [turn / self.turn_deviation, pose.transform(expected.centre()) / self.shift_deviation]
         })
-    }
-
-    fn cost(&self, poses: &[Pose]) -> f64 {
-        self.residuals(poses).flatten().map(DVec3::length_squared).sum()
     }
 
     /// Turns are small: their derivative is taken to be the identity.

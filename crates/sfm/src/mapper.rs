@@ -31,7 +31,6 @@ pub(crate) struct Mapper<'a> {
     poses: Vec<Result<Pose, String>>,
     lens: SimpleRadial,
     prior: Prior,
-    /// Prior of the poses, if they are known roughly.
     expected: Option<PosePrior>,
     /// Pixels between where a point is seen and where it falls.
     tolerance: f64,
@@ -49,7 +48,6 @@ impl<'a> Mapper<'a> {
         Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected, tolerance }
     }
 
-    /// Places what can be placed.
     pub(crate) fn run(mut self) -> SparseModel {
         self.settle(2);
         let mut settled = self.placed();
@@ -111,7 +109,7 @@ impl<'a> Mapper<'a> {
         (0..self.tracks.len()).filter_map(point).collect()
     }
 
-    /// Returns poses and pixels of the placed photographs in a track.
+    /// Returns the placed photographs in a track, with their poses and pixels.
     fn seen(&self, track: usize) -> Vec<(usize, Pose, DVec2)> {
         let view = |&(i, pixel): &(usize, DVec2)| Some((i, *self.poses[i].as_ref().ok()?, pixel));
         self.tracks[track].iter().filter_map(view).collect()
@@ -127,7 +125,6 @@ impl<'a> Mapper<'a> {
         self.seen(track).into_iter().filter(move |(_, pose, pixel)| self.agrees(pose, position, *pixel))
     }
 
-    /// Triangulates the tracks that have no point.
     fn triangulate(&mut self) {
         for track in 0..self.tracks.len() {
             if self.positions[track].is_none() {
@@ -210,12 +207,8 @@ impl<'a> Mapper<'a> {
             let projected = self.lens.project(pose.transform(seen[i].1));
             projected.map_or(f64::INFINITY, |p| p.distance_squared(seen[i].0))
         };
-        let solve = |sample: &[usize]| {
-            let three = |s: [usize; 3]| p3p(s.map(|i| (self.lens.unproject(seen[i].0), seen[i].1)));
-            sample.try_into().map_or(Vec::new(), three)
-        };
-        let threshold = (2.0 * self.tolerance).powi(2);
-        let ransac = Ransac { sample: 3, threshold, most: SAMPLES, seed: 0 };
+        let solve = |sample: [usize; 3]| p3p(sample.map(|i| (self.lens.unproject(seen[i].0), seen[i].1)));
+        let ransac = Ransac { threshold: (2.0 * self.tolerance).powi(2), most: SAMPLES, seed: 0 };
         let needed = MIN_POINTS.max((AGREEING * seen.len() as f64).ceil() as usize);
         let (pose, inliers) = ransac.run(seen.len(), solve, error).unwrap_or((Pose::IDENTITY, Vec::new()));
         if inliers.len() < needed {

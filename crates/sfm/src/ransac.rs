@@ -8,7 +8,6 @@ use rand_chacha::ChaCha8Rng;
 const CONFIDENCE: f64 = 0.9999;
 
 pub(crate) struct Ransac {
-    pub(crate) sample: usize,
     /// Squared errors below this are inliers.
     pub(crate) threshold: f64,
     pub(crate) most: usize,
@@ -16,14 +15,14 @@ pub(crate) struct Ransac {
 }
 
 impl Ransac {
-    /// Returns the model with the least `Σ min(error, threshold)` over data `0..count`, and its inliers.
-    pub(crate) fn run<M>(
+    /// Returns the model of `N` data with the least `Σ min(error, threshold)` over data `0..count`, and its inliers.
+    pub(crate) fn run<M, const N: usize>(
         &self,
         count: usize,
-        solve: impl Fn(&[usize]) -> Vec<M>,
+        solve: impl Fn([usize; N]) -> Vec<M>,
         error: impl Fn(&M, usize) -> f64,
     ) -> Option<(M, Vec<usize>)> {
-        if count < self.sample {
+        if count < N {
             return None;
         }
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
@@ -31,11 +30,12 @@ impl Ransac {
         let mut drawn = 0.0;
         while drawn < needed {
             drawn += 1.0;
-            for model in solve(&sample(&mut random, count, self.sample).into_vec()) {
+            let chosen = sample(&mut random, count, N);
+            for model in solve(std::array::from_fn(|i| chosen.index(i))) {
                 let cost: f64 = (0..count).map(|i| error(&model, i).min(self.threshold)).sum();
                 if cost < least {
                     let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).count();
-                    let clean = (inliers as f64 / count as f64).powi(self.sample as i32);
+                    let clean = (inliers as f64 / count as f64).powi(N as i32);
                     if clean > 0.0 {
                         needed = needed.min((1.0 - CONFIDENCE).ln() / (-clean.min(1.0 - 1e-9)).ln_1p());
                     }
@@ -57,8 +57,8 @@ mod tests {
     fn a_line_through_noise() {
         let data: Vec<f64> =
             (0..60).map(|i| if i % 3 == 0 { f64::from(i * i % 17) - 90.0 } else { 2.0 * f64::from(i) }).collect();
-        let line = |s: &[usize]| vec![(data[s[0]] - data[s[1]]) / (s[0] as f64 - s[1] as f64)];
-        let ransac = Ransac { sample: 2, threshold: 0.01, most: 500, seed: 1 };
+        let line = |[a, b]: [usize; 2]| vec![(data[a] - data[b]) / (a as f64 - b as f64)];
+        let ransac = Ransac { threshold: 0.01, most: 500, seed: 1 };
         let error = |m: &f64, i: usize| (m * i as f64 - data[i]).powi(2);
         let (m, inliers) = ransac.run(60, line, error).unwrap();
         assert!((m - 2.0).abs() < 1e-9 && inliers.len() == 40);

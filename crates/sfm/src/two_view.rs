@@ -55,8 +55,8 @@ fn pixels(features: &[Features], Matches { a, b, pairs }: &Matches) -> Vec<(DVec
 pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, tolerance: f64, seed: u64) -> Option<TwoView> {
     let rays: Vec<(DVec2, DVec2)> = matches.iter().map(|(a, b)| (lens.unproject(*a), lens.unproject(*b))).collect();
     let threshold = (tolerance / lens.focal).powi(2);
-    let ransac = Ransac { sample: 5, threshold, most: SAMPLES, seed };
-    let solve = |sample: &[usize]| sample.try_into().map_or(Vec::new(), |s: [usize; 5]| five_point(s.map(|i| rays[i])));
+    let ransac = Ransac { threshold, most: SAMPLES, seed };
+    let solve = |sample: [usize; 5]| five_point(sample.map(|i| rays[i]));
     let (essential, inliers) = ransac.run(rays.len(), solve, |e, i| sampson(e, rays[i]))?;
     let in_front = |pose: &Pose| inliers.iter().filter(|&&i| point(pose, rays[i]).is_some()).count();
     let pose = poses(&essential).into_iter().max_by_key(in_front)?;
@@ -84,9 +84,8 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
 /// Returns the share of `rays` that the best homography takes from the first to the second camera, by squared distances
 /// below `threshold`.
 fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
-    let ransac = Ransac { sample: 4, threshold, most: HOMOGRAPHIES, seed };
-    let solve =
-        |sample: &[usize]| homography(&sample.iter().map(|&i| rays[i]).collect::<Vec<_>>()).into_iter().collect();
+    let ransac = Ransac { threshold, most: HOMOGRAPHIES, seed };
+    let solve = |sample: [usize; 4]| homography(sample.map(|i| rays[i])).into_iter().collect();
     let error = |h: &DMat3, i: usize| {
         let (from, to) = rays[i];
         let at = *h * from.extend(1.0);
@@ -95,9 +94,8 @@ fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
     ransac.run(rays.len(), solve, error).map_or(0.0, |(_, inliers)| inliers.len() as f64 / rays.len() as f64)
 }
 
-/// Solves for the homography that takes each first point to its second, `h₃₃ = 1`, by least squares; `None` for degenerate
-/// points.
-fn homography(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
+/// Solves for the homography that takes each first point to its second, `h₃₃ = 1`, by least squares; `None` if degenerate.
+fn homography(pairs: [(DVec2, DVec2); 4]) -> Option<DMat3> {
     let (mut a, mut b) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
     for (from, to) in pairs {
         let (x, y) = (from.x, from.y);
@@ -184,13 +182,13 @@ mod tests {
     #[test]
     fn outliers_do_not_turn_the_pose() {
         let mut all = world(2, 3, 200);
-        let Pose { rotation, translation } = relative([&all.poses[0], &all.poses[2]]);
-        let shift = translation.normalize();
+        let exact = relative([&all.poses[0], &all.poses[2]]);
+        let shift = exact.translation.normalize();
         all.points.iter_mut().for_each(|p| p.seen = vec![p.seen[0], p.seen[2]]);
         disturb(&mut all.points, 0.5, 5);
         let matches: Vec<_> = all.points.iter().map(|p| (p.seen[0].1, p.seen[1].1)).collect();
         let found = two_view(&matches, &all.lens, 2.0, 0).unwrap();
-        assert!(turn(&found.pose.rotation, &rotation) < 0.2 && found.pose.translation.distance(shift) < 0.02);
+        assert!(turn(&found.pose.rotation, &exact.rotation) < 0.2 && found.pose.translation.distance(shift) < 0.02);
         let right = found.inliers.iter().filter(|&&i| (2 * i + 1) % 5 != 0 && (2 * i + 2) % 5 != 0).count();
         assert!(right >= 115 && found.inliers.len() - right < 15, "{right}");
         let again = two_view(&matches, &all.lens, 2.0, 0).unwrap();
@@ -217,12 +215,9 @@ mod tests {
     #[test]
     fn true_poses_explain_what_is_seen_and_others_do_not() {
         let all = world(3, 2, 60);
+        let ray = |point: &Point, k: usize| all.lens.unproject(point.seen[k].1);
         let share = |poses: [&Pose; 2]| {
-            let seen = |point: &Point| {
-                let ray = |k: usize| all.lens.unproject(point.seen[k].1);
-                explains(poses, (ray(0), ray(1)), 1e-3)
-            };
-            all.points.iter().filter(|point| seen(point)).count()
+            all.points.iter().filter(|point| explains(poses, (ray(point, 0), ray(point, 1)), 1e-3)).count()
         };
         let [a, b] = [&all.poses[0], &all.poses[1]];
         assert_eq!(share([a, b]), 60);

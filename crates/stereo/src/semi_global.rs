@@ -10,7 +10,6 @@ const LARGE_STEP: f32 = 0.25;
 /// Difference in grey that halves [`LARGE_STEP`].
 const EDGE: f32 = 0.05;
 
-/// The eight directions that costs are gathered along.
 const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
 
 /// Returns the best plane of each pixel, refined between planes by a parabola through its cost and its neighbours'.

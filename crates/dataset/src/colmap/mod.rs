@@ -22,7 +22,6 @@ use read::Values;
 
 /// Folders below a scene's that may hold reconstructions, or numbered folders of them; the last is the scene's own.
 const PLACES: [&str; 7] = ["sparse", "colmap/sparse", "dense/0/sparse", "dense/sparse", "distorted/sparse", "0", ""];
-/// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 2 << 30;
 /// Most reconstructions of one capture that are looked at.
 const MAX_MODELS: usize = 50;
@@ -70,7 +69,6 @@ impl Reconstruction {
         Self::read_at(&place)
     }
 
-    /// Reads the reconstruction whose files are in `place`.
     pub(crate) fn read_at(place: &Path) -> Result<Self, SceneError> {
         let mut read = Self {
             cameras: read_values(place, "cameras", read::cameras)?,

@@ -32,11 +32,12 @@ enum Source<'a> {
 pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
     let mut cameras = BTreeMap::new();
     while values.next_record()? {
-        let id = values.u32()?;
+        let id = values.number(u32::from_le_bytes)?;
         let place = values.place(format!("camera {id}"));
         let model = values.model()?;
         let size = (values.side()?, values.side()?);
-        let parameters = (0..MODELS[model].1.len()).map(|_| values.f64()).collect::<Result<_, _>>()?;
+        let parameters =
+            (0..MODELS[model].1.len()).map(|_| values.number(f64::from_le_bytes)).collect::<Result<_, _>>()?;
         if let Source::Text { words, .. } = &mut values.source
             && let Some(word) = words.next()
         {
@@ -50,9 +51,9 @@ pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCame
 pub(crate) fn images(mut values: Values<'_>) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
     while values.next_record()? {
-        let id = values.u32()?;
+        let id = values.number(u32::from_le_bytes)?;
         let (quaternion, translation) = (values.numbers()?, values.numbers()?);
-        let (camera, name) = (values.u32()?, values.name()?);
+        let (camera, name) = (values.number(u32::from_le_bytes)?, values.name()?);
         let pose = pose(values.path, &values.place(format!("image {id}")), quaternion, translation)?;
         let mut observations = Vec::new();
         for _ in 0..values.observations()? {
@@ -77,14 +78,12 @@ pub(crate) fn points(mut values: Values<'_>) -> Result<BTreeMap<u64, DVec3>, Sce
 }
 
 impl<'a> Values<'a> {
-    /// Begins a binary file.
     pub fn binary(path: &'a Path, bytes: &'a [u8]) -> Result<Self, SceneError> {
         let start = Self { path, source: Source::Binary { rest: bytes, records: 0 } };
         let (count, rest) = bytes.split_first_chunk().ok_or_else(|| start.fault("", EARLY))?;
         Ok(Self { path, source: Source::Binary { rest, records: u64::from_le_bytes(*count) } })
     }
 
-    /// Begins a text file.
     pub fn text(path: &'a Path, text: &'a str) -> Self {
         let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
         Self { path, source: Source::Text { lines, number: 0, words: "".split_whitespace() } }
@@ -155,22 +154,14 @@ impl<'a> Values<'a> {
         Ok(from_bytes(bytes))
     }
 
-    fn u32(&mut self) -> Result<u32, SceneError> {
-        self.number(u32::from_le_bytes)
-    }
-
     fn u64(&mut self) -> Result<u64, SceneError> {
         self.number(u64::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Result<f64, SceneError> {
-        self.number(f64::from_le_bytes)
     }
 
     fn numbers<const N: usize>(&mut self) -> Result<[f64; N], SceneError> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
-            *number = self.f64()?;
+            *number = self.number(f64::from_le_bytes)?;
         }
         Ok(numbers)
     }
@@ -186,7 +177,7 @@ impl<'a> Values<'a> {
             let name: String = self.word()?;
             (MODELS.iter().position(|model| model.0 == name), name)
         } else {
-            let number = self.u32()? as usize;
+            let number = self.number(u32::from_le_bytes)? as usize;
             (Some(number), model_name(number))
         };
         let is_known = |model: &usize| MODELS.get(*model).is_some_and(|model| !model.1.is_empty());

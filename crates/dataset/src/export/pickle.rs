@@ -2,7 +2,6 @@
 
 use crate::files::npy;
 
-/// Returns a string.
 pub(crate) fn text(value: &str) -> Vec<u8> {
     sized(b'X', value.as_bytes())
 }
@@ -12,12 +11,10 @@ fn sized(code: u8, bytes: &[u8]) -> Vec<u8> {
     [&[code], &(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
 }
 
-/// Returns a list of pickled values.
 pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
     [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
 }
 
-/// Returns a dictionary of pickled values.
 pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
     [b"}(".to_vec(), entries, b"u".to_vec()].concat()
@@ -51,7 +48,6 @@ pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
     [vec![0x80, 3], ndarray(&[], dtype("O8", "|"), data), b".".to_vec()].concat()
 }
 
-/// Returns the `.npy` file around such a pickle.
 pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
     npy::with_header("|O", &[], pickle)
 }

@@ -11,7 +11,6 @@ use super::read_file;
 
 type Result<T> = std::result::Result<T, SceneError>;
 
-/// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
 /// Plausible focal lengths and image sides, in pixels.

@@ -11,7 +11,6 @@ use zip::{ZipArchive, ZipWriter};
 
 use super::{read_file, write_file};
 
-/// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// A row-major array with its shape.

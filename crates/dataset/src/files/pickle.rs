@@ -45,7 +45,6 @@ enum Object {
     Kind(String),
 }
 
-/// A pickle that was read.
 #[derive(Debug)]
 pub(crate) struct Pickle {
     objects: Vec<Object>,

@@ -11,7 +11,6 @@ use super::transforms::{Transforms, read_transforms};
 use crate::capture::{Estimate, Found, StatedExtent, hold_out};
 use crate::frame::{Frame, Intrinsics, cameras_of, numbered};
 
-/// File that marks this format.
 pub(super) const MARKER: &str = "transforms_train.json";
 
 /// Near and far of NeRF's synthetic scenes.

@@ -13,7 +13,6 @@ use crate::files::json;
 use crate::files::npy::{self, Arrays};
 use crate::frame::{Frame, MaskRole};
 
-/// The files that mark this format.
 pub(crate) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
 const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
 /// Lists next to the scans in pixelNeRF's copy.

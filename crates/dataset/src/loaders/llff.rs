@@ -14,7 +14,6 @@ use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
 use crate::frame::{Frame, numbered};
 
-/// The file that marks this format.
 pub(crate) const MARKER: &str = "poses_bounds.npy";
 
 /// Numbers a view takes in the file: a 3×5 matrix and two depths.

@@ -9,7 +9,6 @@ use super::transforms::read_transforms;
 use crate::capture::{Estimate, Found, StatedExtent};
 use crate::frame::{Frame, numbered, present};
 
-/// File that marks this format.
 pub(super) const MARKER: &str = "transforms.json";
 
 /// Reads a folder in nerfstudio's or instant-ngp's format.

@@ -13,7 +13,6 @@ use crate::files::pickle::{Pickle, Value};
 use crate::files::{json, npy, read_file};
 use crate::frame::{Frame, MaskRole};
 
-/// The file that marks this format.
 pub(crate) const MARKER: &str = "annots.npy";
 const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
 /// The largest file that is read, in bytes.
@@ -176,7 +175,6 @@ pub(crate) struct Annotations {
     pub frames: usize,
 }
 
-/// Reads the bytes of the file at `path`.
 pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
     let pickle = pickled(path, bytes, EXPECTED)?;
     let field =

@@ -13,7 +13,6 @@ use super::OVERLAPPING;
 use crate::colmap::{Reconstruction, models};
 use crate::files::make_folder;
 
-/// Name of the program.
 pub(super) const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
 #[allow(clippy::type_complexity, reason = "a table")]

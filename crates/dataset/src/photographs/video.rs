@@ -112,7 +112,6 @@ fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&s
         .map_err(|e| SceneError::io(ffmpeg, e))
 }
 
-/// Waits for ffmpeg.
 fn finish(mut child: Child, video: &Path, partial: &Path) -> Result<(), SceneError> {
     let status = child.wait().map_err(|e| SceneError::io(video, e))?;
     if status.success() {
