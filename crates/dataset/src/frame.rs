@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DMat4;
-use infonerf_scene::image::{dimensions, is_image_name};
+use infonerf_scene::image::{dimensions, find_image, is_image_name};
 use infonerf_scene::{Camera, Lens, SceneError};
 
 #[derive(Clone, Debug)]
@@ -125,6 +125,13 @@ pub(crate) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
 
 pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
+}
+
+/// Finds the image in `folder` that a file names: with the extension as it is, another or none, and by the end of a path of
+/// another computer. Returns its path and its name within the folder.
+pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str) -> Option<(PathBuf, &'n str)> {
+    let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
+    starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)))
 }
 
 /// Takes the extension off a path if it is that of an image.

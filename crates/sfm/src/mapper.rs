@@ -258,8 +258,7 @@ mod tests {
     fn all_photographs_with_matches_are_placed() {
         let mut all = world(11, 5, 120);
         disturb(&mut all.points, 0.5, 9);
-        let mut tracks: Vec<Track> = all.points.iter().map(|p| p.seen.clone()).collect();
-        tracks.iter_mut().for_each(|track| track.truncate(4));
+        let tracks: Vec<Track> = all.points.iter().map(|p| p.seen[..4].to_vec()).collect();
         let lens = SimpleRadial { focal: 960.0, k1: 0.0, ..all.lens };
         let prior = Prior { focal: 960.0, focal_deviation: 0.3, k1_deviation: 0.1 };
         let matches: Vec<_> = tracks.iter().map(|t| (t[0].1, t[3].1)).collect();
@@ -285,8 +284,7 @@ mod tests {
         for (size, wrong) in [(1.0, 9), (0.0, usize::MAX)] {
             let mut points = world(11, 5, 120).points;
             disturb(&mut points, 0.5 * size, wrong);
-            let mut tracks: Vec<Track> = points.iter().map(|p| p.seen.clone()).collect();
-            tracks.iter_mut().for_each(|track| track.truncate(4));
+            let tracks: Vec<Track> = points.iter().map(|p| p.seen[..4].to_vec()).collect();
             let rough = |(i, pose): (usize, &Pose)| pose.moved(size * 0.045 * sway(i), size * 0.15 * sway(i + 9));
             let poses: Vec<Pose> = truth.poses.iter().enumerate().map(rough).collect();
             let expected = PosePrior { poses, turn_deviation: 0.035, shift_deviation: 0.12 };

@@ -64,10 +64,8 @@ pub(crate) fn real_roots(coefficients: &[f64]) -> Vec<f64> {
     let largest = coefficients.iter().fold(0.0, |m: f64, c| m.max(c.abs()));
     let Some(degree) = coefficients.iter().rposition(|c| c.abs() > 1e-14 * largest) else { return Vec::new() };
     let c = &coefficients[..=degree];
-    match degree {
-        0 => return Vec::new(),
-        1 => return vec![-c[0] / c[1]],
-        _ => {}
+    if degree < 2 {
+        return if degree == 1 { vec![-c[0] / c[1]] } else { Vec::new() };
     }
     let derivative: Vec<f64> = c.iter().enumerate().skip(1).map(|(i, c)| i as f64 * c).collect();
     // Cauchy's bound on the roots.

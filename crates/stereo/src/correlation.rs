@@ -16,11 +16,8 @@ pub(crate) struct Windows<'a> {
 impl<'a> Windows<'a> {
     pub(crate) fn new(image: &'a GreyImage, half: usize) -> Self {
         let rows = image.values.iter().map(|&a| if a.is_nan() { [0.0; 4] } else { [1.0, a, a * a, 0.0] }).collect();
-        let statistics = sums(rows, image.width, half)
-            .into_iter()
-            .map(|[n, sum, squares, _]| (n, sum / n, (squares / n - (sum / n).powi(2)).max(0.0)))
-            .collect();
-        Self { image, half, statistics }
+        let of_sums = |[n, sum, squares, _]: [f32; 4]| (n, sum / n, (squares / n - (sum / n).powi(2)).max(0.0));
+        Self { image, half, statistics: sums(rows, image.width, half).into_iter().map(of_sums).collect() }
     }
 
     /// Returns the normalised cross-correlation of the windows of the image, `a`, and of `b` about each pixel, from −1 to 1:

@@ -1,3 +1,4 @@
+use glam::Vec2;
 use infonerf_scene::Camera;
 use rayon::prelude::*;
 
@@ -56,16 +57,15 @@ pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]
             let point = camera.ray(x, y).at(1.0 / disparity);
             pairs[view].iter().any(|&other| {
                 let there = &cameras[other];
-                let inside =
-                    |p: &glam::Vec2| p.x >= 0.0 && p.y >= 0.0 && p.x < there.width as f32 && p.y < there.height as f32;
-                let Some(place) = there.project(point).filter(inside) else { return false };
-                let Some((disparity, step)) = maps[other].at(there, place.x, place.y) else { return false };
-                let distance = point.distance(there.position());
-                (1.0 / distance - disparity).abs() <= TOLERANCE * step
+                let size = Vec2::new(there.width as f32, there.height as f32);
+                let place = there.project(point).filter(|p| p.cmpge(Vec2::ZERO).all() && p.cmplt(size).all());
+                let found = place.and_then(|place| maps[other].at(there, place.x, place.y));
+                let expected = 1.0 / point.distance(there.position());
+                found.is_some_and(|(disparity, step)| (expected - disparity).abs() <= TOLERANCE * step)
             })
         };
-        let disparity =
-            (0..map.disparity.len()).map(|i| if confirmed(i) { map.disparity[i] } else { f32::NAN }).collect();
+        let kept = |i: usize| if confirmed(i) { map.disparity[i] } else { f32::NAN };
+        let disparity = (0..map.disparity.len()).map(kept).collect();
         DepthMap { disparity, ..map.clone() }
     };
     (0..maps.len()).into_par_iter().map(checked).collect()

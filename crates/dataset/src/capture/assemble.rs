@@ -66,8 +66,8 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         train.clone()
     } else {
         let ids: Vec<usize> = found.test.iter().map(|frame| frame.id).collect();
-        let test = pool::test(&request.test, &ids, found.split.as_deref(), &found.protocols)?;
-        let mut test = pick(&found.test.iter().collect::<Vec<_>>(), &test);
+        let chosen = pool::test(&request.test, &ids, found.split.as_deref(), &found.protocols)?;
+        let mut test: Vec<&Frame> = chosen.into_iter().map(|i| &found.test[i]).collect();
         test.retain(|t| train.iter().all(|f| f.image != t.image));
         let lost: Vec<&Frame> = test.iter().copied().filter(|frame| !is_there(frame)).collect();
         if let Some(first) = lost.first()
@@ -119,11 +119,7 @@ fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) ->
 fn select<'f>(selection: &ViewSelection, frames: &[&'f Frame], known: &Named) -> Result<Vec<&'f Frame>, SceneError> {
     let poses: Vec<Camera> = frames.iter().map(|frame| frame.camera(1, 1)).collect();
     let ids: Vec<usize> = frames.iter().map(|frame| frame.id).collect();
-    Ok(pick(frames, &pool::train(selection, &poses, &ids, known)?))
-}
-
-fn pick<'f>(frames: &[&'f Frame], positions: &[usize]) -> Vec<&'f Frame> {
-    positions.iter().filter_map(|&i| frames.get(i).copied()).collect()
+    Ok(pool::train(selection, &poses, &ids, known)?.into_iter().map(|i| frames[i]).collect())
 }
 
 /// Returns the camera for the image as it is in its file: scaled from the size that it is stated for, or cut by what the
@@ -312,10 +308,8 @@ impl Reader<'_> {
 
     fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, bool), SceneError> {
         let (native, size, canvas) = ((stored.width, stored.height), self.scale.size(stored), self.scale.canvas);
-        let depth = match &frame.depth {
-            Some(path) if canvas == native => Some(read_depth(path, native)?),
-            _ => None,
-        };
+        let depth = frame.depth.as_ref().filter(|_| canvas == native);
+        let depth = depth.map(|path| read_depth(path, native)).transpose()?;
         let mut rgba = read_rgba(&frame.image)?;
         let mut mask: Option<Vec<bool>> = None;
         let mut valid = (size != canvas).then(|| vec![true; (size.0 * size.1) as usize]);
@@ -323,9 +317,7 @@ impl Reader<'_> {
             let counts = read_mask(path, *role, native)?;
             if *role == MaskRole::Matte {
                 rgba.has_alpha = true;
-                for (pixel, &inside) in rgba.pixels.iter_mut().zip(&counts) {
-                    pixel[3] = if inside { 1.0 } else { 0.0 };
-                }
+                rgba.pixels.iter_mut().zip(&counts).for_each(|(pixel, &inside)| pixel[3] = inside.into());
             }
             let counts = resized_mask(&counts, native, size);
             if matches!(role, MaskRole::Capture | MaskRole::Dynamic) && self.masks == MaskUse::LeaveOut {

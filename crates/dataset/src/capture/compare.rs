@@ -216,30 +216,21 @@ fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(us
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use infonerf_scene::SceneRequest;
-    use serde_json::json;
 
     use super::*;
-    use crate::loaders::testing::write_json;
+    use crate::loaders::testing::photographs_of;
 
     /// Returns twelve photographs of a built-in scene, each with a pose and a focal length that `given` states.
     fn doubts(given: impl Fn(usize, &[Camera]) -> (DMat4, f64)) -> Vec<String> {
-        let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path();
-        fs::create_dir_all(dir.join("images")).unwrap();
         let cameras: Vec<Camera> = infonerf_procedural::photographs("table", 160, 40)[..12].to_vec();
-        let frame = |i: usize| {
-            let image = infonerf_procedural::render("table", &cameras[i]).unwrap().rgba;
-            image.to_f32().composite([1.0; 3]).write_png(&dir.join(format!("images/p{i}.png"))).unwrap();
+        let stated = |i: usize| {
             let (pose, focal) = given(i, &cameras);
-            let rows = pose.transpose().to_cols_array_2d();
-            json!({"file_path": format!("images/p{i}.png"), "transform_matrix": rows, "fl_x": focal, "w": 160, "h": 160})
+            Camera { fx: focal, fy: focal, ..cameras[i].with_pose(pose) }
         };
-        let frames: Vec<_> = (0..cameras.len()).map(frame).collect();
-        write_json(&dir.join("transforms.json"), &json!({"frames": frames}));
-        compare(&crate::loaders::read(dir, &SceneRequest::default()).unwrap().understood().unwrap()).unwrap()
+        let stated: Vec<Camera> = (0..cameras.len()).map(stated).collect();
+        let guard = photographs_of("table", &cameras, &stated, |i| format!("images/p{i}.png"));
+        compare(&crate::loaders::read(guard.path(), &SceneRequest::default()).unwrap().understood().unwrap()).unwrap()
     }
 
     #[test]

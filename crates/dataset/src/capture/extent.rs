@@ -48,12 +48,11 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
         }
         (None, _) => (0.05 * reach, (1.0 + 3f32.sqrt()) * reach),
     };
-    let frusta = || frusta_bounds(cameras, Range::Distance { near, far });
-    let cube = Aabb::cube(focus, reach);
     let bounds = match layout {
-        Layout::Object => point_box(&points, focus).unwrap_or(cube),
-        _ => frusta().unwrap_or(cube),
+        Layout::Object => point_box(&points, focus),
+        _ => frusta_bounds(cameras, Range::Distance { near, far }),
     };
+    let bounds = bounds.unwrap_or_else(|| Aabb::cube(focus, reach));
     let (centre, radius) = match layout {
         Layout::Inside => (mean, spread.max(0.05 * far)),
         Layout::Forward if seen.is_some() => {
@@ -149,14 +148,11 @@ pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Op
     let range = Range::Depth { near, far };
     let bounds = frusta_bounds(cameras, range)?;
     let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
-    let mut space = Space::known(cameras, (near, farthest), bounds);
-    space.range = range;
-    space.bounded = false;
+    let mut space = Space { range, bounded: false, ..Space::known(cameras, (near, farthest), bounds) };
     if space.layout == Layout::Forward {
         // Half-way in inverse depth.
         let middle = 2.0 / (1.0 / near + 1.0 / far);
-        let n = cameras.len().max(1) as f32;
-        let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / n;
+        let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
         let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
         space = space.centred(mean + middle * ahead, cameras);
     }

@@ -58,7 +58,9 @@ pub(crate) fn images(mut values: Values<'_>) -> Result<Vec<ColmapImage>, SceneEr
         let mut observations = Vec::new();
         for _ in 0..values.observations()? {
             let pixel = DVec2::from(values.numbers::<2>()?);
-            observations.extend(values.point()?.map(|point| (pixel, point)));
+            // −1 stands for no point.
+            let point = u64::try_from(values.number(i64::from_le_bytes)?);
+            observations.extend(point.ok().map(|point| (pixel, point)));
         }
         images.push(ColmapImage { id, name, camera, pose, observations });
     }
@@ -209,12 +211,6 @@ impl<'a> Values<'a> {
             return Err(self.fault(expected, format!("{count} numbers")));
         }
         Ok(count as u64 / 3)
-    }
-
-    /// Returns the number of the point that is observed, if there is one.
-    fn point(&mut self) -> Result<Option<u64>, SceneError> {
-        // −1 stands for none.
-        Ok(u64::try_from(self.number(i64::from_le_bytes)?).ok())
     }
 
     /// Passes over the colour and error of a point, and over what sees it.

@@ -67,10 +67,8 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     let first = found.train.iter().chain(&found.test).find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
     let backdrop = first.map(shown_backdrop).transpose()?;
-    let camera = found.train.first().or(found.test.first()).map(|frame| match size {
-        Some((width, height)) => frame.camera(width, height),
-        None => frame.nominal_camera(),
-    });
+    let frame = found.train.first().or(found.test.first());
+    let camera = frame.map(|f| size.map_or_else(|| f.nominal_camera(), |(width, height)| f.camera(width, height)));
     let mut kinds: Vec<Camera> = Vec::new();
     for frame in found.train.iter().chain(&found.test) {
         let (width, height) = frame.stated_size().or(size).unwrap_or(UNKNOWN_SIZE);
@@ -150,15 +148,9 @@ impl SceneSource {
 /// As [`crate::load`] where poses are read.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
     let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.understood()?;
-    Ok(Scene {
-        name: scene_name(path),
-        format: found.format,
-        space,
-        origin,
-        all_train_cameras: found.train.iter().map(|frame| frame.nominal_camera()).collect(),
-        warnings: found.warnings,
-        ..Scene::default()
-    })
+    let all_train_cameras = found.train.iter().map(Frame::nominal_camera).collect();
+    let (name, format, warnings) = (scene_name(path), found.format, found.warnings);
+    Ok(Scene { name, format, space, origin, all_train_cameras, warnings, ..Scene::default() })
 }
 
 /// Whether two cameras have one lens, up to rounding in files and in the decomposition of projections.

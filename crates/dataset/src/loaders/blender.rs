@@ -100,7 +100,7 @@ fn is_published(frames: &[Frame], cameras: &[Camera], transparent: Option<bool>)
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use glam::Vec3;
+    use glam::{DVec3, Vec3};
     use infonerf_scene::{Backdrop, Format, Layout, SceneRequest, TestProtocol};
     use serde_json::json;
     use std::fs;
@@ -161,9 +161,8 @@ mod tests {
         let (_guard, dir) = folder();
         for (split, count) in [("train", 3), ("test", 2)] {
             for i in 0..count {
-                let mut pose = infonerf_procedural::train_cameras(8)[i].to_world;
-                pose.w_axis = (pose.w_axis.truncate() * 10.0 + glam::DVec3::X * 100.0).extend(1.0);
-                let rows = json!(pose.transpose().to_cols_array_2d());
+                let camera = moved(&infonerf_procedural::train_cameras(8)[i], |p| p * 10.0 + DVec3::X * 100.0);
+                let rows = json!(camera.to_world.transpose().to_cols_array_2d());
                 let json = dir.join(format!("transforms_{split}.json"));
                 edit(&json, &format!("/frames/{i}/transform_matrix"), Some(rows));
             }

@@ -3,14 +3,14 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use infonerf_scene::image::{find_image, list_images, stored_dimensions};
+use infonerf_scene::image::{list_images, stored_dimensions};
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
 use crate::capture::{Estimate, Found, is_mask_name};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
-use crate::frame::Frame;
+use crate::frame::{Frame, find_by_end};
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
@@ -36,7 +36,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut frames = Vec::new();
     for (image, name) in read.images.iter().zip(&names) {
         let Some(mut camera) = read.camera(image) else { continue };
-        let (path, name) = image_path(&folder, name);
+        let (path, name) = find_by_end(&folder, name).unwrap_or_else(|| (folder.join(name), name));
         if reduced && path.is_file() {
             let (width, height) = stored_dimensions(&path)?;
             camera = camera.resized(width, height);
@@ -63,14 +63,6 @@ fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
     if roots.is_empty() { vec![dir.to_owned()] } else { roots }
 }
 
-/// Finds the image that a reconstruction names in `folder`: as it is named, with another extension, or by the end of a
-/// path that begins elsewhere. Returns its path and its name within the folder.
-fn image_path<'n>(folder: &Path, name: &'n str) -> (PathBuf, &'n str) {
-    let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
-    let found = starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)));
-    found.unwrap_or_else(|| (folder.join(name), name))
-}
-
 /// Warns of the photographs in `folder` of which COLMAP has found no pose.
 fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
@@ -82,7 +74,7 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
 
 /// Chooses the folder whose images suit a request for longest side `size`.
 fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
-    let first_in = |folder: &Path| names.iter().map(|name| image_path(folder, name).0).find(|path| path.is_file());
+    let first_in = |folder: &Path| names.iter().find_map(|name| find_by_end(folder, name)).map(|(path, _)| path);
     let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
     let found = whole.chain(roots.iter().cloned()).find(|folder| first_in(folder).is_some());
     let mut best = found.unwrap_or_else(|| roots[roots.len() - 1].join(FOLDERS[0]));

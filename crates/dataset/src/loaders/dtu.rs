@@ -84,8 +84,7 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
         found.protocols = vec![("regnerf".into(), split.clone())];
         found.protocols.extend(["pixelnerf", "infonerf"].map(|name| (name.into(), others.clone())));
     } else {
-        let text = format!("{} views instead of DTU's {VIEWS}: every 8th is held out", found.test.len());
-        found.warnings.push(text);
+        found.warnings.push(format!("{} views instead of DTU's {VIEWS}: every 8th is held out", found.test.len()));
     }
     found.split = Some(split);
     Ok(found)
@@ -95,13 +94,11 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
 fn sphere(cameras: &[Camera]) -> Space {
     let distances = cameras.iter().map(|c| c.position().length());
     let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
-    let near = (nearest - 1.0).max(0.0);
-    let mut space = Space::known(cameras, (near, farthest + 1.0), Aabb::cube(Vec3::ZERO, 1.0));
-    space.range = Range::Sphere { centre: Vec3::ZERO, radius: 1.0 };
+    let ends = ((nearest - 1.0).max(0.0), farthest + 1.0);
+    let range = Range::Sphere { centre: Vec3::ZERO, radius: 1.0 };
     // The table and what is behind it lie outside.
-    space.bounded = false;
-    space.layout = Layout::Object;
-    space
+    let bounded = false;
+    Space { range, bounded, layout: Layout::Object, ..Space::known(cameras, ends, Aabb::cube(Vec3::ZERO, 1.0)) }
 }
 
 /// Makes camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
@@ -116,8 +113,8 @@ pub(crate) fn camera(path: &Path, matrices: &Arrays, index: usize, size: (u32, u
     if !(diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element())) {
         return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
     }
-    let mut pose = camera.to_world;
-    pose.w_axis = ((camera.position_f64() - scale.w_axis.truncate()) / diagonal).extend(1.0);
+    let place = (camera.position_f64() - scale.w_axis.truncate()) / diagonal;
+    let pose = DMat4 { w_axis: place.extend(1.0), ..camera.to_world };
     match pose::fault(&pose) {
         Some(found) => Err(fault("world_mat", "a projection K [R | t]", found)),
         None => Ok(camera.with_pose(pose)),

@@ -153,13 +153,18 @@ pub(crate) mod testing {
 
     /// Writes the photographs that `cameras` take of `knot`, on white, with a `transforms.json` of their sizes and poses.
     pub fn photographs(cameras: &[Camera]) -> TempDir {
+        photographs_of("knot", cameras, cameras, |i| format!("images/p{i:02}.png"))
+    }
+
+    /// Writes the photographs that `cameras` take of a scene, on white, with a `transforms.json` of `stated` cameras.
+    pub fn photographs_of(scene: &str, cameras: &[Camera], stated: &[Camera], name: fn(usize) -> String) -> TempDir {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path();
         fs::create_dir_all(dir.join("images")).unwrap();
-        let frames = cameras.iter().enumerate().map(|(i, camera)| {
-            let image = infonerf_procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
-            image.write_png(&dir.join(format!("images/p{i:02}.png"))).unwrap();
-            json!({"file_path": format!("images/p{i:02}.png"), "w": camera.width, "h": camera.height,
+        let frames = cameras.iter().zip(stated).enumerate().map(|(i, (taken, camera))| {
+            let image = infonerf_procedural::render(scene, taken).unwrap().rgba.to_f32().composite([1.0; 3]);
+            image.write_png(&dir.join(name(i))).unwrap();
+            json!({"file_path": name(i), "w": camera.width, "h": camera.height,
                 "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
                 "transform_matrix": camera.to_world.transpose().to_cols_array_2d()})
         });

@@ -22,8 +22,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let transforms = read_transforms(&path)?;
     let estimate =
         Estimate { range: transforms.range, bounds: transforms.bounds.or(transforms.cube), ..Estimate::default() };
-    let lost = transforms.lost.iter().cloned();
-    let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).chain(lost).collect();
+    let mut all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
+    all.extend(transforms.lost);
     let mut found = match &transforms.split {
         Some((train, test, test_field)) => {
             let (frames, warning) = present(transforms.frames);
@@ -58,7 +58,7 @@ mod tests {
     use serde_json::json;
 
     use super::super::testing::*;
-    use infonerf_scene::{Camera, Image, Lens, Scene, SceneRequest, View};
+    use infonerf_scene::{Camera, Image, Lens, Rgba8, Scene, SceneRequest, View};
 
     /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
@@ -159,9 +159,8 @@ mod tests {
         let (_guard, dir, json) = folder();
         let write_mask = |i: usize, black: usize| {
             let pixels = (0..64).map(|j| if j < black { [0, 0, 0, 255] } else { [255; 4] }).collect();
-            infonerf_scene::Rgba8 { width: 8, height: 8, pixels }
-                .write_png(&dir.join(format!("images/m_{i}.png")))
-                .unwrap();
+            let mask = Rgba8 { width: 8, height: 8, pixels };
+            mask.write_png(&dir.join(format!("images/m_{i}.png"))).unwrap();
         };
         for i in 0..10 {
             write_mask(i, 7 * i);

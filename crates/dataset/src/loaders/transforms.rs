@@ -5,7 +5,7 @@ use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use infonerf_scene::image::{find_image, is_image_name, unread_format};
+use infonerf_scene::image::{is_image_name, unread_format};
 use infonerf_scene::{Aabb, Lens, SceneError};
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ use super::pose::read_pose;
 use crate::colmap::lens;
 use crate::files::json::{self, Node, PIXELS};
 use crate::files::{FARTHEST, file_name};
-use crate::frame::{Frame, Intrinsics, MaskRole, without_extension};
+use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
 const NGP_SCALE: f64 = 0.33;
@@ -146,17 +146,13 @@ fn name_of(dir: &Path, image: &Path) -> String {
     without_extension(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy())
 }
 
-/// Finds the image that a file names: with the extension as it is, another or none, with backslashes, and by the end of a
-/// path of another computer. If there is none, returns the path for the error, `.png` if it has no extension.
-///
-/// Extensions are appended: a name such as `r_0.5` keeps its dot.
+/// Finds the image that a file names, also with backslashes. If there is none, returns the path for the error, `.png` if it
+/// has no extension. Extensions are appended: a name such as `r_0.5` keeps its dot.
 fn image_path(dir: &Path, named: &str) -> PathBuf {
     let relative = named.replace('\\', "/");
     let relative = relative.trim_start_matches("./");
-    let whole = dir.join(relative);
-    let parts: Vec<&str> = relative.split('/').collect();
-    let end = |first: usize| find_image(&dir.join(parts[first..].join("/")));
-    find_image(&whole).or_else(|| (1..parts.len()).find_map(end)).unwrap_or_else(|| {
+    find_by_end(dir, relative).map(|(path, _)| path).unwrap_or_else(|| {
+        let whole = dir.join(relative);
         let complete = is_image_name(&whole) || unread_format(&whole).is_some();
         if complete { whole } else { dir.join(format!("{relative}.png")) }
     })

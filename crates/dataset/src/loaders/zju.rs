@@ -94,11 +94,9 @@ fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<
     let distances = cameras.iter().map(|c| c.position().distance(bounds.centre()));
     let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
     let near = (nearest - corner).max(0.02 * farthest);
-    let mut space = Space::known(&cameras, (near, farthest + corner), bounds);
-    space.layout = Layout::Object;
-    space.points = body.iter().flat_map(|body| body.vertices.iter().copied()).collect();
-    space.body = body;
-    Ok(space)
+    let points = body.iter().flat_map(|body| body.vertices.iter().copied()).collect();
+    let space = Space::known(&cameras, (near, farthest + corner), bounds);
+    Ok(Space { layout: Layout::Object, points, body, ..space })
 }
 
 /// Returns a body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an

@@ -15,30 +15,19 @@ use crate::files::make_folder;
 
 pub(super) const PROGRAM: &str = "colmap";
 /// Steps: name, number of paths that it takes, and options.
-#[allow(clippy::type_complexity, reason = "a table")]
-const STEPS: [(&str, usize, &[(&str, &str)]); 3] = [
+const STEPS: [(&str, usize, &str); 3] = [
     (
         "feature_extractor",
         2,
-        &[
-            ("ImageReader.single_camera", "1"),
-            ("ImageReader.camera_model", "SIMPLE_RADIAL"),
-            ("SiftExtraction.use_gpu", "0"),
-            ("SiftExtraction.estimate_affine_shape", "1"),
-            ("SiftExtraction.domain_size_pooling", "1"),
-        ],
+        "ImageReader.single_camera=1 ImageReader.camera_model=SIMPLE_RADIAL SiftExtraction.use_gpu=0 \
+         SiftExtraction.estimate_affine_shape=1 SiftExtraction.domain_size_pooling=1",
     ),
-    ("exhaustive_matcher", 1, &[("SiftMatching.use_gpu", "0"), ("SiftMatching.guided_matching", "1")]),
+    ("exhaustive_matcher", 1, "SiftMatching.use_gpu=0 SiftMatching.guided_matching=1"),
     (
         "mapper",
         3,
-        &[
-            ("Mapper.min_model_size", "2"),
-            ("Mapper.init_min_num_inliers", "40"),
-            ("Mapper.init_min_tri_angle", "4"),
-            ("Mapper.abs_pose_min_num_inliers", "15"),
-            ("Mapper.multiple_models", "0"),
-        ],
+        "Mapper.min_model_size=2 Mapper.init_min_num_inliers=40 Mapper.init_min_tri_angle=4 \
+         Mapper.abs_pose_min_num_inliers=15 Mapper.multiple_models=0",
     ),
 ];
 /// Lines of the program's output that an error repeats.
@@ -59,7 +48,7 @@ pub(super) fn find(
     let (database, sparse) = (work.join("colmap.db"), work.join("sparse"));
     let _ = fs::remove_dir_all(work);
     make_folder(&sparse)?;
-    for step in &STEPS {
+    for step in STEPS {
         progress(step.0);
         let mut help = String::new();
         // A program without help is given all options, and says itself what it does not know.
@@ -75,10 +64,10 @@ pub(super) fn find(
 /// Returns the arguments of a step: its paths, and the options that `help` lists, under the names that this version of
 /// COLMAP has for them: 3.12 moved what is not SIFT's own to groups of other names. Options that it does not have at all are
 /// left to their defaults.
-fn arguments(step: &(&str, usize, &[(&str, &str)]), paths: [&Path; 3], help: &str) -> Vec<OsString> {
-    let named = ["--database_path", "--image_path", "--output_path"].into_iter().zip(paths).take(step.1);
+fn arguments((_, count, options): (&str, usize, &str), paths: [&Path; 3], help: &str) -> Vec<OsString> {
+    let named = ["--database_path", "--image_path", "--output_path"].into_iter().zip(paths).take(count);
     let mut all: Vec<OsString> = named.flat_map(|(name, path)| [name.into(), path.into()]).collect();
-    for (name, value) in step.2 {
+    for (name, value) in options.split(' ').filter_map(|option| option.split_once('=')) {
         let moved = name.replace("SiftExtraction.", "FeatureExtraction.").replace("SiftMatching.", "FeatureMatching.");
         let names = [format!("--{moved}"), format!("--{name}")];
         let known = if help.contains("--") { names.iter().find(|name| help.contains(*name)) } else { names.last() };
@@ -124,7 +113,7 @@ mod tests {
     #[test]
     fn options_are_those_of_the_installed_version() {
         let paths = ["my.colmap.db", "images", "sparse"].map(Path::new);
-        let names = |help: &str| arguments(&STEPS[1], paths, help);
+        let names = |help: &str| arguments(STEPS[1], paths, help);
         for group in ["SiftMatching", "FeatureMatching"] {
             let option = format!("--{group}.use_gpu");
             assert_eq!(names(&format!("{option} arg")), ["--database_path", "my.colmap.db", &option, "0"]);

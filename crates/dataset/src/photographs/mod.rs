@@ -159,8 +159,8 @@ pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
     if list_images(&folder).ok()?.is_empty() {
         return first_unread(&folder);
     }
-    let reason =
-        format!("these are photographs: `infonerf capture {}` finds their poses and learns the scene", dir.display());
+    let advice = format!("`infonerf capture {}` finds their poses and learns the scene", dir.display());
+    let reason = format!("these are photographs: {advice}");
     Some(SceneError::malformed(dir, "a scene with poses", reason))
 }
 
