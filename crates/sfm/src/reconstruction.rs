@@ -107,19 +107,19 @@ pub fn reconstruct(
         Some(known) => (vec![known], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
     };
+    let prior = |focal: f64| Prior { focal, focal_deviation, k1_deviation: K1_DEVIATION };
     let mapped = |guess: f64, matched: &[Matches]| {
         let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
-        let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
-        map(&features, matched, (lens, prior), TOLERANCE * longer)
+        map(&features, matched, (lens, prior(lens.focal)), TOLERANCE * longer)
     };
     if guesses.len() > 1 && count > FEW {
         let (few, within) = most_matched(&matched, FEW);
         progress(&format!("finding the focal length from {few} of the photographs"));
         if let Ok(start) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
-            let prior = Prior { focal: start.lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
+            let lens = (start.lens, prior(start.lens.focal));
             let agreed = verified(&features, &matched, &start.lens, TOLERANCE * longer);
             let tracks = tracks(&features, agreed.iter().map(|(matches, _)| matches));
-            let found = Mapper::new(&tracks, start.poses, (start.lens, prior), TOLERANCE * longer, None).run();
+            let found = Mapper::new(&tracks, start.poses, lens, TOLERANCE * longer, None).run();
             let (placed, points) = (found.placed(), found.points.len());
             progress(&format!("{placed} of {count} photographs placed by {points} points"));
             return Ok(found);
@@ -169,9 +169,10 @@ fn best_guess(
             }
         };
         let (placed, points) = (found.placed(), found.points.len());
-        let (from, to, k1) = (guess, found.lens.focal / longer, found.lens.k1);
+        let (to, k1) = (found.lens.focal / longer, found.lens.k1);
+        let placing = format!("{placed} of {count} photographs placed by {points} points");
         progress(&format!(
-            "focal length {from:.2} of the longer side: {placed} of {count} photographs placed by {points} points, adjusted to {to:.2} and k1 = {k1:.3}",
+            "focal length {guess:.2} of the longer side: {placing}, adjusted to {to:.2} and k1 = {k1:.3}"
         ));
         let score = (placed, found.observations() as f64 * plausibility(to));
         let is_same = |&(all, _, other): &(usize, f64, f64)| all == count && (to / other).ln().abs() < SAME_FOCAL;

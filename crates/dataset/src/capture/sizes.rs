@@ -74,15 +74,11 @@ mod tests {
     use super::*;
     use glam::DMat4;
 
-    fn camera((width, height): (u32, u32), focal: f64) -> Camera {
-        let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
-        Camera::pinhole((width, height), [focal; 2], centre, DMat4::IDENTITY)
-    }
-
     #[test]
     fn images_of_all_sizes_come_to_one_scale() {
         let sizes = |sides: &[((u32, u32), f64)], longest| {
-            let cameras: Vec<_> = sides.iter().map(|&(size, focal)| camera(size, focal)).collect();
+            let camera = |&(size, focal)| Camera::pinhole(size, [focal; 2], [1.0; 2], DMat4::IDENTITY);
+            let cameras: Vec<Camera> = sides.iter().map(camera).collect();
             let scale = ImageScale::new(&cameras, longest).unwrap();
             (cameras.iter().map(|camera| scale.size(camera)).collect::<Vec<_>>(), scale.canvas)
         };
@@ -93,13 +89,13 @@ mod tests {
         // Portrait and landscape.
         let both = sizes(&[((96, 72), 100.0), ((72, 96), 100.0), ((96, 72), 100.0)], None);
         assert_eq!(both, (vec![(96, 72), (72, 96), (96, 72)], (96, 96)));
-        // A pixel is missing.
-        let cut = sizes(&[((96, 96), 100.0), ((96, 95), 100.0), ((96, 96), 100.0)], Some(48));
-        assert_eq!(cut, (vec![(48, 48), (48, 48), (48, 48)], (48, 48)));
-        // Twice as many pixels, and half as many: the fewest decide.
-        let twice = sizes(&[((96, 96), 100.0), ((192, 192), 200.0), ((96, 96), 100.0)], None);
-        assert_eq!(twice, (vec![(96, 96); 3], (96, 96)));
-        let half = sizes(&[((96, 96), 100.0), ((48, 48), 50.0), ((96, 96), 100.0)], Some(96));
-        assert_eq!(half, (vec![(48, 48); 3], (48, 48)));
+        // A pixel is missing; twice as many pixels, and half as many: the fewest decide.
+        for (other, longest, all) in [
+            (((96, 95), 100.0), Some(48), (48, 48)),
+            (((192, 192), 200.0), None, (96, 96)),
+            (((48, 48), 50.0), Some(96), (48, 48)),
+        ] {
+            assert_eq!(sizes(&[((96, 96), 100.0), other, ((96, 96), 100.0)], longest), (vec![all; 3], all));
+        }
     }
 }

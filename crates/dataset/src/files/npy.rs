@@ -107,14 +107,10 @@ pub(crate) fn encode<T: Copy + Into<f64>>(shape: &[u64], values: &[T]) -> Vec<u8
 }
 
 /// Largest archive that is read, in bytes, packed or unpacked.
-const MAX_ARCHIVE: u64 = 256 << 20;
+pub(crate) const MAX_ARCHIVE: u64 = 256 << 20;
 const MAX_ARRAYS: usize = 10_000;
 
 /// Reads the arrays of an archive whose name `wanted` accepts.
-pub(crate) fn read_archive(path: &Path, expected: &str, wanted: impl Fn(&str) -> bool) -> Result<Arrays, SceneError> {
-    decode_archive(path, &read_file(path, expected, MAX_ARCHIVE)?, expected, wanted)
-}
-
 pub(crate) fn decode_archive(
     path: &Path,
     bytes: &[u8],

@@ -9,8 +9,8 @@ use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneReque
 use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
-use crate::files::json;
 use crate::files::npy::{self, Arrays};
+use crate::files::{json, read_file};
 use crate::frame::{Frame, MaskRole};
 
 pub(crate) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
@@ -45,7 +45,8 @@ pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
 pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
-    let matrices = npy::read_archive(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
+    let bytes = read_file(&path, EXPECTED, npy::MAX_ARCHIVE)?;
+    let matrices = npy::decode_archive(&path, &bytes, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
     let images = list_images(&dir.join("image"))?;
     let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
     let Some(first) = images.first() else {

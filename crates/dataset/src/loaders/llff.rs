@@ -28,12 +28,11 @@ pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images
 
 /// Reads a folder in LLFF's format.
 ///
-/// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and
-/// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
-/// position, and (height, width, focal length in pixels) of the full-size images. Poses are
-/// converted to OpenGL, scaled so that the nearest depth becomes 4/3, and recentred on their mean
-/// pose; all as LLFF's loader does it, of all views, with a warning. Views 0, 8, 16, … are held out for test. Near and far
-/// are depths along the viewing axis. The box is what the training cameras see between them.
+/// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and farthest point seen.
+/// The matrix's columns are the camera's down, right and backward axes, its position, and (height, width, focal length
+/// in pixels) of the full-size images. Poses are converted to OpenGL, scaled so that the nearest depth becomes 4/3, and
+/// recentred on their mean pose; all as LLFF's loader does it, of all views, with a warning. Views 0, 8, 16, … are held
+/// out for test. Near and far are depths along the viewing axis. The box is what the training cameras see between them.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.

@@ -38,10 +38,7 @@ impl OwnPoses {
     /// Writes the reconstruction to `sparse/0`.
     pub(super) fn write(&self, sparse: &Path) -> Result<(), SceneError> {
         let written = self.model.write(&sparse.join("0"), |id| self.colours[id as usize - 1]);
-        if written.is_err() {
-            let _ = fs::remove_dir_all(sparse);
-        }
-        written
+        written.inspect_err(|_| drop(fs::remove_dir_all(sparse)))
     }
 }
 
@@ -214,13 +211,12 @@ mod tests {
         let columns = "placed | degrees | position, % | focal length | seconds |";
         eprintln!("| photographs | published focal length | {columns} COLMAP: {columns}");
         eprintln!("|{}", "---|".repeat(12));
-        let solve = |images: &Path, by_colmap: bool| -> Result<Reconstruction, SceneError> {
-            let colmap = program(colmap::PROGRAM, std::env::var_os("PATH")).filter(|_| by_colmap);
-            match colmap {
-                Some(colmap) => colmap::find(&colmap, &images.with_extension("work"), images, &mut |_: &str| ()),
-                None if by_colmap => Err(SceneError::malformed(images, "colmap", "it is not on PATH")),
-                None => find(images, None, |_| {}).map(|found| found.model),
+        let solve = |images: &Path, by_colmap: bool| {
+            if !by_colmap {
+                return Some(find(images, None, |_| {}).ok()?.model);
             }
+            let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"))?;
+            colmap::find(&colmap, &images.with_extension("work"), images, &mut |_: &str| ()).ok()
         };
         for (capture, dir, folder) in captures {
             let dir = shared_data(&dir);
@@ -245,7 +241,7 @@ mod tests {
                     let started = std::time::Instant::now();
                     let solved = solve(&images, by_colmap);
                     let seconds = started.elapsed().as_secs_f64();
-                    let Ok(model) = solved else {
+                    let Some(model) = solved else {
                         return (0, f64::INFINITY, format!("0 | – | – | – | {seconds:.0} |"));
                     };
                     let found = model.images.iter().map(|image| truth(image).with_pose(image.pose)).collect::<Vec<_>>();

@@ -48,7 +48,7 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
     let _ = fs::remove_dir_all(&partial);
     make_folder(&partial)?;
     progress(&format!("{name}: looking for sharp frames with ffmpeg"));
-    let taken = take(&ffmpeg, video, &partial).and_then(|(count, picks)| {
+    let kept = |(count, picks): (usize, Vec<usize>)| {
         let last = list_images(&partial)?.len();
         if last != picks.len() {
             let expected = format!("ffmpeg to write {} frames", picks.len());
@@ -64,11 +64,8 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
             dir.join("001.png").display()
         ));
         Ok(())
-    });
-    if taken.is_err() {
-        let _ = fs::remove_dir_all(&partial);
-    }
-    taken
+    };
+    take(&ffmpeg, video, &partial).and_then(kept).inspect_err(|_| drop(fs::remove_dir_all(&partial)))
 }
 
 /// Writes the frames that are taken to `partial`; returns the number of frames of the video, and which were taken.
