@@ -1,7 +1,7 @@
 //! The space of a capture (near, far, box, layout), estimated from its cameras and points; cameras far from all others, and
 //! worlds far from their origin.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use infonerf_scene::poses::ViewRegion;
 use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
 
@@ -83,14 +83,15 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
 /// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
 fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let distance = |camera: &Camera, p: Vec3| {
-        let pixel = camera.project(p)?;
-        let (w, h) = (camera.width as f32, camera.height as f32);
-        let inside = (0.0..=w).contains(&pixel.x) && (0.0..=h).contains(&pixel.y);
-        inside.then(|| p.distance(camera.position()))
-    };
-    let seen = |camera| points.iter().step_by(step).filter_map(move |&p| distance(camera, p));
-    ascending(cameras.iter().flat_map(seen).collect())
+    let distance = |camera: &Camera, p: Vec3| seen_at(camera, p).map(|_| p.distance(camera.position()));
+    let distances = |camera| points.iter().step_by(step).filter_map(move |&p| distance(camera, p));
+    ascending(cameras.iter().flat_map(distances).collect())
+}
+
+/// Returns the pixel at which `camera` sees a point, if it lies within the image.
+pub(crate) fn seen_at(camera: &Camera, point: Vec3) -> Option<Vec2> {
+    let size = Vec2::new(camera.width as f32, camera.height as f32);
+    camera.project(point).filter(|pixel| pixel.cmpge(Vec2::ZERO).all() && pixel.cmple(size).all())
 }
 
 /// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.

@@ -14,7 +14,7 @@ mod sizes;
 
 pub(crate) use assemble::{assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
-pub(crate) use extent::{capture_space, frusta_bounds, grid, listed};
+pub(crate) use extent::{capture_space, frusta_bounds, grid, listed, seen_at};
 pub(crate) use mask::{is_mask_name, read_mask};
 
 use std::path::Path;
@@ -120,8 +120,7 @@ impl<'a> Found<'a> {
                 ));
             }
         }
-        let cameras = cameras_of(&self.train)?;
-        let space = self.space(&cameras)?;
+        let space = self.space(&cameras_of(&self.train)?)?;
         Ok(Capture { found: self, space, origin })
     }
 
@@ -241,9 +240,8 @@ mod tests {
         let around: Vec<Camera> = cameras(10).iter().map(|camera| moved(camera, |p| 0.95 * p)).collect();
         let guard = photographs(&around);
         let dir = guard.path();
-        let json = dir.join("transforms.json");
         let as_capture = load(dir, &request()).unwrap();
-        fs::rename(&json, dir.join("transforms_train.json")).unwrap();
+        fs::rename(dir.join("transforms.json"), dir.join("transforms_train.json")).unwrap();
         let as_blender = load(dir, &request()).unwrap();
         assert_eq!((&as_blender.space, as_blender.test.len()), (&as_capture.space, as_capture.test.len()));
         assert_eq!(as_blender.backdrop, as_capture.backdrop);

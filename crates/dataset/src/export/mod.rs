@@ -108,8 +108,7 @@ mod tests {
         export(name, 16, format, guard.path()).unwrap();
         let chosen = SceneRequest { train: train.parse().unwrap(), test: TestProtocol::Split, ..request() };
         let scene = load(guard.path(), &chosen).unwrap();
-        let count = if format == Format::Dtu { 49 } else { 40 };
-        (scene, procedural::photographs(name, 16, count))
+        (scene, procedural::photographs(name, 16, if format == Format::Dtu { 49 } else { 40 }))
     }
 
     #[test]
@@ -160,10 +159,9 @@ mod tests {
 
     #[test]
     fn a_person_reads_back() {
-        let (scene, _) = read_back("figure", Format::Zju, "infonerf-4");
+        let (scene, cameras) = read_back("figure", Format::Zju, "infonerf-4");
         assert_eq!((scene.format, scene.train.len(), scene.test.len()), (Format::Zju, 4, 19));
         assert_eq!(scene.space.body, procedural::body("figure").unwrap());
-        let cameras = procedural::photographs("figure", 16, 23);
         for view in scene.train.iter().chain(&scene.test) {
             let camera = cameras[view.id].with_lens(lens());
             assert_same_rays(&view.camera, &camera);

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use glam::Vec3;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{assemble, compare, grid, listed};
+use crate::capture::{assemble, compare, grid, listed, seen_at};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -156,18 +157,14 @@ fn grey(image: &Image) -> Vec<f32> {
 /// Returns the mean square of the discrete Laplacian.
 fn detail(image: &Image) -> f32 {
     let (w, h) = (image.width as usize, image.height as usize);
-    let grey = grey(image);
     if w < 3 || h < 3 {
         return 0.0;
     }
+    let grey = grey(image);
     let at = |x: usize, y: usize| grey[y * w + x];
-    let mut sum = 0.0f64;
-    for y in 1..h - 1 {
-        for x in 1..w - 1 {
-            let laplacian = 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
-            sum += f64::from(laplacian).powi(2);
-        }
-    }
+    let laplacian = |x, y| 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
+    let pixels = (1..h - 1).flat_map(|y| (1..w - 1).map(move |x| (x, y)));
+    let sum = pixels.fold(0.0, |sum, (x, y)| sum + f64::from(laplacian(x, y)).powi(2));
     (sum / ((w - 2) * (h - 2)) as f64) as f32
 }
 
@@ -182,20 +179,14 @@ fn spread(image: &Image) -> f32 {
 /// Describes points that the cameras have in their image, but not between near and far.
 fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     let step = scene.space.points.len().div_ceil(2000).max(1);
-    let (mut seen, mut outside) = (0u32, 0u32);
-    for camera in cameras {
-        for &point in scene.space.points.iter().step_by(step) {
-            let Some(pixel) = camera.project(point) else { continue };
-            if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x > camera.width as f32 || pixel.y > camera.height as f32 {
-                continue;
-            }
-            seen += 1;
-            let t = point.distance(camera.position());
-            let within = scene.interval(&camera.ray(pixel.x, pixel.y)).is_some_and(|(a, b)| a <= t && t <= b);
-            outside += u32::from(!within);
-        }
-    }
-    let share = outside as f32 / seen.max(1) as f32;
+    let is_within = |camera: &Camera, point: Vec3| {
+        let (pixel, t) = (seen_at(camera, point)?, point.distance(camera.position()));
+        Some(scene.interval(&camera.ray(pixel.x, pixel.y)).is_some_and(|(a, b)| a <= t && t <= b))
+    };
+    let points = || scene.space.points.iter().step_by(step);
+    let seen = cameras.iter().flat_map(|camera| points().filter_map(|&point| is_within(camera, point)));
+    let (within, outside): (Vec<bool>, Vec<bool>) = seen.partition(|within| *within);
+    let share = outside.len() as f32 / (within.len() + outside.len()).max(1) as f32;
     (share > OUTSIDE).then(|| format!("{:.0} % of the points in view lie outside near and far", 100.0 * share))
 }
 
@@ -205,7 +196,6 @@ mod tests {
 
     use super::*;
     use crate::{SceneSource, load};
-    use glam::Vec3;
     use infonerf_scene::{Aabb, Range};
 
     fn scene() -> Scene {
