@@ -1,7 +1,7 @@
 //! Cameras of a scene, refined by `infonerf-sfm`.
 
 use infonerf_scene::{Camera, PoseError, Scene};
-use infonerf_sfm::{Pose, Uncertainty, refine};
+use infonerf_sfm::{Uncertainty, refine};
 
 use crate::colmap::opengl;
 
@@ -44,19 +44,20 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
             "training cameras stay as given: {shared} {before:.3} pixels, with refined cameras {after:.3}"
         ));
     } else {
+        let refocus = |camera: &mut Camera| (camera.fx, camera.fy) = (found.focal * camera.fx, found.focal * camera.fy);
         for (view, pose) in scene.train.iter_mut().zip(&found.poses) {
             match pose {
-                Ok(pose) => view.camera = refocused(&view.camera, found.focal, pose),
+                Ok(pose) => {
+                    view.camera = view.camera.with_pose(opengl(pose.rotation.transpose(), pose.centre()));
+                    refocus(&mut view.camera);
+                }
                 Err(reason) => {
                     scene.warnings.push(format!("the camera of {} stays as given: {reason}", view.name));
                 }
             }
         }
         // One factor for all: the cameras that no photograph here has refined are of the same lens.
-        let others = scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras);
-        for camera in others {
-            (camera.fx, camera.fy) = (found.focal * camera.fx, found.focal * camera.fy);
-        }
+        scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras).for_each(refocus);
         let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let by = PoseError::of(&now, &given, centre);
         scene.notes.push(format!(
@@ -72,12 +73,6 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     }
     scene.unrefined_cameras = Some(given);
     scene
-}
-
-/// Moves `camera` to `pose`, with focal lengths `factor` times as long.
-fn refocused(camera: &Camera, factor: f64, pose: &Pose) -> Camera {
-    let to_world = opengl(pose.rotation.transpose(), pose.centre());
-    Camera { fx: factor * camera.fx, fy: factor * camera.fy, ..camera.with_pose(to_world) }
 }
 
 #[cfg(test)]

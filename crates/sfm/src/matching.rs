@@ -42,12 +42,15 @@ pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
 /// strongest features have most matches, and with the next [`FOLLOWING`] in their order.
 fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
     let count = features.len();
-    let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+    let all: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
     if count <= ALL_PAIRS {
-        return all.collect();
+        return all;
     }
-    let strongest: Vec<Features> = features.iter().map(|features| features.first(STRONGEST)).collect();
-    let all: Vec<(usize, usize)> = all.collect();
+    let strongest = |all: &Features| {
+        let count = all.pixels.len().min(STRONGEST);
+        Features { pixels: all.pixels[..count].to_vec(), descriptors: all.descriptors[..LENGTH * count].to_vec() }
+    };
+    let strongest: Vec<Features> = features.iter().map(strongest).collect();
     let alike: Vec<usize> = all.par_iter().map(|&(a, b)| matches(&strongest[a], &strongest[b]).len()).collect();
     let mut likely: BTreeSet<(usize, usize)> = all.iter().copied().filter(|(a, b)| b - a <= FOLLOWING).collect();
     for photograph in 0..count {

@@ -38,14 +38,6 @@ pub(crate) struct Features {
     pub(crate) descriptors: Vec<f32>,
 }
 
-impl Features {
-    /// Returns the `most` features of highest contrast.
-    pub(crate) fn first(&self, most: usize) -> Self {
-        let count = most.min(self.pixels.len());
-        Self { pixels: self.pixels[..count].to_vec(), descriptors: self.descriptors[..LENGTH * count].to_vec() }
-    }
-}
-
 /// Finds the features of `image`, the `most` of highest contrast.
 pub(crate) fn features(image: &GreyImage, most: usize) -> Features {
     let (mut base, mut spacing) = first_level(image);

@@ -191,9 +191,8 @@ impl<'a> Found<'a> {
 /// `protocol` tests training views.
 pub(crate) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Vec<T>) {
     let alone = views.len() == 1 || *protocol == TestProtocol::Training;
-    let (test, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(i, _)| !alone && i % HOLD_OUT == 0);
-    let strip = |pool: Vec<(usize, T)>| pool.into_iter().map(|(_, view)| view).collect();
-    (strip(train), strip(test))
+    let mut places = 0..views.len();
+    views.into_iter().partition(|_| places.next().is_none_or(|i| alone || i % HOLD_OUT > 0))
 }
 
 /// Whether two image sizes have the same proportions, up to rounding.

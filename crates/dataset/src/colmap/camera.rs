@@ -55,8 +55,7 @@ pub struct ColmapCamera {
     pub height: u32,
     /// The model's parameters, in COLMAP's order.
     pub parameters: Vec<f64>,
-    pinhole: ([f64; 2], [f64; 2]),
-    lens: Lens,
+    camera: Camera,
 }
 
 impl ColmapCamera {
@@ -85,13 +84,13 @@ impl ColmapCamera {
         if !parameters.iter().all(|p| p.abs() <= 1e9) {
             return Err(fault("finite parameters of a lens", format!("{parameters:?}")));
         }
-        Ok(Self { model, width, height, parameters, pinhole: ([fx, fy], [cx, cy]), lens })
+        let camera = Camera::pinhole((width, height), [fx, fy], [cx, cy], DMat4::IDENTITY).with_lens(lens);
+        Ok(Self { model, width, height, parameters, camera })
     }
 
     /// Returns the camera at a camera-to-world pose (OpenGL).
     pub fn at(&self, pose: DMat4) -> Camera {
-        let (focal, centre) = self.pinhole;
-        Camera::pinhole((self.width, self.height), focal, centre, pose).with_lens(self.lens)
+        self.camera.with_pose(pose)
     }
 }
 

@@ -139,14 +139,12 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
             masks.push((camera, mask));
         }
     }
-    let seen = |p: Vec3| {
-        masks.iter().all(|(camera, mask)| {
-            camera.project(p).is_some_and(|pixel| {
-                let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.width as f32;
-                inside && mask.get(pixel.y as usize * camera.width as usize + pixel.x as usize) == Some(&true)
-            })
-        })
+    let shows = |camera: &Camera, mask: &[bool], p: Vec3| {
+        let Some(pixel) = camera.project(p) else { return false };
+        let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.width as f32;
+        inside && mask.get(pixel.y as usize * camera.width as usize + pixel.x as usize) == Some(&true)
     };
+    let seen = |p: Vec3| masks.iter().all(|(camera, mask)| shows(camera, mask, p));
     // Twice: over all that the cameras surround, then over what that left.
     let mut bounds = Aabb::cube(about.centre, about.radius);
     for _ in 0..2 {
