@@ -90,30 +90,10 @@ fn products(a: &[f32], b: &[f32], out: &mut [f32]) {
     assert!(out.len() >= m * n);
     let (out, a, b) = (out.as_mut_ptr(), a.as_ptr(), b.as_ptr());
     // Strides from column to column, and from row to row.
-    let (one, row, of_out) = (1, LENGTH as isize, n as isize);
+    let (one, row, of_out, serial) = (1, LENGTH as isize, n as isize, Parallelism::None);
     // SAFETY: `a` has m · k, `b` n · k and `out` at least m · n elements, which the strides stay within.
     unsafe {
-        gemm(
-            m,
-            n,
-            k,
-            out,
-            one,
-            of_out,
-            false,
-            a,
-            one,
-            row,
-            b,
-            row,
-            one,
-            0.0,
-            1.0,
-            false,
-            false,
-            false,
-            Parallelism::None,
-        );
+        gemm(m, n, k, out, one, of_out, false, a, one, row, b, row, one, 0.0, 1.0, false, false, false, serial);
     }
 }
 

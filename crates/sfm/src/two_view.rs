@@ -17,7 +17,6 @@ const SAMPLES: usize = 2000;
 /// Samples of four matches for a homography, at most.
 const HOMOGRAPHIES: usize = 300;
 
-#[derive(Clone, Debug)]
 pub(crate) struct TwoView {
     /// Pose of the second camera; the first is at the origin, the distance between them 1.
     pub(crate) pose: Pose,

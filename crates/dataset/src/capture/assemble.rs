@@ -178,20 +178,9 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let is_known = train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border);
     let backdrop = if is_known { Backdrop::Colour } else { Backdrop::Unknown };
     space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
-    Ok(Scene {
-        name: scene_name(found.dir),
-        train: train_views,
-        test,
-        format: found.format,
-        background,
-        backdrop,
-        space,
-        all_train_cameras,
-        origin,
-        warnings,
-        ..Scene::default()
-    }
-    .with_guessed_background())
+    let (name, format) = (scene_name(found.dir), found.format);
+    let scene = Scene { name, format, background, backdrop, space, origin, warnings, ..Scene::default() };
+    Ok(Scene { train: train_views, test, all_train_cameras, ..scene }.with_guessed_background())
 }
 
 /// Returns the camera of a frame whose image need not be there: for the `base` size if its own is not stated, or is the
@@ -226,13 +215,12 @@ fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
         format!("{} of {}×{}", sizes.iter().filter(|other| **other == size).count(), size.0, size.1)
     };
     let counts: Vec<String> = sizes.iter().enumerate().filter(is_first).map(described).collect();
-    let (counts, is_one, (width, height)) = (counts.join(", "), counts.len() < 2, scale.canvas);
-    (!is_one).then(|| {
-        format!(
-            "images of several sizes ({counts}) are brought to one scale, in the middle of {width}×{height} pixels; what \
-             is outside of them is neither trained on nor measured"
-        )
-    })
+    let (described, (width, height)) = (counts.join(", "), scale.canvas);
+    let text = format!(
+        "images of several sizes ({described}) are brought to one scale, in the middle of {width}×{height} pixels; what \
+         is outside of them is neither trained on nor measured"
+    );
+    (counts.len() > 1).then_some(text)
 }
 
 /// Leaves the test views out that show the photograph of a training view under another name, unless all do, and warns of

@@ -70,14 +70,13 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let share = |poses: &[DMat4], factor: f64| explained(poses, factor).iter().sum::<usize>() as f64 / count as f64;
     let given = share(&poses, 1.0);
     let all_names: Vec<&str> = frames.iter().map(|frame| frame.name.as_str()).collect();
-    let conventions =
-        conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name.into()));
+    let taken_as = conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name.into()));
     let mean = focal.iter().sum::<f64>() / focal.len() as f64;
     let longer = f64::from(cameras[0].width.max(cameras[0].height));
     let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0].map(|times| {
         (share(&poses, times * longer / mean), format!("with focal lengths of about {times} image widths"))
     });
-    let best = conventions.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
+    let best = taken_as.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let is_better = best.as_ref().is_some_and(|(share, _)| *share >= BETTER.0 && *share >= given + BETTER.1);
     if given >= EXPLAINED && !is_better {

@@ -7,7 +7,6 @@ use infonerf_scene::{Camera, resized_dimensions};
 const SAME_SCALE: f64 = 0.1;
 
 /// The scale at which the images of a scene are loaded: each in the middle of a canvas that all share.
-#[derive(Debug)]
 pub(super) struct ImageScale {
     /// Camera of an image of the most frequent size.
     base: Camera,

@@ -30,7 +30,6 @@ pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value> {
 }
 
 /// A value in a JSON file, with its path.
-#[derive(Clone)]
 pub(crate) struct Node<'a> {
     file: &'a Path,
     field: String,

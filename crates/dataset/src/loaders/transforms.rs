@@ -18,7 +18,6 @@ use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, without_extension};
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
 const NGP_SCALE: f64 = 0.33;
 
-#[derive(Debug)]
 pub(crate) struct Transforms {
     /// Frames with a pose, in the file's order.
     pub frames: Vec<Frame>,
