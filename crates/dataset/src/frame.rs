@@ -38,17 +38,9 @@ pub(crate) enum MaskRole {
 
 impl Frame {
     pub fn new(name: &str, image: PathBuf, camera: &Camera) -> Self {
-        Self {
-            id: 0,
-            name: without_extension(name),
-            image,
-            depth: None,
-            mask: None,
-            pose: camera.to_world,
-            intrinsics: Intrinsics::of(camera),
-            lens: camera.lens,
-            points: Vec::new(),
-        }
+        let (name, intrinsics) = (without_extension(name), Intrinsics::of(camera));
+        let Camera { to_world: pose, lens, .. } = *camera;
+        Self { id: 0, name, image, depth: None, mask: None, pose, intrinsics, lens, points: Vec::new() }
     }
 
     /// Returns the camera for an image of `width × height` pixels. Intrinsics for another size are scaled.
@@ -95,11 +87,8 @@ pub(crate) enum Intrinsics {
 
 impl Intrinsics {
     pub fn of(camera: &Camera) -> Self {
-        Self::Pixels {
-            focal: [camera.fx, camera.fy],
-            centre: Some([camera.cx, camera.cy]),
-            size: Some((camera.width, camera.height)),
-        }
+        let &Camera { width, height, fx, fy, cx, cy, .. } = camera;
+        Self::Pixels { focal: [fx, fy], centre: Some([cx, cy]), size: Some((width, height)) }
     }
 }
 

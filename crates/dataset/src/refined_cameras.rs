@@ -29,11 +29,8 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     let count = given.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Camera) -> f64| given.iter().map(of).sum::<f64>() / count;
     let centre = scene.space.centre.as_dvec3();
-    let uncertainty = Uncertainty {
-        turn: TURN,
-        shift: SHIFT * mean(&|camera| camera.position_f64().distance(centre)).max(1e-6),
-        focal: if focal { FOCAL } else { 0.0 },
-    };
+    let shift = SHIFT * mean(&|camera| camera.position_f64().distance(centre)).max(1e-6);
+    let uncertainty = Uncertainty { turn: TURN, shift, focal: if focal { FOCAL } else { 0.0 } };
     let found = refine(&scene.train, mean(&|camera| (camera.fx * camera.fy).sqrt()), uncertainty);
     let [before, after] = found.errors;
     let shared = format!("{} points that the photographs share are off by a median of", found.points.len());

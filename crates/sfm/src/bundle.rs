@@ -112,8 +112,8 @@ impl Bundle {
 
     fn linearised(&self, how: &Adjustment) -> Normal {
         let size = LENS + POSE * self.poses.len();
-        let mut normal =
-            Normal { matrix: DMatrix::zeros(size, size), gradient: DVector::zeros(size), points: Vec::new() };
+        let (matrix, gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
+        let mut normal = Normal { matrix, gradient, points: Vec::new() };
         let deviations = [how.prior.focal_deviation, how.prior.k1_deviation];
         let residuals = how.prior.residuals(&self.lens);
         for i in (0..LENS).filter(|i| deviations[*i] > 0.0) {

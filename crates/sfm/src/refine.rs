@@ -121,17 +121,15 @@ mod tests {
     #[test]
     fn relative_poses_far_from_the_given_ones_are_refused() {
         let uncertainty = Uncertainty { turn: 0.035, shift: 0.1, focal: 0.0 };
-        let at = |turned: f64, x: f64| Pose {
-            rotation: DMat3::from_rotation_y(turned),
-            translation: DVec3::new(x, 0.2, 0.0),
-        };
+        let turn = DMat3::from_rotation_y;
+        let at = |turned, x| Pose { rotation: turn(turned), translation: DVec3::new(x, 0.2, 0.0) };
         let given = [at(0.3, 1.0), at(0.5, 3.0)];
-        let exact = given[1].translation - DMat3::from_rotation_y(0.2) * given[0].translation;
+        let exact = given[1].translation - turn(0.2) * given[0].translation;
         for (turned, direction, allowed) in
             [(0.0, 0.0, true), (0.15, 0.0, true), (-0.25, 0.0, false), (0.0, 0.3, true), (0.0, -0.8, false)]
         {
             let translation = (DMat3::from_rotation_z(direction) * exact).normalize();
-            let found = Pose { rotation: DMat3::from_rotation_y(0.2 + turned), translation };
+            let found = Pose { rotation: turn(0.2 + turned), translation };
             assert_eq!(uncertainty.allows(&found, given), allowed, "{turned} {direction}");
         }
     }

@@ -332,12 +332,9 @@ impl Reader<'_> {
     /// Puts an image into the middle of the canvas, on the background.
     fn framed(&self, image: Image) -> Image {
         let (size, canvas) = ((image.width, image.height), self.scale.canvas);
-        Image {
-            width: canvas.0,
-            height: canvas.1,
-            rgb: padded(&image.rgb, size, canvas, self.background),
-            alpha: image.alpha.map(|alpha| padded(&alpha, size, canvas, 0.0)),
-        }
+        let rgb = padded(&image.rgb, size, canvas, self.background);
+        let alpha = image.alpha.map(|alpha| padded(&alpha, size, canvas, 0.0));
+        Image { width: canvas.0, height: canvas.1, rgb, alpha }
     }
 }
 

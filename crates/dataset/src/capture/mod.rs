@@ -76,18 +76,8 @@ pub(crate) struct Capture<'a> {
 impl<'a> Found<'a> {
     /// Makes the contents of a folder whose test frames are its test split, without names and warnings.
     pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: StatedExtent) -> Self {
-        Self {
-            dir,
-            format,
-            train,
-            test,
-            split: None,
-            selections: Vec::new(),
-            protocols: Vec::new(),
-            extent,
-            background: None,
-            warnings: Vec::new(),
-        }
+        let (selections, protocols, warnings) = (Vec::new(), Vec::new(), Vec::new());
+        Self { dir, format, train, test, split: None, selections, protocols, extent, background: None, warnings }
     }
 
     /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and

@@ -173,12 +173,9 @@ pub(crate) mod testing {
 
     /// Returns a reconstruction without points, of images that one camera took.
     pub fn reconstruction(camera: ColmapCamera, taken: &[Camera], name: impl Fn(usize) -> String) -> Reconstruction {
-        let image = |(i, taken): (usize, &Camera)| ColmapImage {
-            id: i as u32 + 1,
-            name: name(i),
-            camera: 4,
-            pose: taken.to_world,
-            observations: Vec::new(),
+        let image = |(i, taken): (usize, &Camera)| {
+            let (id, name, pose) = (i as u32 + 1, name(i), taken.to_world);
+            ColmapImage { id, name, camera: 4, pose, observations: Vec::new() }
         };
         let images = taken.iter().enumerate().map(image).collect();
         Reconstruction { cameras: [(4, camera)].into(), images, points: BTreeMap::new() }

@@ -64,13 +64,14 @@ pub struct Info {
 /// As [`crate::load`] where poses are read.
 pub fn info(path: &Path) -> Result<Info, SceneError> {
     let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.understood()?;
-    let first = found.train.iter().chain(&found.test).find(|frame| frame.image.is_file());
+    let frames = || found.train.iter().chain(&found.test);
+    let first = frames().find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
     let backdrop = first.map(shown_backdrop).transpose()?;
-    let frame = found.train.first().or(found.test.first());
-    let camera = frame.map(|f| size.map_or_else(|| f.nominal_camera(), |(width, height)| f.camera(width, height)));
+    let camera =
+        frames().next().map(|f| size.map_or_else(|| f.nominal_camera(), |(width, height)| f.camera(width, height)));
     let mut kinds: Vec<Camera> = Vec::new();
-    for frame in found.train.iter().chain(&found.test) {
+    for frame in frames() {
         let (width, height) = frame.stated_size().or(size).unwrap_or(UNKNOWN_SIZE);
         let camera = frame.camera(width, height);
         if !kinds.iter().any(|kind| is_alike(kind, &camera)) {

@@ -102,12 +102,7 @@ mod tests {
     #[test]
     fn scaled_rotations_are_corrected() {
         let rigid = DMat4::from_rotation_translation(DQuat::from_rotation_y(0.7), DVec3::new(1.0, 2.0, 3.0));
-        let scaled = |x: f64, y: f64, z: f64| DMat4 {
-            x_axis: rigid.x_axis * x,
-            y_axis: rigid.y_axis * y,
-            z_axis: rigid.z_axis * z,
-            w_axis: rigid.w_axis,
-        };
+        let scaled = |x: f64, y: f64, z: f64| rigid * DMat4::from_scale(DVec3::new(x, y, z));
         for pose in [scaled(1.002, 1.002, 1.002), scaled(0.01, 0.01, 0.01), scaled(1.0, 0.9, 1.0)] {
             assert!(fault(&pose).is_some() && mended(&pose).unwrap().abs_diff_eq(rigid, 1e-12));
         }

@@ -70,15 +70,10 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     };
     let left_out = of(&lost, "have no pose and are left out");
     let corrected = of(&scaled, "have matrices that are no exact rotations and are corrected");
-    Ok(Transforms {
-        frames,
-        lost,
-        warnings: left_out.into_iter().chain(corrected).collect(),
-        range: read_range(&root)?,
-        bounds: root.optional("aabb", read_bounds)?,
-        cube: root.optional("aabb_scale", read_aabb_scale)?,
-        split: read_split(dir, &root)?,
-    })
+    let warnings = left_out.into_iter().chain(corrected).collect();
+    let (range, bounds) = (read_range(&root)?, root.optional("aabb", read_bounds)?);
+    let (cube, split) = (root.optional("aabb_scale", read_aabb_scale)?, read_split(dir, &root)?);
+    Ok(Transforms { frames, lost, warnings, range, bounds, cube, split })
 }
 
 /// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
