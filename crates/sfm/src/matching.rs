@@ -129,10 +129,9 @@ pub(crate) type Track = Vec<(usize, DVec2)>;
 /// pixels is left out of that track.
 pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item = &'m Matches>) -> Vec<Track> {
     let mut first = vec![0];
-    first.extend(features.iter().scan(0, |sum, f| {
-        *sum += f.pixels.len();
-        Some(*sum)
-    }));
+    for (i, all) in features.iter().enumerate() {
+        first.push(first[i] + all.pixels.len());
+    }
     let mut parent: Vec<usize> = (0..first[features.len()]).collect();
     let mut join = |a: usize, b: usize| {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));

@@ -3,9 +3,8 @@ use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, Ray, Scene};
 use rayon::prelude::*;
 
-use crate::Disparities;
 use crate::correlation::Windows;
-use crate::map::DepthMap;
+use crate::{DepthMap, Disparities};
 
 /// Candidate depths per ray.
 const MIN_PLANES: usize = 16;
