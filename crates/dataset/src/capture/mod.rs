@@ -101,8 +101,13 @@ impl<'a> Found<'a> {
                 self.test = numbered(self.test);
             }
             if let Some(middle) = extent::distant_middle(&self.train) {
-                take_off(middle, &mut self.train, &mut self.test, estimate);
                 origin = middle;
+                for frame in self.train.iter_mut().chain(&mut self.test) {
+                    frame.pose.w_axis -= middle.extend(0.0);
+                }
+                estimate.points.iter_mut().for_each(|point| *point -= middle);
+                let moved = |corner: glam::Vec3| (corner.as_dvec3() - middle).as_vec3();
+                estimate.bounds = estimate.bounds.map(|Aabb { min, max }| Aabb { min: moved(min), max: moved(max) });
                 self.warnings.push(format!(
                     "the world's origin is far from the cameras: ({:.3}, {:.3}, {:.3}) is taken off all coordinates, and \
                      added again in exported cameras",
@@ -189,18 +194,6 @@ pub(crate) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Ve
 fn same_proportions(a: (u32, u32), b: (u32, u32)) -> bool {
     let ratio = f64::from(a.0) * f64::from(b.1) / (f64::from(a.1) * f64::from(b.0));
     (ratio - 1.0).abs() <= SAME_PROPORTIONS
-}
-
-/// Moves `middle` to the origin, in `f64`.
-fn take_off(middle: DVec3, train: &mut [Frame], test: &mut [Frame], estimate: &mut Estimate) {
-    for frame in train.iter_mut().chain(test) {
-        frame.pose.w_axis -= middle.extend(0.0);
-    }
-    estimate.points.iter_mut().for_each(|point| *point -= middle);
-    if let Some(bounds) = &mut estimate.bounds {
-        let moved = |corner: glam::Vec3| (corner.as_dvec3() - middle).as_vec3();
-        *bounds = Aabb { min: moved(bounds.min), max: moved(bounds.max) };
-    }
 }
 
 #[cfg(test)]

@@ -286,16 +286,9 @@ mod tests {
 
     /// Returns points on a ball, seen by cameras of every model.
     fn toy() -> Reconstruction {
-        let parameter = |name: &&str| match *name {
-            "fx" => 50.0,
-            "fy" => 51.0,
-            "cx" => 16.0,
-            "cy" => 12.0,
-            "k1" => 0.1,
-            "k2" => 0.02,
-            "omega" => 0.9,
-            _ => 1e-3,
-        };
+        let values =
+            [("fx", 50.0), ("fy", 51.0), ("cx", 16.0), ("cy", 12.0), ("k1", 0.1), ("k2", 0.02), ("omega", 0.9)];
+        let parameter = |name: &&str| values.iter().find(|(known, _)| known == name).map_or(1e-3, |(_, value)| *value);
         let camera = |(model, (_, names)): (usize, &(&str, &[&str]))| {
             let parameters: Vec<f64> = names.iter().map(parameter).collect();
             (model as u32 + 1, ColmapCamera::new(Path::new("toy"), "camera", model, (32, 24), parameters).unwrap())

@@ -2,7 +2,6 @@
 
 mod blender;
 mod photographs;
-pub(crate) mod pickle;
 mod transforms;
 
 pub use transforms::transforms;

@@ -8,7 +8,7 @@ use infonerf_scene::{Aabb, Body, Camera, Image, Lens, Ray, SceneError};
 use infonerf_sfm::Pose;
 use rayon::prelude::*;
 
-use super::pickle::{self, dict, list, numbers, object, text};
+use crate::files::pickle::{self, dict, list, numbers, object, text};
 use crate::files::{make_folder, npy, write_file};
 
 /// Background of photographs of a scene that has nothing behind it.

@@ -1,10 +1,12 @@
-//! A reader of what `numpy.save` writes for a dictionary of arrays, lists and texts; it executes nothing.
+//! Reading and writing of what `numpy.save` writes for a dictionary of arrays, lists and texts; nothing is executed.
 //!
 //! A pickle is a program for a stack machine that may call whatever it names. Here it may name only what makes up an
 //! array: `_reconstruct`, `ndarray`, `dtype`, `scalar`, and `_codecs.encode`, which Python 3 uses for bytes in protocol 2.
 //! None of them is called: the machine knows what each would give. Anything else is refused.
 
 use std::collections::HashMap;
+
+use super::npy;
 
 /// Greatest nesting depth of values.
 const MAX_DEPTH: usize = 16;
@@ -387,20 +389,69 @@ fn global(module: &str, name: &str) -> Result<Value, String> {
     known.map(|(_, name)| Value::Global(name)).ok_or_else(refused)
 }
 
+pub(crate) fn text(value: &str) -> Vec<u8> {
+    sized(b'X', value.as_bytes())
+}
+
+/// Returns bytes after an opcode and their number.
+fn sized(code: u8, bytes: &[u8]) -> Vec<u8> {
+    [&[code], &(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
+}
+
+pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
+    [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
+}
+
+pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
+    [b"}(".to_vec(), entries, b"u".to_vec()].concat()
+}
+
+fn dtype(code: &str, order: &str) -> Vec<u8> {
+    let call = [b"cnumpy\ndtype\n".to_vec(), text(code), b"K\x00K\x01\x87R".to_vec()].concat();
+    let state = [b"(K\x03".to_vec(), text(order), b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb".to_vec()].concat();
+    [call, state].concat()
+}
+
+fn shape(sides: &[usize]) -> Vec<u8> {
+    let sides: Vec<u8> = sides.iter().flat_map(|&s| [b'K', s as u8]).collect();
+    [b"(".to_vec(), sides, b"t".to_vec()].concat()
+}
+
+fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
+    let call = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R".to_vec();
+    [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
+}
+
+/// Returns an array of `f64`, no side longer than 255.
+pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
+    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    ndarray(sides, dtype("f8", "<"), sized(b'B', &bytes))
+}
+
+/// Returns the whole pickle of an array of objects without axes, as `numpy.save` writes a dictionary.
+pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
+    let data = [b"]".to_vec(), value, b"a".to_vec()].concat();
+    [vec![0x80, 3], ndarray(&[], dtype("O8", "|"), data), b".".to_vec()].concat()
+}
+
+pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
+    npy::with_header("|O", &[], pickle)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::pickle as testing;
 
     #[test]
     fn arrays_lists_and_texts() {
-        let matrix = testing::numbers(&[2, 2], &[1.0, 2.0, 3.0, 4.5]);
-        let value = testing::dict(&[
-            ("K", testing::list(&[matrix])),
-            ("ims", testing::list(&[testing::text("a/0.jpg"), testing::text("b")])),
+        let matrix = numbers(&[2, 2], &[1.0, 2.0, 3.0, 4.5]);
+        let value = dict(&[
+            ("K", list(&[matrix])),
+            ("ims", list(&[text("a/0.jpg"), text("b")])),
             ("n", b"\x8a\x02\xfe\xff".to_vec()),
         ]);
-        let pickle = Pickle::read(&testing::object(value)).unwrap();
+        let pickle = Pickle::read(&object(value)).unwrap();
         let root = pickle.root();
         let k = pickle.items(pickle.get(root, "K").unwrap()).unwrap();
         assert_eq!(pickle.numbers(&k[0]).unwrap(), [1.0, 2.0, 3.0, 4.5]);
@@ -430,7 +481,7 @@ mod tests {
 
     #[test]
     fn broken_pickles_are_refused() {
-        let whole = testing::object(testing::dict(&[("a", testing::numbers(&[2], &[1.0, 2.0]))]));
+        let whole = object(dict(&[("a", numbers(&[2], &[1.0, 2.0]))]));
         for keep in 0..whole.len() {
             assert!(Pickle::read(&whole[..keep]).is_err(), "{keep}");
         }

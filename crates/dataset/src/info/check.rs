@@ -51,7 +51,13 @@ fn check(scene: &Scene) -> Vec<String> {
         scene.all_train_cameras.iter().collect()
     };
     let mut warnings = scene.warnings.clone();
-    warnings.extend([off_the_box(scene), blind(scene), tilted(scene, &cameras), baseline(scene)].into_iter().flatten());
+    let (bounds, diagonal) = (&scene.space.bounds, scene.space.bounds.size().length());
+    let is_far = |camera: &Camera| camera.position().distance(bounds.centre()) > FAR_OFF * diagonal;
+    let far = format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
+    let is_blind = |camera: &Camera| grid(camera).all(|ray| bounds.intersect(&ray).is_none());
+    let blind = "do not see the box (are the axes of the poses OpenGL's?)";
+    let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
+    warnings.extend(placed.into_iter().chain([tilted(scene, &cameras), baseline(scene)]).flatten());
     warnings.extend(images(scene));
     warnings.extend(beyond(scene, &cameras));
     warnings
@@ -66,18 +72,6 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
     let found: Vec<&str> = all.iter().filter(|(_, camera)| is_faulty(camera)).map(|(name, _)| *name).collect();
     let names = listed(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
-}
-
-fn off_the_box(scene: &Scene) -> Option<String> {
-    let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
-    let is_far = |camera: &Camera| camera.position().distance(centre) > FAR_OFF * diagonal;
-    let what = format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
-    faulty(scene, is_far, &what)
-}
-
-fn blind(scene: &Scene) -> Option<String> {
-    let is_blind = |camera: &Camera| grid(camera).all(|ray| scene.space.bounds.intersect(&ray).is_none());
-    faulty(scene, is_blind, "do not see the box (are the axes of the poses OpenGL's?)")
 }
 
 fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {

@@ -261,8 +261,8 @@ mod tests {
 
     use super::super::testing::*;
     use super::*;
-    use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
     use crate::export::{annotations, lens};
+    use crate::files::pickle::{dict, npy as npy_of, numbers, object, text};
     use glam::DMat4;
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Backdrop, Rgba8, TestProtocol};
