@@ -28,14 +28,11 @@ pub(crate) struct TwoView {
     pub(crate) flat: f64,
 }
 
-/// Returns the pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose, with these matches
-/// alone.
-pub(crate) fn verified(
-    features: &[Features],
-    matched: &[Matches],
-    lens: &SimpleRadial,
-    tolerance: f64,
-) -> Vec<(Matches, TwoView)> {
+/// Pairs of photographs, with the matches that agree on a relative pose alone.
+type Verified = Vec<(Matches, TwoView)>;
+
+/// Returns the pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose.
+pub(crate) fn verified(features: &[Features], matched: &[Matches], lens: &SimpleRadial, tolerance: f64) -> Verified {
     let verified = |matches: &Matches| {
         let &Matches { a, b, ref pairs } = matches;
         let view = two_view(&pixels(features, matches), lens, tolerance, (a as u64) << 32 | b as u64)?;

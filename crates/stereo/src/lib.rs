@@ -135,7 +135,9 @@ fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
     let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
     let scored = |other: usize| {
         let angle = sight(camera).angle_between(sight(&cameras[other])).to_degrees();
-        (angle <= MAX_ANGLE_DEG).then(|| (score(angle), other))
+        let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
+        let score = (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp();
+        (angle <= MAX_ANGLE_DEG).then_some((score, other))
     };
     let seeing = (0..cameras.len()).filter(|&other| other != view && cameras[other].project(point).is_some());
     let mut scored: Vec<(f32, usize)> = seeing.filter_map(scored).collect();
@@ -154,11 +156,6 @@ fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
         Layout::Forward | Layout::Inside => 1.0 / (near * far).sqrt(),
     };
     Some(ray.at(distance))
-}
-
-fn score(angle: f32) -> f32 {
-    let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
-    (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
 }
 
 /// Depth map of a view: the inverse distance to the surface that each pixel shows.

@@ -79,9 +79,8 @@ pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&
         let centre = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let focal = found.lens.focal * reduced;
         let pose = opengl(pose.rotation.transpose(), pose.centre());
-        let shown = Camera::pinhole(photograph.size, [focal; 2], centre, pose);
         // Reconstructions are of the pixels as they are stored.
-        let stored = shown.turned(photograph.turned_back);
+        let stored = Camera::pinhole(photograph.size, [focal; 2], centre, pose).turned(photograph.turned_back);
         let lens = vec![focal, stored.cx, stored.cy, found.lens.k1];
         let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, (stored.width, stored.height), lens)?;
         let known = all.cameras.iter().find(|(_, known)| **known == camera).map(|(id, _)| *id);
