@@ -78,7 +78,7 @@ mod tests {
 
     use super::*;
     use crate::loaders::testing::{assert_warns, shared_data};
-    use crate::{SceneSource, load};
+    use crate::source::{SceneSource, load};
 
     fn error(scene: &Scene) -> PoseError {
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();

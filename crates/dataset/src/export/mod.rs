@@ -72,8 +72,9 @@ mod tests {
     use infonerf_scene::{Camera, Layout, RgbaImage, Scene, SceneRequest, TestProtocol};
 
     use super::*;
+    use crate::load as load_from;
     use crate::loaders::testing::{assert_same_rays, load, request};
-    use crate::{SceneSource, load as load_from};
+    use crate::source::SceneSource;
 
     #[test]
     fn an_exported_scene_loads_back_to_the_same_pixels() {

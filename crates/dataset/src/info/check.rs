@@ -189,7 +189,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::{SceneSource, load};
+    use crate::source::{SceneSource, load};
     use infonerf_scene::{Aabb, Range};
 
     fn scene() -> Scene {

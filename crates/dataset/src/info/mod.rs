@@ -17,7 +17,8 @@ use serde::Serialize;
 
 use crate::capture::{Capture, scene_name};
 use crate::frame::{Frame, MaskRole};
-use crate::{SceneSource, loaders};
+use crate::loaders;
+use crate::source::SceneSource;
 
 /// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
 const SAME_PIXELS: f64 = 0.1;

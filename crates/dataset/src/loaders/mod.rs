@@ -86,7 +86,7 @@ pub(crate) mod testing {
     use serde_json::{Value, json};
     use tempfile::TempDir;
 
-    use crate::SceneSource;
+    use crate::source::SceneSource;
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Camera, Rgba8, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 

@@ -157,8 +157,8 @@ mod tests {
 
     use super::super::{colmap, program};
     use super::*;
-    use crate::SceneSource;
     use crate::loaders::testing::{load, request, set_orientation, shared_data};
+    use crate::source::SceneSource;
 
     /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
     /// positions in percent of the mean distance between cameras.
