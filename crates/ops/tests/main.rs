@@ -4,6 +4,5 @@ mod agreement;
 mod common;
 mod encodings;
 mod factored;
-mod gradients;
 mod mlp;
 mod properties;
