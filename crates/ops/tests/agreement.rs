@@ -1,12 +1,15 @@
 //! Every body of compositing, also additive, of ray entropy and divergence against the oracle in `f64`: values and
 //! gradients of random and extreme rays. The oracle itself against arbitrary precision.
 
+use std::collections::BTreeMap;
+use std::fmt::Display;
+
 use burn::tensor::Tensor;
-use infonerf_ops::{RayDistribution, Segments, composite, composite_over, has_host_kernels};
+use infonerf_ops::{RayDistribution, Segments, composite, composite_over, from_host, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
-use crate::common::{DISTRIBUTIONS, Draws, RayImplementation, Rays, floats, matrix, vector, wide};
+use crate::common::{DISTRIBUTIONS, Draws, RayImplementation, Rays, floats, vector, wide};
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
 const UNIT: f64 = 3e-6;
@@ -25,8 +28,8 @@ const EPSILONS: [f32; 2] = [0.0, 1e-10];
 /// The released code's, a large one, and the smallest that a config may have.
 const DIVERGENCE_EPSILONS: [f32; 3] = [1e-10, 1e-3, 1e-12];
 
-fn close(got: f64, want: f64, tolerance: f64, what: &dyn Fn() -> String) {
-    assert!((got - want).abs() <= tolerance, "{}: {got:e} against {want:e}, tolerance {tolerance:e}", what());
+fn close(got: f64, want: f64, tolerance: f64, what: impl Display) {
+    assert!((got - want).abs() <= tolerance, "{what}: {got:e} against {want:e}, tolerance {tolerance:e}");
 }
 
 /// Effect of a rounding of ln p on a gradient through p = α/S: (1 + max |ln(p + ε)|)/S.
@@ -80,8 +83,7 @@ fn compare<const N: usize>(
     let device = body.device().autodiff();
     let tensors = inputs.map(|input| vector(input, &device).require_grad());
     let columns = evaluate(tensors.clone());
-    let weights: Vec<Vec<f32>> =
-        columns.iter().map(|_| (0..segments.rays()).map(|_| draws.signed()).collect()).collect();
+    let weights: Vec<Vec<f32>> = columns.iter().map(|_| draws.row(segments.rays())).collect();
     let values: Vec<Vec<f64>> = columns.iter().map(|column| floats(column.clone().detach())).collect();
     let weighted = columns.into_iter().zip(&weights).map(|(column, weights)| (column * vector(weights, &device)).sum());
     let grads = weighted.reduce(|sum, term| sum + term).unwrap().backward();
@@ -91,24 +93,20 @@ fn compare<const N: usize>(
         let upstream: Vec<f64> = weights.iter().map(|weights| f64::from(weights[ray])).collect();
         let want = expected(rows.clone(), &upstream);
         for (column, (want, tolerance)) in want.values.into_iter().enumerate() {
-            close(values[column][ray], want, tolerance, &|| format!("{body:?}, {rows:?}, column {column}"));
+            close(values[column][ray], want, tolerance, format_args!("{body:?}, {rows:?}, column {column}"));
         }
         for (input, (got, want_gradient)) in gradients.iter().flatten().zip(&want.gradients).enumerate() {
             let known = want_gradient.iter().zip(&want.infinite).filter(|(_, infinite)| !**infinite);
             let scale = known.map(|(g, _)| g.abs()).fold(want.condition.max(1.0), f64::max);
             for (i, (got, want_one)) in got[range.clone()].iter().zip(want_gradient).enumerate() {
-                let what = || format!("{body:?}, {rows:?}, gradient {i} of input {input}");
-                assert!(got.is_finite(), "{}: {got}", what());
+                assert!(got.is_finite(), "{body:?}, {rows:?}, gradient {i} of input {input}: {got}");
                 if !want.infinite[i] {
-                    close(*got, *want_one, GRADIENT * scale, &what);
+                    let what = format_args!("{body:?}, {rows:?}, gradient {i} of input {input}");
+                    close(*got, *want_one, GRADIENT * scale, what);
                 }
             }
         }
     }
-}
-
-fn signed(draws: &mut Draws, count: usize) -> Vec<f32> {
-    (0..count).map(|_| draws.signed()).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -135,11 +133,11 @@ fn column(table: &Tensor<2>, index: usize) -> Tensor<1> {
 }
 
 fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
-    let (a, b) = (signed(draws, tau.len()), signed(draws, tau.len()));
+    let (a, b) = (draws.row(tau.len()), draws.row(tau.len()));
     let on_host = composite::weights(tau, segments);
     for range in segments.ranges() {
         for (got, want) in on_host[range.clone()].iter().zip(oracle::weights(&wide(&tau[range]))) {
-            close(f64::from(*got), want, UNIT, &|| "a weight on the host".to_owned());
+            close(f64::from(*got), want, UNIT, "a weight on the host");
         }
     }
     let evaluate = |[tau, a, b]: [Tensor<1>; 3]| {
@@ -156,7 +154,7 @@ fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws
 
 /// Colours over a background are integrals of their differences from it.
 fn check_composite_over(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
-    let [red, green, blue, distance] = [0; 4].map(|_| signed(draws, tau.len()));
+    let [red, green, blue, distance] = [0; 4].map(|_| draws.row(tau.len()));
     let evaluate = |[tau, red, green, blue, distance]: [Tensor<1>; 5]| {
         let out = composite_over(tau, Some(stacked([red, green, blue])), distance, BACKGROUND, segments);
         let color = out.color.unwrap();
@@ -214,7 +212,7 @@ fn check_divergence(body: RayImplementation, segments: &Segments, tau: &[f32], n
 
 /// Compositing of additive depths against the additive march itself.
 fn check_additive(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
-    let values = signed(draws, tau.len());
+    let values = draws.row(tau.len());
     let evaluate = |[tau, values]: [Tensor<1>; 2]| {
         let out = body.composite(body.additive_depth(tau, segments), values.unsqueeze_dim(1), segments);
         vec![column(&out.values, 0), out.acc]
@@ -270,7 +268,7 @@ fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
         let device = body.device();
         let t = || vector(&tau, &device);
         let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
-        let composited = body.composite(t(), matrix(&[0.5; 5], 1, &device), &segments);
+        let composited = body.composite(t(), from_host(&[0.5; 5], 1, &device), &segments);
         let entropies = DISTRIBUTIONS.map(|of| EPSILONS.map(|epsilon| body.entropy(t(), &segments, of, epsilon).bits));
         let divergences = [(t(), sane()), (sane(), t())].map(|(p, q)| body.divergence(p, q, &segments, 1e-10));
         let others = [composited.values.squeeze_dim(1), composited.acc];
@@ -288,7 +286,7 @@ fn no_rays_and_rays_without_samples() {
         for rays in [0, 3] {
             let segments = Segments::uniform(rays, 0);
             let empty = || vector(&[], &device);
-            let values = matrix(&[], 2, &device);
+            let values = from_host(&[], 2, &device);
             let out = body.composite(empty(), values, &segments);
             assert_eq!(out.values.dims(), [rays, 2], "{body:?}");
             let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
@@ -341,12 +339,7 @@ fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
 fn gradients_of_the_oracle_are_those_of_differences() {
     let mut draws = Draws(6);
     let mut ray = |n: usize| -> Vec<f64> { (0..n).map(|_| 10f64.powf(draws.unit() * 3.0 - 2.0)).collect() };
-    let agree = |got: &[f64], want: &[f64], what: &str| {
-        let scale = want.iter().map(|g| g.abs()).fold(1e-2, f64::max);
-        for (got, want) in got.iter().zip(want) {
-            close(*got, *want, 1e-5 * scale, &|| what.to_owned());
-        }
-    };
+    let agree = |got: &[f64], want: &[f64], what: &str| agree(got, want, 1e-5 * largest(want, 1e-2), what);
     for n in [1, 2, 3, 8, 24] {
         let (tau, near, u) = (ray(n), ray(n), ray(n));
         let integral = |tau: &[f64]| dot(&oracle::weights(tau), &u);
@@ -369,13 +362,26 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
 }
 
-/// Compares where the fixture has a number: null stands for an infinite or undefined gradient.
-fn agree_where_finite(got: &[f64], want: &[f64], tolerance: f64, what: &str) {
+fn largest(values: &[f64], least: f64) -> f64 {
+    values.iter().filter(|x| x.is_finite()).map(|x| x.abs()).fold(least, f64::max)
+}
+
+/// Compares where a fixture has a number: null stands for an infinite or undefined gradient.
+fn agree(got: &[f64], want: &[f64], tolerance: f64, what: impl Display + Copy) {
     assert_eq!(got.len(), want.len(), "{what}");
-    let scale = want.iter().filter(|x| x.is_finite()).map(|x| x.abs()).fold(0.0, f64::max);
     for (got, want) in got.iter().zip(want).filter(|(_, want)| want.is_finite()) {
-        close(*got, *want, tolerance * scale + 1e-300, &|| what.to_owned());
+        close(*got, *want, tolerance, what);
     }
+}
+
+/// Returns the depths of each ray of a fixture, and its entry, by name.
+fn rays_of(fixture: &Value) -> BTreeMap<&str, (Vec<f64>, &Value)> {
+    let rays = fixture["rays"].as_array().unwrap().iter();
+    rays.map(|ray| (name_in(ray, "name"), (numbers(&ray["tau"]), ray))).collect()
+}
+
+fn name_in<'a>(entry: &'a Value, key: &str) -> &'a str {
+    entry[key].as_str().unwrap()
 }
 
 /// A ray whose opacities sum to less than this hits nothing by definition; the fixture knows no such threshold.
@@ -386,47 +392,39 @@ fn hits(tau: &[f64]) -> bool {
 #[test]
 fn the_oracle_against_arbitrary_precision() {
     let fixture: Value = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
-    let mut rays = std::collections::BTreeMap::new();
-    for ray in fixture["rays"].as_array().unwrap() {
-        let (name, tau) = (ray["name"].as_str().unwrap(), numbers(&ray["tau"]));
-        let alpha: Vec<f64> = tau.iter().map(|&tau| oracle::alpha(tau)).collect();
-        agree_where_finite(&alpha, &numbers(&ray["alpha"]), EXACT, name);
-        agree_where_finite(&oracle::transmittance(&tau)[..tau.len()], &numbers(&ray["trans"]), EXACT, name);
-        let w = oracle::weights(&tau);
-        agree_where_finite(&w, &numbers(&ray["w"]), EXACT, name);
-        agree_where_finite(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()], EXACT, name);
-        if hits(&tau) {
-            close(oracle::entropy(&tau, RayDistribution::Alpha, 0.0), ray["entropy"].as_f64().unwrap(), EXACT, &|| {
-                name.to_owned()
-            });
-            let want = numbers(&ray["dentropy_dtau"]);
-            // Gradients that cancel to nothing are compared with what they cancelled from.
-            let got = oracle::entropy_gradient(&tau, RayDistribution::Alpha, 0.0);
-            let scale = condition(&tau, 0.0);
-            for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
-                close(*got, *want, EXACT * scale, &|| name.to_owned());
-            }
-        } else {
-            assert_eq!(oracle::entropy(&tau, RayDistribution::Alpha, 0.0), 0.0, "{name}");
+    let rays = rays_of(&fixture);
+    for (name, (tau, ray)) in &rays {
+        let compare = |got: &[f64], want: &[f64]| agree(got, want, EXACT * largest(want, 0.0) + 1e-300, name);
+        let w = oracle::weights(tau);
+        compare(&tau.iter().map(|&tau| oracle::alpha(tau)).collect::<Vec<f64>>(), &numbers(&ray["alpha"]));
+        compare(&oracle::transmittance(tau)[..tau.len()], &numbers(&ray["trans"]));
+        compare(&w, &numbers(&ray["w"]));
+        compare(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()]);
+        let entropy = oracle::entropy(tau, RayDistribution::Alpha, 0.0);
+        if !hits(tau) {
+            assert_eq!(entropy, 0.0, "{name}");
+            continue;
         }
-        rays.insert(name.to_owned(), tau);
+        close(entropy, ray["entropy"].as_f64().unwrap(), EXACT, name);
+        // Gradients that cancel to nothing are compared with what they cancelled from.
+        let gradient = oracle::entropy_gradient(tau, RayDistribution::Alpha, 0.0);
+        agree(&gradient, &numbers(&ray["dentropy_dtau"]), EXACT * condition(tau, 0.0), name);
     }
     for pair in fixture["pairs"].as_array().unwrap() {
-        let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
-        let what = || format!("{p} and {q}");
-        let (tau, near) = (&rays[p], &rays[q]);
+        let (p, q) = (name_in(pair, "p"), name_in(pair, "q"));
+        let (tau, near) = (&rays[p].0, &rays[q].0);
         let got = oracle::divergence(tau, near, 0.0);
         if !(hits(tau) && hits(near)) {
-            assert_eq!(got, 0.0, "{}", what());
+            assert_eq!(got, 0.0, "{p} and {q}");
             continue;
         }
         let want = pair["kl"].as_f64().unwrap();
-        close(got, want, EXACT * (1.0 + want), &what);
+        close(got, want, EXACT * (1.0 + want), format_args!("{p} and {q}"));
         let (dp, dq) = oracle::divergence_gradient(tau, near, 0.0);
         let scale = condition(tau, 0.0).max(condition(near, 0.0));
         for (got, want) in [(dp, numbers(&pair["dkl_dtau_p"])), (dq, numbers(&pair["dkl_dtau_q"]))] {
             for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
-                close(*got, *want, EXACT * scale.max(want.abs()), &what);
+                close(*got, *want, EXACT * scale.max(want.abs()), format_args!("{p} and {q}"));
             }
         }
     }
@@ -436,42 +434,32 @@ fn the_oracle_against_arbitrary_precision() {
 fn the_oracle_where_rays_cancel() {
     let fixture: Value = serde_json::from_str(include_str!("fixtures/extremes.json")).unwrap();
     let epsilon = fixture["epsilon"].as_f64().unwrap();
-    let value = |got: f64, want: &Value, what: &dyn Fn() -> String| {
-        let want = want.as_f64().unwrap();
-        close(got, want, 1e-9 * want.abs() + 1e-30, what);
+    let value = |got: f64, of: &Value, key: &str| {
+        let want = of[key].as_f64().unwrap();
+        close(got, want, 1e-9 * want.abs() + 1e-30, format_args!("{key} of {of}"));
     };
-    let gradients = |got: &[f64], want: &Value, what: &dyn Fn() -> String| {
-        let want = numbers(want);
-        let largest = want.iter().map(|g| g.abs()).fold(0.0, f64::max);
-        got.iter().zip(&want).for_each(|(got, want)| close(*got, *want, 1e-8 * largest + 1e-200, what));
+    let gradients = |got: &[f64], of: &Value, key: &str| {
+        let want = numbers(&of[key]);
+        agree(got, &want, 1e-8 * largest(&want, 0.0) + 1e-200, format_args!("{key} of {of}"));
     };
-    let mut rays = std::collections::BTreeMap::new();
-    for ray in fixture["rays"].as_array().unwrap() {
-        let (name, tau) = (ray["name"].as_str().unwrap(), numbers(&ray["tau"]));
-        let what = |part: &'static str| move || format!("{name}, {part}");
+    let rays = rays_of(&fixture);
+    for (tau, ray) in rays.values() {
         let u: Vec<f64> = (0..tau.len()).map(|i| (i as f64).cos()).collect();
-        value(oracle::weights(&tau).iter().zip(&u).map(|(w, u)| w * u).sum(), &ray["weighted"], &what("weighted"));
-        gradients(&oracle::weights_vjp(&tau, &u), &ray["weighted_gradient"], &what("its gradient"));
-        value(oracle::opacity(&tau), &ray["opacity"], &what("opacity"));
-        let ones = vec![1.0; tau.len()];
-        gradients(&oracle::weights_vjp(&tau, &ones), &ray["opacity_gradient"], &what("its gradient"));
-        if hits(&tau) {
-            value(oracle::entropy(&tau, RayDistribution::Alpha, epsilon), &ray["entropy"], &what("entropy"));
-            gradients(
-                &oracle::entropy_gradient(&tau, RayDistribution::Alpha, epsilon),
-                &ray["entropy_gradient"],
-                &what("its gradient"),
-            );
-            value(oracle::entropy(&tau, RayDistribution::Alpha, 0.0), &ray["entropy_exact"], &what("exact entropy"));
+        value(dot(&oracle::weights(tau), &u), ray, "weighted");
+        gradients(&oracle::weights_vjp(tau, &u), ray, "weighted_gradient");
+        value(oracle::opacity(tau), ray, "opacity");
+        gradients(&oracle::weights_vjp(tau, &vec![1.0; tau.len()]), ray, "opacity_gradient");
+        if hits(tau) {
+            value(oracle::entropy(tau, RayDistribution::Alpha, epsilon), ray, "entropy");
+            gradients(&oracle::entropy_gradient(tau, RayDistribution::Alpha, epsilon), ray, "entropy_gradient");
+            value(oracle::entropy(tau, RayDistribution::Alpha, 0.0), ray, "entropy_exact");
         }
-        rays.insert(name.to_owned(), tau);
     }
     for pair in fixture["pairs"].as_array().unwrap() {
-        let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
-        let what = || format!("{p} and {q}");
-        value(oracle::divergence(&rays[p], &rays[q], epsilon), &pair["gain"], &what);
-        let (dp, dq) = oracle::divergence_gradient(&rays[p], &rays[q], epsilon);
-        gradients(&dp, &pair["gradient_p"], &what);
-        gradients(&dq, &pair["gradient_q"], &what);
+        let (p, q) = (&rays[name_in(pair, "p")].0, &rays[name_in(pair, "q")].0);
+        value(oracle::divergence(p, q, epsilon), pair, "gain");
+        let (dp, dq) = oracle::divergence_gradient(p, q, epsilon);
+        gradients(&dp, pair, "gradient_p");
+        gradients(&dq, pair, "gradient_q");
     }
 }

@@ -5,18 +5,16 @@
 
 use std::sync::Arc;
 
-use crate::common::{Draws, assert_close, matrix, vector, wide};
+use crate::common::{Draws, assert_close, vector, wide};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
-use infonerf_ops::to_host;
+use infonerf_ops::{from_host, to_host};
 use infonerf_oracle::factored as oracle;
 
 fn numbers(count: usize, seed: u64) -> Vec<f32> {
-    let mut draws = Draws(seed);
-    (0..count).map(|_| draws.signed()).collect()
+    Draws(seed).row(count)
 }
 
-#[derive(Clone)]
 struct FactoredCase {
     layout: Arc<FactoredLayout>,
     query: Query,
@@ -32,7 +30,7 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> F
     let layout = Arc::new(FactoredLayout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
     let query = Query {
         positions: Tensor::zeros([0, 3], &Device::flex()),
-        directions: (color && view_dependent).then(|| matrix(&numbers(3 * samples, 2), 3, &Device::flex())),
+        directions: (color && view_dependent).then(|| from_host(&numbers(3 * samples, 2), 3, &Device::flex())),
         frequency_weights: vec![1.0, 0.5],
         level_weights: vec![1.0, 0.4, 0.0],
         color,
@@ -59,14 +57,13 @@ fn run(case: &FactoredCase, device: &Device, body: FieldBody) -> [Vec<f32>; 4] {
 fn run_along(case: &FactoredCase, device: &Device, body: FieldBody, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
-    let directions = case.query.directions.clone().map(|rows| matrix(&to_host(rows), 3, &device));
+    let directions = case.query.directions.clone().map(|rows| from_host(&to_host(rows), 3, &device));
     let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
     let out = body(tables.clone(), weights.clone(), &case.layout, query);
     let [rows, columns] = out.dims();
-    let u = matrix(&u(rows * columns), columns, &device);
+    let u = from_host(&u(rows * columns), columns, &device);
     let grads = (out.clone() * u).sum().backward();
-    let [dtables, dweights, dpositions] =
-        [tables, weights, positions].map(|input| to_host(input.grad(&grads).unwrap()));
+    let [dtables, dweights, dpositions] = [tables, weights, positions].map(|x| to_host(x.grad(&grads).unwrap()));
     [to_host(out), dtables, dweights, dpositions]
 }
 
@@ -128,22 +125,16 @@ fn negligible_gradients_alone_are_left_out() {
 #[test]
 fn variation_matches_the_oracle() {
     let case = case(1, true, false, 4);
-    let of = |device: Device, host: bool| -> (f32, Vec<f32>) {
-        let device = device.autodiff();
-        let tables = vector(&case.inputs[0], &device).require_grad();
-        let sum = if host {
-            plane_variation(tables.clone(), &case.layout)
-        } else {
-            factored::plain_variation(tables.clone(), &case.layout)
-        };
-        let grads = sum.backward();
-        (sum.into_scalar(), to_host(tables.grad(&grads).unwrap()))
-    };
     let (exact, exact_gradient) = oracle::variation(&wide(&case.inputs[0]), &case.layout);
     let exact_gradient: Vec<f32> = exact_gradient.into_iter().map(|g| g as f32).collect();
     for (device, host) in [(Device::flex(), true), (Device::flex(), false), (Device::ndarray(), false)] {
-        let (sum, gradient) = of(device, host);
-        assert_close(&[sum], &[exact as f32], "variation");
-        assert_close(&gradient, &exact_gradient, "gradient of the variation");
+        let tables = vector(&case.inputs[0], &device.autodiff()).require_grad();
+        let sum = match host {
+            true => plane_variation(tables.clone(), &case.layout),
+            false => factored::plain_variation(tables.clone(), &case.layout),
+        };
+        let gradient = tables.grad(&sum.backward()).unwrap();
+        assert_close(&to_host(sum), &[exact as f32], "variation");
+        assert_close(&to_host(gradient), &exact_gradient, "gradient of the variation");
     }
 }

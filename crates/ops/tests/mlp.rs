@@ -2,12 +2,11 @@
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
-use crate::common::{Draws, assert_close, matrix, vector};
+use crate::common::{Draws, assert_close, vector};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{Segments, from_host, to_host};
 
-#[derive(Clone)]
 struct MlpCase {
     encoded: usize,
     skip: usize,
@@ -35,7 +34,7 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> MlpCase {
         _ => [width, width],
     });
     let heads = [[width, 1], [width, width], [width + direction, width / 2], [width / 2, 3]];
-    let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+    let mut numbers = |count: usize| draws.row(count);
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
@@ -47,7 +46,7 @@ impl MlpCase {
         let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
         let heads = layers.split_off(layers.len() - 4);
         let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(heads).unwrap();
-        let directions = matrix(&self.directions, 3, device);
+        let directions = from_host(&self.directions, 3, device);
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
@@ -58,27 +57,24 @@ impl MlpCase {
         let device = device.clone().autodiff();
         let mut parameters = Vec::new();
         let network = self.network(&device, &mut |[_, outputs], w, b| {
-            let weight = matrix(w, outputs, &device).require_grad();
+            let weight = from_host(w, outputs, &device).require_grad();
             let bias = vector(b, &device).require_grad();
             parameters.push((weight.clone(), bias.clone()));
             Dense { weight, bias }
         });
-        let x = matrix(&self.x, self.encoded, &device).require_grad();
+        let x = from_host(&self.x, self.encoded, &device).require_grad();
         let out = body(x.clone(), &network);
-        let u = matrix(&self.u(out.dims()[1]), out.dims()[1], &device);
+        let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
         let grads = (out.clone() * u).sum().backward();
         let dweights = parameters.iter().flat_map(|(w, b)| {
-            let or_zero = |grad: Option<Vec<f32>>, count: usize| grad.unwrap_or_else(|| vec![0.0; count]);
-            let dw = or_zero(w.grad(&grads).map(to_host), w.shape().num_elements());
-            dw.into_iter().chain(or_zero(b.grad(&grads).map(to_host), b.dims()[0]))
+            let dw = to_host(w.grad(&grads).unwrap_or_else(|| w.zeros_like()));
+            [dw, to_host(b.grad(&grads).unwrap_or_else(|| b.zeros_like()))].concat()
         });
-        let dweights = dweights.collect();
-        [to_host(out), to_host(x.grad(&grads).unwrap()), dweights]
+        [to_host(out), to_host(x.grad(&grads).unwrap()), dweights.collect()]
     }
 
     fn u(&self, columns: usize) -> Vec<f32> {
-        let mut draws = Draws(99);
-        let draws = (0..self.segments.samples() * columns).map(|_| draws.signed());
+        let draws = Draws(99).row(self.segments.samples() * columns).into_iter();
         let draws = draws.map(|u| if self.whole { (1.6 * u).trunc() } else { u });
         draws.enumerate().map(|(i, u)| if (i / columns).is_multiple_of(self.reached) { u } else { 0.0 }).collect()
     }

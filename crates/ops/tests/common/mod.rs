@@ -1,11 +1,9 @@
 //! Bodies under test, and rays to test them on.
 
-#![allow(dead_code, reason = "each test binary uses its own part")]
-
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::random::mix;
 use infonerf_ops::{
-    Composite, RayDistribution, RayEntropy, Segments, additive, composite, divergence, entropy, to_host,
+    Composite, RayDistribution, RayEntropy, Segments, additive, composite, divergence, entropy, to_host, upload,
 };
 
 /// Implementation of the operations along rays on one backend.
@@ -33,19 +31,13 @@ impl RayImplementation {
     }
 
     pub fn entropy(self, tau: Tensor<1>, segments: &Segments, of: RayDistribution, epsilon: f32) -> RayEntropy {
-        if self == Self::Kernel {
-            entropy::ray_entropy(tau, segments, of, epsilon)
-        } else {
-            entropy::plain(tau, segments, of, epsilon)
-        }
+        (if self == Self::Kernel { entropy::ray_entropy } else { entropy::plain })(tau, segments, of, epsilon)
     }
 
     pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
-        if self == Self::Kernel {
-            divergence::ray_divergence(tau, near, segments, epsilon)
-        } else {
-            divergence::plain(tau, near, segments, epsilon)
-        }
+        (if self == Self::Kernel { divergence::ray_divergence } else { divergence::plain })(
+            tau, near, segments, epsilon,
+        )
     }
 }
 
@@ -54,11 +46,7 @@ pub const DISTRIBUTIONS: [RayDistribution; 3] =
     [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination];
 
 pub fn vector(values: &[f32], device: &Device) -> Tensor<1> {
-    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
-}
-
-pub fn matrix(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
-    Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / columns, columns]), device)
+    upload(values.to_vec(), [values.len()], device)
 }
 
 pub fn floats<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
@@ -66,7 +54,7 @@ pub fn floats<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
 }
 
 pub fn wide(values: &[f32]) -> Vec<f64> {
-    values.iter().copied().map(f64::from).collect()
+    values.iter().map(|x| f64::from(*x)).collect()
 }
 
 /// Asserts that results of two bodies in single precision agree to 2e-5 of the largest value.
@@ -92,6 +80,11 @@ impl Draws {
         (self.unit() * 2.0 - 1.0) as f32
     }
 
+    /// Draws `count` values from [−1, 1).
+    pub fn row(&mut self, count: usize) -> Vec<f32> {
+        (0..count).map(|_| self.signed()).collect()
+    }
+
     /// Draws an optical depth, log-uniform from 1e-6 to 100, or 0 one time in ten.
     pub fn tau(&mut self) -> f32 {
         let exponent = self.unit() * 8.0 - 6.0;
@@ -113,17 +106,17 @@ impl Rays {
 
     /// Draws rays of 0 to 40 samples; every seventh is empty.
     pub fn random(draws: &mut Draws, count: usize) -> Self {
-        let rows: Vec<Vec<f32>> = (0..count)
-            .map(|ray| {
-                let length = if ray % 7 == 0 { 0 } else { (draws.unit() * 40.0) as usize + 1 };
-                (0..length).map(|_| draws.tau()).collect()
-            })
-            .collect();
-        Self::from_rows(&rows)
+        let row = |ray: usize| -> Vec<f32> {
+            let length = if ray.is_multiple_of(7) { 0 } else { (draws.unit() * 40.0) as usize + 1 };
+            (0..length).map(|_| draws.tau()).collect()
+        };
+        Self::from_rows(&(0..count).map(row).collect::<Vec<_>>())
     }
 
-    /// Returns every ray of one, two and three samples out of [`EXTREMES`], and rays of all of them.
+    /// Returns every ray of one, two and three samples out of extreme depths, and rays of all of them.
     pub fn extreme() -> Self {
+        /// Optical depths from 0 through subnormals to infinity.
+        const EXTREMES: [f32; 9] = [0.0, 1e-38, 1e-12, 1e-4, 1.0, 30.0, 1e3, 1e30, f32::INFINITY];
         let mut rows: Vec<Vec<f32>> = vec![vec![], EXTREMES.to_vec(), EXTREMES.iter().rev().copied().collect()];
         for a in EXTREMES {
             rows.push(vec![a]);
@@ -135,6 +128,3 @@ impl Rays {
         Self::from_rows(&rows)
     }
 }
-
-/// Optical depths from 0 through subnormals to infinity.
-pub const EXTREMES: [f32; 9] = [0.0, 1e-38, 1e-12, 1e-4, 1.0, 30.0, 1e3, 1e30, f32::INFINITY];
