@@ -52,28 +52,19 @@ impl FactoredOracle<'_> {
         self.positions[3 * sample + axis]
     }
 
-    /// Finds the two texels about a coordinate, with their weights.
-    fn texels(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
-        let last = (resolution - 1) as f64;
-        let v = (self.position(sample, axis) * resolution as f64 - 0.5).min(last - 1e-3).max(0.0);
-        [(v as usize, 1.0 - v.fract()), (v as usize + 1, v.fract())]
-    }
-
-    /// Finds the two texels about a coordinate, with the derivatives of their weights.
-    fn texel_derivatives(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
-        let v = self.position(sample, axis) * resolution as f64 - 0.5;
-        let inside = v > 0.0 && v < (resolution - 1) as f64 - 1e-3;
-        let derivative = if inside { resolution as f64 } else { 0.0 };
-        let [(i, _), (j, _)] = self.texels(sample, axis, resolution);
-        [(i, -derivative), (j, derivative)]
+    /// Finds the two texels about a coordinate, with their weights, or the derivatives of their weights if it is `moved`.
+    fn texels(&self, sample: usize, axis: usize, resolution: usize, moved: bool) -> [(usize, f64); 2] {
+        let (size, last) = (resolution as f64, (resolution - 1) as f64 - 1e-3);
+        let v = self.position(sample, axis) * size - 0.5;
+        let derivative = if v > 0.0 && v < last { size } else { 0.0 };
+        let v = v.min(last).max(0.0);
+        let [first, second] = if moved { [-derivative, derivative] } else { [1.0 - v.fract(), v.fract()] };
+        [(v as usize, first), (v as usize + 1, second)]
     }
 
     /// Lists the terms of feature `k` of plane `p`, and of its line; weights along axis `moved` are replaced by their derivatives.
     fn terms(&self, sample: usize, level: &Level, p: usize, k: usize, moved: Option<usize>) -> (Terms, Terms) {
-        let [a, b, c] = PLANES[p].map(|axis| match moved {
-            Some(moved) if moved == axis => self.texel_derivatives(sample, axis, level.resolution),
-            _ => self.texels(sample, axis, level.resolution),
-        });
+        let [a, b, c] = PLANES[p].map(|axis| self.texels(sample, axis, level.resolution, moved == Some(axis)));
         let place = |j: usize, i: usize| level.plane(p) + (j * level.resolution + i) * level.channels + k;
         let plane = b.into_iter().flat_map(|(j, v)| a.map(|(i, u)| (place(j, i), u * v))).collect();
         let line = c.into_iter().map(|(i, w)| (level.line(p) + i * level.channels + k, w)).collect();
@@ -124,13 +115,10 @@ impl FactoredOracle<'_> {
         trace
     }
 
-    fn direction(&self, sample: usize, axis: usize) -> f64 {
-        self.directions[3 * sample + axis]
-    }
-
     fn raw_color(&self, sample: usize, raw: &[f64], channel: usize) -> f64 {
         let axes = if self.layout.view_dependent { 0..3 } else { 0..0 };
-        raw[1 + channel] + axes.map(|axis| raw[4 + 3 * channel + axis] * self.direction(sample, axis)).sum::<f64>()
+        raw[1 + channel]
+            + axes.map(|axis| raw[4 + 3 * channel + axis] * self.directions[3 * sample + axis]).sum::<f64>()
     }
 
     fn outputs(&self, sample: usize, trace: &[Vec<f64>]) -> Vec<f64> {
@@ -154,7 +142,7 @@ impl FactoredOracle<'_> {
             draw[1 + channel] = d;
             if self.layout.view_dependent {
                 for axis in 0..3 {
-                    draw[4 + 3 * channel + axis] = d * self.direction(sample, axis);
+                    draw[4 + 3 * channel + axis] = d * self.directions[3 * sample + axis];
                 }
             }
         }
@@ -206,12 +194,8 @@ impl FactoredOracle<'_> {
         for (at, weight, plane, line) in self.features(sample) {
             let d = dx[at] * weight;
             let (on_plane, on_line) = (self.interpolate(&plane), self.interpolate(&line));
-            for &(place, share) in &plane {
-                dtables[place] += d * on_line * share;
-            }
-            for &(place, share) in &line {
-                dtables[place] += d * on_plane * share;
-            }
+            plane.into_iter().for_each(|(place, share)| dtables[place] += d * on_line * share);
+            line.into_iter().for_each(|(place, share)| dtables[place] += d * on_plane * share);
         }
     }
 }
