@@ -94,13 +94,14 @@ impl<K: Kernel> Operation<Flex> for HostOperation<K> {
 
     fn forward(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
         let mut saved = Scratch::new();
-        let output = self.run(inputs, Some(&mut saved));
+        let output = self.run(inputs, Some(&mut saved.0));
         (output, Arc::new(saved))
     }
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
         let slices: Vec<&[f32]> = pass.inputs.iter().map(slice).collect();
-        let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
+        let host_pass =
+            Pass { inputs: &slices, output: slice(pass.output), saved: &pass.kept.0, grad: slice(pass.grad) };
         let results = self.kernel.backward(host_pass, pass.wanted).into_iter().zip(pass.inputs);
         results.map(|(result, input)| result.map(|values| host(values, input.shape().to_vec()))).collect()
     }

@@ -1,11 +1,10 @@
 //! Buffers that are used again: having the system map and clear pages takes longer than filling them.
 
-use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Buffer of `f32` that returns to a pool when it is dropped. A buffer from the pool still holds the values of its last user.
 #[derive(Debug)]
-pub(crate) struct Scratch(Vec<f32>);
+pub(crate) struct Scratch(pub(crate) Vec<f32>);
 
 static POOL: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 
@@ -28,20 +27,6 @@ impl Scratch {
         drop(pool);
         buffer.resize(len, 0.0);
         Self(buffer)
-    }
-}
-
-impl Deref for Scratch {
-    type Target = Vec<f32>;
-
-    fn deref(&self) -> &Vec<f32> {
-        &self.0
-    }
-}
-
-impl DerefMut for Scratch {
-    fn deref_mut(&mut self) -> &mut Vec<f32> {
-        &mut self.0
     }
 }
 

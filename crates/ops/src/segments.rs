@@ -19,12 +19,6 @@ pub struct Segments {
     pub(crate) on_gpu: Arc<OnceLock<burn_cubecl::tensor::CubeTensor>>,
 }
 
-impl PartialEq for Segments {
-    fn eq(&self, other: &Self) -> bool {
-        self.offsets == other.offsets
-    }
-}
-
 impl fmt::Debug for Segments {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Segments").field("offsets", &self.offsets).finish()
@@ -44,10 +38,8 @@ impl Segments {
     pub fn from_counts(counts: impl IntoIterator<Item = usize>) -> Self {
         let mut total = 0u32;
         let ends = counts.into_iter().map(|count| {
-            total = u32::try_from(count)
-                .ok()
-                .and_then(|count| total.checked_add(count))
-                .expect("a batch holds fewer than 2^32 samples");
+            let sum = u32::try_from(count).ok().and_then(|count| total.checked_add(count));
+            total = sum.expect("a batch holds fewer than 2^32 samples");
             total
         });
         let offsets = std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect();
@@ -92,33 +84,16 @@ impl Segments {
         dispatch! {
             &rows.device();
             cube if self.samples() > 0 => crate::cube::spread(rows, self),
-            plain => self.selected(rows),
+            plain => {
+                let owners = upload(self.host_owners(), [self.samples()], &rows.device());
+                rows.select(0, owners)
+            },
         }
-    }
-
-    fn selected(&self, rows: Tensor<2>) -> Tensor<2> {
-        let owners = upload(self.host_owners(), [self.samples()], &rows.device());
-        rows.select(0, owners)
     }
 
     pub(crate) fn host_owners(&self) -> Vec<i32> {
         let of_ray = |(ray, range): (usize, Range<usize>)| std::iter::repeat_n(ray as i32, range.len());
         self.ranges().enumerate().flat_map(of_ray).collect()
-    }
-
-    /// Returns `(indices, valid)` of the padded `[R, longest]` layout: where each cell reads from (0 if padding) and
-    /// whether it holds a sample.
-    pub fn padded(&self) -> (Vec<i32>, Vec<bool>) {
-        let longest = self.longest();
-        let mut indices = vec![0; self.rays() * longest];
-        let mut valid = vec![false; self.rays() * longest];
-        for (ray, range) in self.ranges().enumerate() {
-            for (slot, sample) in range.enumerate() {
-                indices[ray * longest + slot] = sample as i32;
-                valid[ray * longest + slot] = true;
-            }
-        }
-        (indices, valid)
     }
 }
 

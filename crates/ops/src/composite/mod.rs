@@ -92,31 +92,23 @@ pub fn composite_over(
             let (color, depth, acc) = gpu::composite(tau, color, Some(distances), background, segments);
             CompositeOver { color, depth, acc }
         },
-        plain => over(tau, color, distances, background, segments),
+        plain => {
+            let (device, is_colored) = (tau.device(), color.is_some());
+            let t = distances.detach().unsqueeze_dim(1);
+            let values = match color {
+                Some(color) => Tensor::cat(vec![color, t], 1),
+                None => t,
+            };
+            let Composite { values, acc } = composite(tau, values, segments);
+            let color = is_colored.then(|| {
+                let behind = acc.clone().neg() + 1.0;
+                let background = upload(background.to_vec(), [1, 3], &device);
+                values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
+            });
+            let depth = values.narrow(1, if is_colored { 3 } else { 0 }, 1).reshape([segments.rays()]);
+            CompositeOver { color, depth, acc }
+        },
     }
-}
-
-fn over(
-    tau: Tensor<1>,
-    color: Option<Tensor<2>>,
-    distances: Tensor<1>,
-    background: [f32; 3],
-    segments: &Segments,
-) -> CompositeOver {
-    let (device, is_colored) = (tau.device(), color.is_some());
-    let t = distances.detach().unsqueeze_dim(1);
-    let values = match color {
-        Some(color) => Tensor::cat(vec![color, t], 1),
-        None => t,
-    };
-    let Composite { values, acc } = composite(tau, values, segments);
-    let color = is_colored.then(|| {
-        let behind = acc.clone().neg() + 1.0;
-        let background = upload(background.to_vec(), [1, 3], &device);
-        values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
-    });
-    let depth = values.narrow(1, if is_colored { 3 } else { 0 }, 1).reshape([segments.rays()]);
-    CompositeOver { color, depth, acc }
 }
 
 /// Computes the compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.

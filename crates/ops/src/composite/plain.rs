@@ -35,10 +35,15 @@ pub(crate) struct Padding {
 
 impl Padding {
     pub(crate) fn new(segments: &Segments, device: &Device) -> Self {
-        let shape = [segments.rays(), segments.longest()];
-        let (indices, valid) = segments.padded();
-        let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
-        Self { indices: upload(indices, [shape[0] * shape[1]], device), empty: upload(empty, shape, device) }
+        let shape @ [rays, longest] = [segments.rays(), segments.longest()];
+        let (mut indices, mut empty) = (vec![0; rays * longest], vec![true; rays * longest]);
+        for (ray, range) in segments.ranges().enumerate() {
+            for (slot, sample) in range.enumerate() {
+                indices[ray * longest + slot] = sample as i32;
+                empty[ray * longest + slot] = false;
+            }
+        }
+        Self { indices: upload(indices, [rays * longest], device), empty: upload(empty, shape, device) }
     }
 
     pub(crate) fn apply(&self, packed: Tensor<1>) -> Tensor<2> {

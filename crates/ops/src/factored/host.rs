@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::dense::{self, BLOCK, padded};
 use super::encode::{self, Block, level_features, plane_gradient, position_gradient, with_channels};
-use super::layout::{FactoredLayout, OUTPUTS, PLANES, RAW};
+use super::layout::{FactoredLayout, Layer, Level, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query, negligible};
 use crate::kernel::{Kernel, Pass};
 use crate::numeric::{SampleOpacity, sigmoid, softplus};
@@ -38,7 +38,6 @@ impl FactoredKernel {
         self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
     }
 
-    /// Returns the number of features of tables.
     fn of_tables(&self) -> usize {
         self.layout.features() - self.before_tables()
     }
@@ -49,14 +48,9 @@ impl Kernel for FactoredKernel {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
-        let layers = packed(&self.layout, weights);
-        let query = &self.query;
-        let field = FieldParameters {
-            layout: &self.layout,
-            tables,
-            layers: &layers,
-            detail: (&query.frequency_weights, &query.level_weights),
-        };
+        let (layers, query) = (packed(&self.layout, weights), &self.query);
+        let detail = (query.frequency_weights.as_slice(), query.level_weights.as_slice());
+        let field = FieldParameters { layout: &self.layout, tables, layers: &layers, detail };
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
             simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
@@ -105,19 +99,11 @@ impl Kernel for FactoredKernel {
                 let results = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
                 for ((rows, block), (dfeatures, dpositions)) in kept.chunks(BLOCK).zip(blocks).zip(results) {
                     gathered.gather(self, pass, rows);
-                    let scratch = &mut scratch;
-                    let samples = &gathered;
-                    simd::run(BlockBackward {
-                        kernel: self,
-                        layers: &layers,
-                        gathered: samples,
-                        first,
-                        scratch,
-                        dfeatures,
-                    });
+                    let (kernel, layers, gathered, scratch) = (self, &layers, &gathered, &mut scratch);
+                    simd::run(BlockBackward { kernel, layers, gathered, first, scratch, dfeatures });
                     if wanted[2] {
-                        let (features, dx) = (&samples.activations, &scratch.dx);
-                        simd::run(PositionGradient { kernel: self, tables, block, features, dx, dpositions });
+                        let (features, dx) = (&gathered.activations, &scratch.dx);
+                        simd::run(PositionGradient { kernel, tables, block, features, dx, dpositions });
                     }
                 }
                 scratch.dweights
@@ -175,8 +161,7 @@ impl FactoredKernel {
                     return;
                 }
                 simd::run(PlaneGradient {
-                    channels: level.channels,
-                    resolution: level.resolution,
+                    level,
                     axes: PLANES[p],
                     weight,
                     tables: encode::tables_of(tables, level, p),
@@ -222,7 +207,7 @@ pub(super) fn field(
                 color: true,
                 positions: positions.as_flattened(),
                 directions: layout.view_dependent.then_some(directions.as_flattened()),
-                activations: &mut activations,
+                activations: &mut activations.0,
                 out: out.as_flattened_mut(),
             });
         }
@@ -324,7 +309,7 @@ struct GroupBuffers {
 impl GroupBuffers {
     fn new(layout: &FactoredLayout) -> Self {
         let widest = layout.layers.iter().map(|layer| padded(layer.inputs.max(layer.outputs))).max().unwrap_or(0);
-        let zeros = |layer: &super::Layer| vec![0.0; (layer.inputs + 1) * padded(layer.outputs)];
+        let zeros = |layer: &Layer| vec![0.0; (layer.inputs + 1) * padded(layer.outputs)];
         Self {
             dweights: layout.layers.iter().map(zeros).collect(),
             dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]],
@@ -447,8 +432,7 @@ fn copy_columns<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], sa
 }
 
 struct PlaneGradient<'a> {
-    channels: usize,
-    resolution: usize,
+    level: &'a Level,
     /// Axes of the plane, then of its line.
     axes: [usize; 3],
     weight: f32,
@@ -470,11 +454,11 @@ impl Job for PlaneGradient<'_> {
     fn run<const FMA: bool, const WIDE: bool>(self) {
         for (index, block) in self.blocks.iter().enumerate() {
             let samples = BLOCK.min(self.samples - index * BLOCK);
-            let places = encode::places(block, self.resolution);
+            let places = encode::places(block, self.level.resolution);
             let dx = &self.dfeatures[index * self.of_block + self.first..];
             let gradients = (&mut *self.dplane, &mut *self.dline);
             let how = (self.axes, self.weight);
-            with_channels!(self.channels, plane_gradient, how, self.tables, &places, dx, gradients, samples);
+            with_channels!(self.level.channels, plane_gradient, how, self.tables, &places, dx, gradients, samples);
         }
     }
 }

@@ -15,7 +15,7 @@ pub use self::pack::{PackedSamples, RaySamples, pack};
 use crate::composite::weights;
 use crate::dispatch::dispatch;
 use crate::random::Stream;
-use crate::{Segments, to_host, upload};
+use crate::{Segments, to_host, upload, upload_together};
 
 /// Rule by which samples divide the interval of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,23 +83,15 @@ pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, 
     dispatch! {
         &ends.device();
         cube => crate::cube::stratified(ends, [rays, rule.columns(count)], rule, jitter),
-        plain => stratified_on_host(ends, [rays, count], rule, jitter),
+        plain => {
+            let device = ends.device();
+            let ends = to_host(ends);
+            rows(rays, &device, jitter, |ray, stream| {
+                let [near, far] = [0, 1].map(|end| ends[(2 * ray + end) % ends.len()]);
+                distances::stratified(near, far, count, rule, stream)
+            })
+        },
     }
-}
-
-fn stratified_on_host(
-    ends: Tensor<2>,
-    [count, samples]: [usize; 2],
-    rule: SampleRule,
-    jitter: Option<&Streams>,
-) -> Tensor<2> {
-    let (device, streams) = (ends.device(), jitter.map(Streams::on_host));
-    let ends = to_host(ends);
-    rows(count, &device, |ray| {
-        let stream = streams.as_ref().map(|streams| streams[ray]);
-        let [near, far] = [0, 1].map(|end| ends[(2 * ray + end) % ends.len()]);
-        distances::stratified(near, far, samples, rule, stream)
-    })
 }
 
 /// Draws `count` distances of each ray from the weights of the samples at `t`, `[H, N]`, whose optical depths are `tau`,
@@ -134,12 +126,10 @@ fn drawn_on_host(
     draw: impl Fn(&[f32], &[f32], Option<Stream>) -> Vec<f32> + Sync,
 ) -> Tensor<2> {
     let ([rays, columns], device) = (t.dims(), t.device());
-    let streams = jitter.map(Streams::on_host);
     let samples = tau.dims()[0] / rays;
     let weights = weights(&to_host(tau), &Segments::uniform(rays, samples));
     let t = to_host(t);
-    rows(rays, &device, |ray| {
-        let stream = streams.as_ref().map(|streams| streams[ray]);
+    rows(rays, &device, jitter, |ray, stream| {
         draw(&t[ray * columns..][..columns], &weights[ray * samples..][..samples], stream)
     })
 }
@@ -150,34 +140,35 @@ pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInte
     dispatch! {
         &t.device();
         cube => crate::cube::intervals(t, ends, rule, last),
-        plain => intervals_on_host(t, ends, rule, last),
+        plain => {
+            let ([_, columns], device) = (t.dims(), t.device());
+            let (t, ends) = (to_host(t), to_host(ends));
+            let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], rule, last);
+            let (distance, length) = t.chunks(columns).zip(ends.chunks(2).cycle()).flat_map(of).unzip();
+            upload_together([distance, length], &[], &device)
+        },
     }
-}
-
-fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
-    let ([_, columns], device) = (t.dims(), t.device());
-    let (t, ends) = (to_host(t), to_host(ends));
-    let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], rule, last);
-    let (distance, length): (Vec<f32>, Vec<f32>) = t.chunks(columns).zip(ends.chunks(2).cycle()).flat_map(of).unzip();
-    [distance, length].map(|numbers| {
-        let count = numbers.len();
-        upload(numbers, [count], &device)
-    })
 }
 
 /// Returns o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`; the distances `t`, `[M]`,
 /// are taken as given.
 pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
-    let plain =
-        |origins, directions, t: Tensor<1>| segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1);
     dispatch! {
         &t.device();
         cube if segments.samples() > 0 => crate::cube::points(origins, directions, t, segments),
-        plain => plain(origins, directions, t),
+        plain => segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1),
     }
 }
 
-fn rows(count: usize, device: &Device, row: impl Fn(usize) -> Vec<f32> + Sync + Send) -> Tensor<2> {
+/// Uploads a row of numbers for each ray, given its place and its stream.
+fn rows(
+    count: usize,
+    device: &Device,
+    jitter: Option<&Streams>,
+    row: impl Fn(usize, Option<Stream>) -> Vec<f32> + Sync,
+) -> Tensor<2> {
+    let streams = jitter.map(Streams::on_host);
+    let row = |ray: usize| row(ray, streams.as_ref().map(|streams| streams[ray]));
     let rows: Vec<Vec<f32>> = (0..count).into_par_iter().map(row).collect();
     let columns = rows.first().map_or(0, Vec::len);
     upload(rows.concat(), [count, columns], device)

@@ -3,7 +3,7 @@
 #[cfg(feature = "flex")]
 mod host;
 
-use burn::tensor::{Device, Int, Tensor};
+use burn::tensor::{Int, Tensor};
 
 use crate::dispatch::dispatch;
 use crate::traffic::upload;
@@ -76,7 +76,9 @@ pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
     let device = table.device();
     let [count, channels] = [places.dims()[0], table.dims()[1]];
     let axes = [0, 1, 2].map(|axis| plain_axis(places.clone().narrow(1, axis, 1), voxels.size[axis], voxels.beyond));
-    let grid = grid_of_places(count, voxels, &device);
+    let size = voxels.rows() / voxels.grids;
+    // First row of the grid that each place reads.
+    let grid = upload((0..count).map(|place| (place % voxels.grids * size) as i32).collect(), [count, 1], &device);
     let corner = |corner: usize| {
         let mut row = grid.clone();
         let mut weight = Tensor::<2>::ones([count, 1], &device);
@@ -90,13 +92,6 @@ pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
         table.clone().select(0, row.reshape([count])) * weight
     };
     (0..8).map(corner).fold(Tensor::zeros([count, channels], &device), |sum, read| sum + read)
-}
-
-/// Returns the first row of the grid that each place reads, `[P, 1]`.
-fn grid_of_places(count: usize, voxels: Voxels, device: &Device) -> Tensor<2, Int> {
-    let size = voxels.rows() / voxels.grids;
-    let first: Vec<i32> = (0..count).map(|place| (place % voxels.grids * size) as i32).collect();
-    upload(first, [count, 1], device)
 }
 
 /// Finds the voxels below and above each coordinate, and their weights, `[P, 1]` each.
@@ -119,6 +114,8 @@ fn plain_axis(at: Tensor<2>, size: usize, beyond: Beyond) -> ([Tensor<2, Int>; 2
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+
     use super::*;
     use crate::traffic::to_host;
 

@@ -3,7 +3,7 @@
 #[cfg(feature = "flex")]
 mod host;
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
 use crate::traffic::upload;
@@ -15,7 +15,11 @@ pub fn unit_box(positions: Tensor<2>, [low, high]: [[f32; 3]; 2]) -> Tensor<2> {
     dispatch! {
         &positions.device();
         host => crate::kernel::apply(host::UnitBoxKernel { low, scale }, positions.dims(), positions),
-        plain => plain(positions, low, scale),
+        plain => {
+            let row = |row: [f32; 3]| upload(row.to_vec(), [1, 3], &positions.device());
+            let (low, scale) = (row(low), row(scale));
+            ((positions - low) * scale).clamp(0.0, 1.0)
+        },
     }
 }
 
@@ -25,14 +29,10 @@ pub fn share_of_box(position: [f32; 3], [low, high]: [[f32; 3]; 2]) -> [f32; 3] 
     [0, 1, 2].map(|axis| ((position[axis] - low[axis]) * (1.0 / (high[axis] - low[axis]))).clamp(0.0, 1.0))
 }
 
-fn plain(positions: Tensor<2>, low: [f32; 3], scale: [f32; 3]) -> Tensor<2> {
-    let row = |row: [f32; 3], device: &Device| upload(row.to_vec(), [1, 3], device);
-    let device = positions.device();
-    ((positions - row(low, &device)) * row(scale, &device)).clamp(0.0, 1.0)
-}
-
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+
     use super::*;
     use crate::traffic::{from_host, to_host};
 
