@@ -9,7 +9,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{AdamOps, AdamStep};
-use crate::cube::{CubeKernel, Pass, apply, arg, empty_like, launch, numbers, threads, untracked};
+use crate::cube::{CubeKernel, apply, arg, empty_like, launch, numbers, threads, untracked};
 
 /// Parameters of a launch: each thread searches them for its own.
 const MAX_PARAMETERS: usize = 24;
@@ -83,10 +83,6 @@ impl CubeKernel for Check {
         let out = empty_like(value);
         launch!(check::launch, 1; value, before, &out; self.is_first);
         out
-    }
-
-    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None, None]
     }
 }
 

@@ -50,8 +50,11 @@ pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
         (self.forward(inputs), Vec::new())
     }
 
-    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others.
-    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>>;
+    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others; of none
+    /// unless a kernel says otherwise.
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        vec![None; pass.inputs.len()]
+    }
 }
 
 /// Arguments of a backward pass on a GPU.

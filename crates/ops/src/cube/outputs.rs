@@ -5,7 +5,7 @@ use burn_cubecl::kernel::slice;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{CubeKernel, Pass, apply, empty};
+use super::{CubeKernel, apply, empty};
 
 /// Elements to whose multiples the start of a part is rounded up: half a kilobyte, at which every device can begin a buffer.
 pub(super) const ALIGNMENT: usize = 128;
@@ -75,9 +75,5 @@ struct OutputPart {
 impl CubeKernel for OutputPart {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         part_or_copy(&inputs[0], self.start, self.shape.clone())
-    }
-
-    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None]
     }
 }

@@ -4,7 +4,7 @@ use burn::tensor::{self, DType, Device};
 use burn_cubecl::tensor::CubeTensor;
 
 use super::outputs::{ALIGNMENT, part};
-use super::{CubeKernel, Pass, apply};
+use super::{CubeKernel, apply};
 use crate::segments::Segments;
 use crate::traffic::upload;
 
@@ -54,9 +54,5 @@ impl CubeKernel for UploadedPart {
             segments.on_gpu.get_or_init(|| CubeTensor { dtype: DType::I32, ..part.clone() });
         }
         part
-    }
-
-    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None]
     }
 }

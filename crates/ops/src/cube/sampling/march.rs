@@ -7,7 +7,7 @@ use burn_cubecl::tensor::CubeTensor;
 use crate::cube::outputs::Outputs;
 use crate::cube::random::{Bits, uniform};
 use crate::cube::rays::RayOffsets;
-use crate::cube::{CubeKernel, Pass, apply, empty};
+use crate::cube::{CubeKernel, apply, empty};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::{Segments, to_host};
@@ -65,10 +65,6 @@ impl CubeKernel for Count {
         launch!(count::launch, count; rays, &streams, density, &settings, &counts; self.0.jittered, self.0.has_cells);
         counts
     }
-
-    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None; 3]
-    }
 }
 
 #[derive(Debug)]
@@ -90,10 +86,6 @@ impl CubeKernel for Write {
             self.walk.jittered, self.walk.has_cells
         );
         buffer
-    }
-
-    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None; 3]
     }
 }
 

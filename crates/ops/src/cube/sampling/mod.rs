@@ -9,7 +9,7 @@ use burn_cubecl::tensor::CubeTensor;
 pub(crate) use march::march;
 
 use super::outputs::Outputs;
-use super::{CubeKernel, Pass, apply, empty};
+use super::{CubeKernel, apply, empty};
 use crate::sampling::{LastInterval, SampleRule, Streams};
 
 /// Computes [`stratified`](crate::sampling::stratified) of `shape`.
@@ -114,9 +114,5 @@ impl CubeKernel for Sampling {
                 buffer
             }
         }
-    }
-
-    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None; pass.inputs.len()]
     }
 }
