@@ -49,6 +49,12 @@ struct MlpStage {
     outside: Option<(Outside, usize)>,
 }
 
+impl MlpStage {
+    fn new(made: (usize, usize), relu: bool, (weights, bias): (Vec<Piece>, Piece)) -> Self {
+        Self { columns: made.0 + made.1, made, relu, weights, biases: vec![bias], ..Self::default() }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outside {
     Encoded = 0,
@@ -105,26 +111,17 @@ impl RoundedMlpKernel {
             // The next layer reads this one's output, with x before it where it skips.
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
-            let (weights, bias) = pieces(dense, index, &inputs, 0);
-            stages.push(MlpStage {
-                columns: first + filled(outputs),
-                made: (first, filled(outputs)),
-                relu: true,
-                weights,
-                biases: vec![bias],
-                outside: skip.then_some((Outside::Encoded, 0)),
-                ..MlpStage::default()
-            });
+            let stage = MlpStage::new((first, filled(outputs)), true, pieces(dense, index, &inputs, 0));
+            stages.push(MlpStage { outside: skip.then_some((Outside::Encoded, 0)), ..stage });
             inputs = if skip { vec![width, outputs] } else { vec![outputs] };
         }
-        let (weights, bias) = pieces(&network.sigma, trunk + if network.color.is_some() { 2 } else { 0 }, &inputs, 0);
-        let mut heads =
-            MlpStage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..MlpStage::default() };
+        let sigma = trunk + if network.color.is_some() { 2 } else { 0 };
+        let mut heads = MlpStage::new((0, GRAIN), false, pieces(&network.sigma, sigma, &inputs, 0));
         let (mut owners, mut directions, mut outputs) = (Vec::new(), 0, vec![(stages.len(), 1)]);
         if let Some(branch) = &network.color {
             let [features, views] = [&branch.feature, &branch.view].map(|dense| dense.bias.dims()[0]);
             directions = encoded_width(3, branch.frequencies);
-            owners = branch.segments.host_owners().to_vec();
+            owners = branch.segments.host_owners();
             assert_eq!(owners.len(), samples, "a ray for every sample");
             let (weights, bias) = pieces(&branch.feature, trunk, &inputs, GRAIN);
             heads.weights.extend(weights);
@@ -133,18 +130,9 @@ impl RoundedMlpKernel {
             heads.made.1 = made;
             heads.outside = Some((Outside::Direction, made));
             heads.columns = made + filled(directions);
-            let (weights, bias) = pieces(&branch.view, trunk + 1, &[features, directions], 0);
-            let view = MlpStage {
-                columns: filled(views),
-                made: (0, filled(views)),
-                reads: GRAIN,
-                relu: true,
-                weights,
-                biases: vec![bias],
-                outside: None,
-            };
-            let (weights, bias) = pieces(&branch.rgb, trunk + 3, &[views], 0);
-            let rgb = MlpStage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..MlpStage::default() };
+            let view = pieces(&branch.view, trunk + 1, &[features, directions], 0);
+            let view = MlpStage { reads: GRAIN, ..MlpStage::new((0, filled(views)), true, view) };
+            let rgb = MlpStage::new((0, GRAIN), false, pieces(&branch.rgb, trunk + 3, &[views], 0));
             stages.extend([heads, view, rgb]);
             outputs.push((stages.len() - 1, 3));
         } else {

@@ -20,7 +20,7 @@ const GROUPS: usize = 16;
 ///
 /// Each part between two bars is a matrix of [`BLOCK`] rows. The inputs of a layer are adjacent columns, so x is repeated
 /// if the trunk reads it again.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct MlpKernel {
     layers: Vec<PlacedLayer>,
     encoded: Vec<Columns>,
@@ -78,14 +78,7 @@ impl PlacedLayer {
     }
 }
 
-#[derive(Default)]
-struct LayerBuilder {
-    layers: Vec<PlacedLayer>,
-    matrices: Vec<Columns>,
-    activations: usize,
-}
-
-impl LayerBuilder {
+impl MlpKernel {
     fn matrix(&mut self, columns: usize) -> Columns {
         let place = Columns { start: self.activations, stride: columns, columns };
         self.activations += columns * BLOCK;
@@ -98,46 +91,42 @@ impl LayerBuilder {
         self.layers.iter_mut().filter(|layer| layer.x.start == x.start).for_each(|layer| layer.shared = true);
         self.layers.push(PlacedLayer { x, y, relu, shared: false });
     }
-}
 
-impl MlpKernel {
     /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
     /// colour, and weights and biases of each of [`RadianceMlp::layers`].
     pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
-        let mut builder = LayerBuilder::default();
-        let mut x = builder.matrix(width);
-        let mut encoded = vec![x];
+        let mut kernel = Self::default();
+        let mut x = kernel.matrix(width);
+        kernel.encoded.push(x);
         for (index, dense) in network.trunk.iter().enumerate() {
             let [_, outputs] = dense.weight.dims();
             // The next layer reads this one's output, with x before it where it skips.
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let before = if skip { width } else { 0 };
-            let next = builder.matrix(before + outputs);
-            encoded.extend(skip.then(|| next.part(0, width)));
-            builder.layer(dense, x, next.part(before, outputs), true);
+            let next = kernel.matrix(before + outputs);
+            kernel.encoded.extend(skip.then(|| next.part(0, width)));
+            kernel.layer(dense, x, next.part(before, outputs), true);
             x = next;
         }
-        let (mut direction, mut owners) = (None, Vec::new());
         let view = network.color.as_ref().map(|branch| {
             let [_, features] = branch.feature.weight.dims();
             let [_, outputs] = branch.view.weight.dims();
             let columns = encoded_width(3, branch.frequencies);
-            let both = builder.matrix(features + columns);
-            let view = builder.matrix(outputs);
-            builder.layer(&branch.feature, x, both.part(0, features), false);
-            builder.layer(&branch.view, both, view, true);
-            direction = Some(both.part(features, columns));
-            owners = branch.segments.host_owners();
-            assert_eq!(owners.len(), samples, "a ray for every sample");
+            let both = kernel.matrix(features + columns);
+            let view = kernel.matrix(outputs);
+            kernel.layer(&branch.feature, x, both.part(0, features), false);
+            kernel.layer(&branch.view, both, view, true);
+            kernel.direction = Some(both.part(features, columns));
+            kernel.owners = branch.segments.host_owners();
+            assert_eq!(kernel.owners.len(), samples, "a ray for every sample");
             (view, branch)
         });
-        let output = builder.matrix(if view.is_some() { 4 } else { 1 });
-        builder.layer(&network.sigma, x, output.part(0, 1), false);
+        let output = kernel.matrix(if view.is_some() { 4 } else { 1 });
+        kernel.layer(&network.sigma, x, output.part(0, 1), false);
         if let Some((view, branch)) = view {
-            builder.layer(&branch.rgb, view, output.part(1, 3), false);
+            kernel.layer(&branch.rgb, view, output.part(1, 3), false);
         }
-        let LayerBuilder { layers, matrices, activations } = builder;
-        Self { layers, encoded, direction, owners, output, matrices, activations }
+        Self { output, ..kernel }
     }
 
     /// Evaluates a block whose first sample is `first` and whose rows of x are `encoded`.
