@@ -73,14 +73,12 @@ pub fn to_host_together(tensors: impl IntoIterator<Item = Tensor<1>>) -> Vec<f32
 }
 
 fn read(data: Vec<TensorData>) -> Vec<f32> {
-    count_read(data.iter().map(|data| data.bytes().len()).sum());
+    let bytes: usize = data.iter().map(|data| data.bytes().len()).sum();
+    COUNTERS[2].fetch_add(1, Ordering::Relaxed);
+    COUNTERS[3].fetch_add(bytes as u64, Ordering::Relaxed);
     let floats = |data: TensorData| data.convert::<f32>().try_to_vec().expect("the data were just converted to f32");
-    let mut parts = data.into_iter().map(floats);
-    let first = parts.next().unwrap_or_default();
-    parts.fold(first, |mut all, part| {
-        all.extend::<Vec<f32>>(part);
-        all
-    })
+    let mut parts: Vec<Vec<f32>> = data.into_iter().map(floats).collect();
+    if parts.len() == 1 { parts.remove(0) } else { parts.concat() }
 }
 
 /// Counts of transfers and launches; the difference of two counts is the traffic in between.
@@ -163,11 +161,6 @@ static COUNTERS: [AtomicU64; 5] = [const { AtomicU64::new(0) }; 5];
 pub(crate) fn count_upload(bytes: usize) {
     COUNTERS[0].fetch_add(1, Ordering::Relaxed);
     COUNTERS[1].fetch_add(bytes as u64, Ordering::Relaxed);
-}
-
-pub(crate) fn count_read(bytes: usize) {
-    COUNTERS[2].fetch_add(1, Ordering::Relaxed);
-    COUNTERS[3].fetch_add(bytes as u64, Ordering::Relaxed);
 }
 
 #[cfg(feature = "cube")]

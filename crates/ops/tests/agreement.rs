@@ -244,6 +244,24 @@ fn flex_alone_has_host_kernels() {
     }
 }
 
+/// Entropies of distributions with a background, which the values of arbitrary precision leave out.
+#[test]
+fn entropies_with_a_background_by_hand() {
+    use RayDistribution::{AlphaBackground, Termination};
+    let (half, wall) = (std::f64::consts::LN_2, 1e10);
+    for (of, tau, bits) in [
+        (AlphaBackground, vec![0.0; 5], 0.0),
+        (AlphaBackground, vec![wall; 3], 2.0),
+        (AlphaBackground, vec![half, half], 1.5),
+        (Termination, vec![0.0; 5], 0.0),
+        (Termination, vec![wall, half, 0.1], 0.0),
+        (Termination, vec![0.0, half], 1.0),
+        (Termination, vec![half, half], 1.5),
+    ] {
+        close(oracle::entropy(&tau, of, 0.0), bits, EXACT, format_args!("{of:?} {tau:?}"));
+    }
+}
+
 #[test]
 fn bodies_agree_with_the_oracle() {
     // A moderate sample behind one that nothing passes, and before it: the sum of depths must not swallow either.

@@ -1,5 +1,4 @@
-//! The factored field and the planes' variation: host kernel against plain tensors on two backends and the oracle in
-//! `f64`.
+//! The factored field and the planes' variation: host kernel and plain tensors on two backends against the oracle in `f64`.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
@@ -10,6 +9,10 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
 use infonerf_ops::{from_host, to_host};
 use infonerf_oracle::factored as oracle;
+
+fn narrow(values: &[f64]) -> Vec<f32> {
+    values.iter().map(|x| *x as f32).collect()
+}
 
 fn numbers(count: usize, seed: u64) -> Vec<f32> {
     Draws(seed).row(count)
@@ -22,7 +25,7 @@ struct FactoredCase {
     inputs: [Vec<f32>; 3],
 }
 
-const INPUTS: [&str; 3] = ["tables", "weights", "positions"];
+const RESULTS: [&str; 4] = ["value", "tables", "weights", "positions"];
 
 /// Returns a field of which one level is fading in, and samples of which some are outside the box.
 fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> FactoredCase {
@@ -68,33 +71,23 @@ fn run_along(case: &FactoredCase, device: &Device, body: FieldBody, u: impl Fn(u
 }
 
 #[test]
-fn bodies_agree_in_value_and_gradient() {
+fn values_and_gradients_match_the_oracle() {
     for (samples, color, view_dependent, channels) in
         [(500, true, true, 4), (481, true, false, 2), (7, false, true, 8), (240, true, true, 16)]
     {
         let case = case(samples, color, view_dependent, channels);
-        let host = run(&case, &Device::flex(), factored_field);
-        for device in [Device::flex(), Device::ndarray()] {
-            let plain = run(&case, &device, plain);
-            for ((host, plain), what) in host.iter().zip(&plain).zip(["value"].iter().chain(&INPUTS)) {
-                assert_close(host, plain, &format!("{samples} samples, {channels} channels, {what}, {device:?}"));
+        let [tables, weights, positions] = &case.inputs.each_ref().map(|input| wide(input));
+        let value = oracle::value(tables, weights, positions, &case.layout, &case.query);
+        let u = wide(&numbers(value.len(), 5));
+        let gradients = oracle::gradient(tables, weights, positions, &case.layout, &case.query, &u);
+        let exact: Vec<Vec<f32>> = std::iter::once(value).chain(gradients).map(|values| narrow(&values)).collect();
+        let bodies: [(Device, FieldBody); 3] =
+            [(Device::flex(), factored_field), (Device::flex(), plain), (Device::ndarray(), plain)];
+        for (index, (device, body)) in bodies.into_iter().enumerate() {
+            for ((got, exact), what) in run(&case, &device, body).iter().zip(&exact).zip(RESULTS) {
+                assert_close(got, exact, &format!("{samples} samples, {channels} channels, {what}, body {index}"));
             }
         }
-    }
-}
-
-#[test]
-fn values_and_gradients_match_the_oracle() {
-    let case = case(64, true, true, 4);
-    let [value, gradients @ ..] = run(&case, &Device::flex(), factored_field);
-    let u = wide(&numbers(value.len(), 5));
-    let [tables, weights, positions] = &case.inputs.each_ref().map(|input| wide(input));
-    let narrow = |values: &[f64]| values.iter().map(|x| *x as f32).collect::<Vec<f32>>();
-    let exact = oracle::value(tables, weights, positions, &case.layout, &case.query);
-    assert_close(&value, &narrow(&exact), "value");
-    let exact = oracle::gradient(tables, weights, positions, &case.layout, &case.query, &u);
-    for ((kernel, exact), what) in gradients.iter().zip(&exact).zip(INPUTS) {
-        assert_close(kernel, &narrow(exact), what);
     }
 }
 
@@ -126,7 +119,6 @@ fn negligible_gradients_alone_are_left_out() {
 fn variation_matches_the_oracle() {
     let case = case(1, true, false, 4);
     let (exact, exact_gradient) = oracle::variation(&wide(&case.inputs[0]), &case.layout);
-    let exact_gradient: Vec<f32> = exact_gradient.into_iter().map(|g| g as f32).collect();
     for (device, host) in [(Device::flex(), true), (Device::flex(), false), (Device::ndarray(), false)] {
         let tables = vector(&case.inputs[0], &device.autodiff()).require_grad();
         let sum = match host {
@@ -135,6 +127,6 @@ fn variation_matches_the_oracle() {
         };
         let gradient = tables.grad(&sum.backward()).unwrap();
         assert_close(&to_host(sum), &[exact as f32], "variation");
-        assert_close(&to_host(gradient), &exact_gradient, "gradient of the variation");
+        assert_close(&to_host(gradient), &narrow(&exact_gradient), "gradient of the variation");
     }
 }

@@ -5,4 +5,3 @@ mod common;
 mod encodings;
 mod factored;
 mod mlp;
-mod properties;

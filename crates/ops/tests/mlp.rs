@@ -42,33 +42,27 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> MlpCase {
 }
 
 impl MlpCase {
-    fn network(&self, device: &Device, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
-        let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
-        let heads = layers.split_off(layers.len() - 4);
-        let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(heads).unwrap();
-        let directions = from_host(&self.directions, 3, device);
-        let (frequencies, segments) = (self.frequencies, self.segments.clone());
-        let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
-        RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
-    }
-
     /// Returns the value, and the gradients of ⟨u, value⟩ with respect to x and to all weights.
     fn run(&self, device: &Device, body: impl Fn(Tensor<2>, &RadianceMlp) -> Tensor<2>) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
-        let mut parameters = Vec::new();
-        let network = self.network(&device, &mut |[_, outputs], w, b| {
-            let weight = from_host(w, outputs, &device).require_grad();
-            let bias = vector(b, &device).require_grad();
-            parameters.push((weight.clone(), bias.clone()));
-            Dense { weight, bias }
-        });
+        let dense = |([_, outputs], weight, bias): &([usize; 2], Vec<f32>, Vec<f32>)| Dense {
+            weight: from_host(weight, *outputs, &device).require_grad(),
+            bias: vector(bias, &device).require_grad(),
+        };
+        let mut trunk: Vec<Dense> = self.layers.iter().map(dense).collect();
+        let parameters = trunk.clone();
+        let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(trunk.split_off(trunk.len() - 4)).unwrap();
+        let directions = from_host(&self.directions, 3, &device);
+        let (frequencies, segments) = (self.frequencies, self.segments.clone());
+        let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
+        let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision: Precision::F32 };
         let x = from_host(&self.x, self.encoded, &device).require_grad();
         let out = body(x.clone(), &network);
         let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
         let grads = (out.clone() * u).sum().backward();
-        let dweights = parameters.iter().flat_map(|(w, b)| {
-            let dw = to_host(w.grad(&grads).unwrap_or_else(|| w.zeros_like()));
-            [dw, to_host(b.grad(&grads).unwrap_or_else(|| b.zeros_like()))].concat()
+        let dweights = parameters.iter().flat_map(|Dense { weight, bias }| {
+            let dweight = weight.grad(&grads).unwrap_or_else(|| weight.zeros_like());
+            [to_host(dweight), to_host(bias.grad(&grads).unwrap_or_else(|| bias.zeros_like()))].concat()
         });
         [to_host(out), to_host(x.grad(&grads).unwrap()), dweights.collect()]
     }

@@ -120,15 +120,12 @@ fn update<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<
         &x.device();
         host => fused(step, x, g, m, v),
         cube => fused(step, x, g, m, v),
-        plain => plain(step, x, g, m, v),
+        plain => {
+            let m = m * step.beta1 + g.clone() * (1.0 - step.beta1);
+            let v = v * step.beta2 + g.square() * (1.0 - step.beta2);
+            (x - m.clone() * step.rate / (v.clone().sqrt() + step.epsilon), m, v)
+        },
     }
-}
-
-fn plain<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
-    let m = m * step.beta1 + g.clone() * (1.0 - step.beta1);
-    let v = v * step.beta2 + g.square() * (1.0 - step.beta2);
-    let x = x - m.clone() * step.rate / (v.clone().sqrt() + step.epsilon);
-    (x, m, v)
 }
 
 /// Updates all values in one pass, by a kernel of the host or of a GPU.
@@ -186,8 +183,7 @@ mod tests {
                     let (mh, vh) = (*m / (1.0 - 0.9f64.powi(t)), *v / (1.0 - 0.999f64.powi(t)));
                     *x -= 0.05 * mh / (vh.sqrt() + 1e-8);
                 }
-                let next = adam.step(0.05, x, g, state);
-                (x, state) = next;
+                (x, state) = adam.step(0.05, x, g, state);
             }
             let got = crate::to_host(x);
             for (got, (want, ..)) in got.iter().zip(oracle) {
