@@ -103,7 +103,6 @@ pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
     fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
 }
 
-/// Arguments of a backward pass on backend `B`.
 pub(crate) struct BackwardPass<'a, B: KernelBackend> {
     pub(crate) inputs: &'a [FloatTensor<B>],
     pub(crate) output: &'a FloatTensor<B>,

@@ -43,7 +43,6 @@ pub(crate) struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// Returns the range of the group's samples among all.
     pub(crate) fn samples(&self) -> Range<usize> {
         self.offsets[0] as usize..self.offsets[self.offsets.len() - 1] as usize
     }

@@ -1,4 +1,3 @@
-use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 #[cfg(feature = "cube")]
@@ -12,17 +11,11 @@ use crate::upload;
 /// Packed samples by ray: ray `r` owns samples `offsets[r]..offsets[r + 1]`, perhaps none.
 ///
 /// Cheap to clone. Clones share the offsets of a GPU, which are moved there once.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Segments {
     offsets: Arc<[u32]>,
     #[cfg(feature = "cube")]
     pub(crate) on_gpu: Arc<OnceLock<burn_cubecl::tensor::CubeTensor>>,
-}
-
-impl fmt::Debug for Segments {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Segments").field("offsets", &self.offsets).finish()
-    }
 }
 
 impl Segments {

@@ -75,12 +75,12 @@ impl FactoredOracle<'_> {
         terms.iter().map(|&(at, weight)| weight * self.tables[at]).sum()
     }
 
-    /// Lists all features: place in the MLP's input, weight of the level, terms of the plane and of the line.
-    fn features(&self, sample: usize) -> impl Iterator<Item = (usize, f64, Terms, Terms)> + '_ {
+    /// Lists all features: place in the MLP's input, weight of the level, [`Self::terms`] of the plane and of the line.
+    fn features(&self, sample: usize, moved: Option<usize>) -> impl Iterator<Item = (usize, f64, Terms, Terms)> + '_ {
         let levels = self.layout.levels.iter().zip(&self.query.level_weights);
         levels.flat_map(move |(level, &weight)| {
             (0..3 * level.channels).map(move |f| {
-                let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, None);
+                let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, moved);
                 (level.feature + f, f64::from(weight), plane, line)
             })
         })
@@ -98,7 +98,7 @@ impl FactoredOracle<'_> {
                 x[4 + 6 * frequency + 2 * axis] = f64::from(weight) * phase.cos();
             }
         }
-        for (at, weight, plane, line) in self.features(sample) {
+        for (at, weight, plane, line) in self.features(sample, None) {
             x[at] = weight * self.interpolate(&plane) * self.interpolate(&line);
         }
         let mut trace = vec![x];
@@ -179,19 +179,15 @@ impl FactoredOracle<'_> {
                 let scale = (1u64 << frequency) as f64 * std::f64::consts::PI;
                 *out += scale * (dx[sine] * x[cosine] - dx[cosine] * x[sine]);
             }
-            for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {
-                for f in 0..3 * level.channels {
-                    // Each axis is either the plane's or the line's: the other factor stays.
-                    let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, Some(axis));
-                    let derivative = self.interpolate(&plane) * self.interpolate(&line);
-                    *out += dx[level.feature + f] * f64::from(weight) * derivative;
-                }
+            for (at, weight, plane, line) in self.features(sample, Some(axis)) {
+                // Each axis is either the plane's or the line's: the other factor stays.
+                *out += dx[at] * weight * (self.interpolate(&plane) * self.interpolate(&line));
             }
         }
     }
 
     fn table_gradient(&self, sample: usize, dx: &[f64], dtables: &mut [f64]) {
-        for (at, weight, plane, line) in self.features(sample) {
+        for (at, weight, plane, line) in self.features(sample, None) {
             let d = dx[at] * weight;
             let (on_plane, on_line) = (self.interpolate(&plane), self.interpolate(&line));
             plane.into_iter().for_each(|(place, share)| dtables[place] += d * on_line * share);

@@ -13,7 +13,6 @@ use crate::cube::{CubeKernel, apply, arg, empty_like, launch, numbers, threads, 
 
 /// Parameters of a launch: each thread searches them for its own.
 const MAX_PARAMETERS: usize = 24;
-/// Tensors of a parameter.
 const TENSORS: usize = 5;
 
 /// Updates one value of all parameters per thread, moments in place. Nothing changes if `finite` is 0.
@@ -67,7 +66,6 @@ fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[com
     out[0] = finite;
 }
 
-/// Computes [`finite_after`](super::finite_after).
 pub(super) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
     apply(Check { is_first: before.is_none() }, (value.clone(), before.unwrap_or(value)))
 }

@@ -136,7 +136,6 @@ fn fused<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D
     (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
 }
 
-/// Adam on the backends that have a kernel for it.
 #[cfg(any(feature = "flex", feature = "cube"))]
 #[backend_extension(Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"))]
 pub(crate) trait AdamOps: Backend {

@@ -2,7 +2,6 @@ use rayon::prelude::*;
 
 use crate::Segments;
 use crate::kernel::{Kernel, Pass};
-use crate::ray_kernel::Group;
 
 /// Input: τ. Output: τ′ of each sample, `[M]`.
 #[derive(Debug)]
@@ -13,9 +12,7 @@ pub(super) struct AdditiveKernel {
 impl AdditiveKernel {
     /// Calls `of(ray's tau, ray's part of out, ray's first sample)` for each ray.
     fn each_ray(&self, tau: &[f32], out: &mut [f32], of: impl Fn(&[f32], &mut [f32], usize) + Sync) {
-        let groups: Vec<(Group<'_>, &mut [f32])> =
-            self.segments.groups().zip(self.segments.split_mut(out, 1)).collect();
-        groups.into_par_iter().for_each(|(group, out)| {
+        self.segments.groups().zip(self.segments.split_mut(out, 1)).for_each(|(group, out)| {
             let first = group.samples().start;
             let tau = &tau[group.samples()];
             for range in group.ranges() {

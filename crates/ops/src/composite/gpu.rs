@@ -76,7 +76,6 @@ impl CubeKernel for GpuComposite {
     }
 }
 
-/// Packed samples to composite.
 #[derive(CubeType, CubeLaunch)]
 struct CompositeSamples {
     tau: OwnedTensor<f32>,
@@ -130,7 +129,6 @@ fn composite_forward(out: &mut Tensor<f32>, samples: &CompositeSamples) {
     out[row + channels + 1] = sum;
 }
 
-/// Writes the gradients with respect to τ and the values.
 #[cube(launch)]
 fn composite_backward(
     grad: &Tensor<f32>,

@@ -42,7 +42,6 @@ use crate::traffic::count_upload;
 
 /// Differentiable function of dense `f32` tensors on a GPU.
 pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
-    /// Computes the output.
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor;
 
     /// Computes the output, and what the backward pass needs in addition to inputs and output.
@@ -57,7 +56,6 @@ pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
     }
 }
 
-/// Arguments of a backward pass on a GPU.
 pub(crate) type Pass<'a> = graph::BackwardPass<'a, CubeBackend>;
 
 impl KernelBackend for CubeBackend {
@@ -128,7 +126,6 @@ pub(crate) fn empty_like(like: &CubeTensor) -> CubeTensor {
     empty(like, like.meta.shape().clone())
 }
 
-/// Allocates dense zeros.
 pub(crate) fn zeros<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
     let shape = shape.into();
     // A single row is never padded.

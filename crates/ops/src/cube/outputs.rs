@@ -48,13 +48,11 @@ impl<const N: usize> Outputs<N> {
         Self { starts, shapes }
     }
 
-    /// Allocates a buffer for all outputs.
     pub(crate) fn buffer(&self, like: &CubeTensor) -> CubeTensor {
         let last = &self.shapes[N - 1];
         empty(like, [self.starts[N - 1] + last.num_elements().next_multiple_of(ALIGNMENT)])
     }
 
-    /// Returns each output in a buffer.
     pub(crate) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
         std::array::from_fn(|index| part_or_copy(buffer, self.starts[index], self.shapes[index].clone()))
     }

@@ -28,7 +28,6 @@ fn folded(z: Bits, #[comptime] shift: u32) -> Bits {
     Bits { high: z.high ^ (z.high >> shift), low: z.low ^ ((z.low >> shift) | (z.high << (32u32 - shift))) }
 }
 
-/// Computes [`mix`](crate::random::mix).
 #[cube]
 fn mix(x: Bits) -> Bits {
     let z = folded(plus(x, 0x9e37_79b9u32, 0x7f4a_7c15u32), 30u32);

@@ -9,7 +9,6 @@ use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
 
-/// Computes [`ray_divergence`](super::ray_divergence), `[R]`.
 pub(super) fn divergence(
     tau: tensor::Tensor<1>,
     near: tensor::Tensor<1>,
@@ -104,7 +103,6 @@ fn divergence_forward(out: &mut Tensor<f32>, pairs: &RayPairs) {
     out[place] = divergence;
 }
 
-/// Writes the gradients with respect to both rays' τ.
 #[cube(launch)]
 fn divergence_backward(grad: &Tensor<f32>, dtau: &mut Tensor<f32>, dnear: &mut Tensor<f32>, pairs: &RayPairs) {
     let place = ABSOLUTE_POS;

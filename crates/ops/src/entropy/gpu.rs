@@ -80,7 +80,6 @@ fn entropy_forward(tau: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f3
     out[2 * place + 1] = ray.sum;
 }
 
-/// Writes the gradient with respect to τ.
 #[cube(launch)]
 fn entropy_backward(
     tau: &Tensor<f32>,

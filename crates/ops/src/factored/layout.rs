@@ -27,7 +27,6 @@ impl Level {
         self.resolution * self.channels
     }
 
-    /// Returns the number of elements of all planes and lines.
     fn elements(&self) -> usize {
         3 * (self.plane_len() + self.line_len())
     }

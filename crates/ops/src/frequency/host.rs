@@ -20,7 +20,7 @@ impl EncodingKernel {
         if self.integrated { 0 } else { self.dims }
     }
 
-    fn width(&self) -> usize {
+    pub(super) fn width(&self) -> usize {
         self.first_wave() + 2 * self.dims * self.window.len()
     }
 

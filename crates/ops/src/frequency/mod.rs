@@ -19,17 +19,7 @@ use crate::dispatch::dispatch;
 ///
 /// Finite for every finite point. On GPUs the error is below 1e-6 while 2^(L−1)|x| < 10⁷, and unbounded far beyond.
 pub fn frequency_encode(points: Tensor<2>, frequencies: usize, window: &[f32]) -> Tensor<2> {
-    let window = weights(frequencies, window);
-    dispatch! {
-        &points.device();
-        host => {
-            let [rows, dims] = points.dims();
-            let shape = [rows, encoded_width(dims, window.len())];
-            crate::kernel::apply(host::EncodingKernel { dims, window, integrated: false }, shape, points)
-        },
-        cube if points.dims()[0] > 0 => gpu::encode(points, None, window),
-        plain => plain(points, None, &window),
-    }
+    encode(points, None, weights(frequencies, window))
 }
 
 /// Computes the mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
@@ -48,14 +38,22 @@ pub fn integrated_encode(means: Tensor<2>, variances: Tensor<2>, frequencies: us
     if window.is_empty() {
         return Tensor::zeros([means.dims()[0], 0], &means.device());
     }
+    encode(means, Some(variances), window)
+}
+
+fn encode(points: Tensor<2>, variances: Option<Tensor<2>>, window: Vec<f32>) -> Tensor<2> {
     dispatch! {
-        &means.device();
+        &points.device();
         host => {
-            let shape = [means.dims()[0], integrated_width(window.len())];
-            crate::kernel::apply(host::EncodingKernel { dims: 3, window, integrated: true }, shape, (means, variances))
+            let kernel = host::EncodingKernel { dims: points.dims()[1], window, integrated: variances.is_some() };
+            let shape = [points.dims()[0], kernel.width()];
+            match variances {
+                Some(variances) => crate::kernel::apply(kernel, shape, (points, variances)),
+                None => crate::kernel::apply(kernel, shape, points),
+            }
         },
-        cube if means.dims()[0] > 0 => gpu::encode(means, Some(variances), window),
-        plain => plain(means, Some(variances), &window),
+        cube if points.dims()[0] > 0 => gpu::encode(points, variances, window),
+        plain => plain(points, variances, &window),
     }
 }
 

@@ -73,7 +73,6 @@ impl RayOffsets {
         Self(segments.clone())
     }
 
-    /// Returns the number of rays.
     pub(crate) fn rays(&self) -> usize {
         self.0.rays()
     }

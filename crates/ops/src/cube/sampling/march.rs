@@ -12,7 +12,6 @@ use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::{Segments, to_host};
 
-/// Computes [`march`](crate::sampling::march::march) on a GPU.
 pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
@@ -94,7 +93,6 @@ fn integers(tensor: &CubeTensor) -> CubeTensor {
     CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
 
-/// Steps of a ray.
 #[derive(CubeType, Clone, Copy)]
 struct RaySteps {
     near: f32,
@@ -158,7 +156,6 @@ fn density_at(
     found
 }
 
-/// Counts the samples of each ray.
 #[cube(launch)]
 fn count(
     rays: &Tensor<f32>,

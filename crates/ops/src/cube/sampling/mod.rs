@@ -12,25 +12,21 @@ use super::outputs::Outputs;
 use super::{CubeKernel, apply, empty};
 use crate::sampling::{LastInterval, SampleRule, Streams};
 
-/// Computes [`stratified`](crate::sampling::stratified) of `shape`.
 pub(crate) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
     apply(Sampling::Stratified { shape, rule, jitter: jitter.is_some() }, (ends, streams))
 }
 
-/// Computes [`importance`](crate::sampling::importance).
 pub(crate) fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &t);
     apply(Sampling::Importance { count, jitter: jitter.is_some() }, (t, tau.detach(), streams))
 }
 
-/// Computes [`resample`](crate::sampling::resample).
 pub(crate) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &edges);
     apply(Sampling::Resample { count, jitter: jitter.is_some() }, (edges, tau.detach(), streams))
 }
 
-/// Computes [`intervals`](crate::sampling::intervals).
 pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     let [rays, columns] = t.dims();
     let samples = rays * if rule == SampleRule::Edges { columns - 1 } else { columns };

@@ -12,7 +12,6 @@ use super::{FactoredLayout, weight};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
 use crate::factored::Level;
 
-/// Partial sums.
 const SUMS: usize = 4096;
 
 /// Computes the variation, `[1]`.
