@@ -3,6 +3,25 @@
 use std::mem::MaybeUninit;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use rayon::prelude::*;
+
+/// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved`, if a backward pass will read the values,
+/// else one that a thread uses again.
+pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
+    blocks: B,
+    length: usize,
+    saved: Option<&mut Vec<f32>>,
+    job: impl Fn(B::Item, &mut [f32]) + Send + Sync,
+) {
+    match saved {
+        Some(saved) => {
+            saved.resize(blocks.len() * length, 0.0);
+            blocks.zip(saved.par_chunks_mut(length)).for_each(|(block, buffer)| job(block, buffer));
+        }
+        None => blocks.for_each_init(|| vec![0.0; length], |buffer, block| job(block, buffer)),
+    }
+}
+
 /// Allocates an array of parts of these `lengths`. `fill` sets each part to [zeros](UninitPart::zeros) and adds to it, in any
 /// thread, so that no thread clears the whole, and values stay in the cache of the thread that adds to them.
 pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOnce(Vec<UninitPart<'_>>)) -> Vec<f32> {

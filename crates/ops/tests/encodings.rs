@@ -13,8 +13,7 @@ fn encode(body: RayImplementation, integrate: bool, means: Tensor<2>, variances:
     match (body, integrate) {
         (RayImplementation::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
         (RayImplementation::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
-        (_, true) => frequency::plain(means, Some(variances), &WINDOW),
-        (_, false) => frequency::plain(means, None, &WINDOW),
+        _ => frequency::plain(means, integrate.then_some(variances), &WINDOW),
     }
 }
 

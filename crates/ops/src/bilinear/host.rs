@@ -26,15 +26,15 @@ impl BilinearKernel {
     /// taps each thread writes rows of its own, and the order of sums is fixed.
     fn readers(&self) -> (Vec<u32>, Vec<(u32, f32)>) {
         let mut ends = vec![0u32; self.rows + 1];
-        for row in self.taps.rows.as_flattened() {
+        for row in self.taps.0.iter().flat_map(|(rows, _)| rows) {
             ends[*row as usize + 1] += 1;
         }
         for row in 0..self.rows {
             ends[row + 1] += ends[row];
         }
         let mut next = ends.clone();
-        let mut readers = vec![(0, 0.0); 4 * self.taps.len()];
-        for (place, (rows, weights)) in self.taps.rows.iter().zip(self.taps.weights.iter()).enumerate() {
+        let mut readers = vec![(0, 0.0); 4 * self.taps.0.len()];
+        for (place, (rows, weights)) in self.taps.0.iter().enumerate() {
             for (row, weight) in rows.iter().zip(weights) {
                 let slot = &mut next[*row as usize];
                 readers[*slot as usize] = (place as u32, *weight);
@@ -49,9 +49,8 @@ impl Kernel for BilinearKernel {
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[table] = inputs else { unreachable!("bilinear reading has one input") };
         let channels = self.channels;
-        let mut out = vec![0.0; self.taps.len() * channels];
-        let taps = self.taps.rows.par_iter().zip(self.taps.weights.par_iter());
-        let rows = out.par_chunks_exact_mut(channels).zip(taps).with_min_len(CHUNK);
+        let mut out = vec![0.0; self.taps.0.len() * channels];
+        let rows = out.par_chunks_exact_mut(channels).zip(self.taps.0.par_iter()).with_min_len(CHUNK);
         rows.for_each(|(out, (rows, weights))| {
             for (row, weight) in rows.iter().zip(weights) {
                 let start = *row as usize * channels;

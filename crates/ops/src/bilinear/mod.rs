@@ -12,10 +12,7 @@ use crate::traffic::upload;
 
 /// Places at which maps are read: four rows of a table with their weights for each place.
 #[derive(Clone, Debug)]
-pub struct Taps {
-    rows: Arc<[[u32; 4]]>,
-    weights: Arc<[[f32; 4]]>,
-}
+pub struct Taps(Arc<[([u32; 4], [f32; 4])]>);
 
 impl Taps {
     /// Creates taps at places `(map, x, y)` in a stack of `height × width` maps, whose texels are the rows of a table, map by map and
@@ -33,15 +30,13 @@ impl Taps {
             let below = at as usize;
             (below, (below + 1).min(size - 1), at - below as f32)
         };
-        let (rows, weights): (Vec<_>, Vec<_>) = places
-            .map(|(map, x, y)| {
-                let ((left, right, u), (top, bottom, v)) = (axis(x, width), axis(y, height));
-                let row = |y: usize, x: usize| ((map * height + y) * width + x) as u32;
-                let rows = [row(top, left), row(top, right), row(bottom, left), row(bottom, right)];
-                (rows, [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v])
-            })
-            .unzip();
-        Self { rows: rows.into(), weights: weights.into() }
+        let taps = places.map(|(map, x, y)| {
+            let ((left, right, u), (top, bottom, v)) = (axis(x, width), axis(y, height));
+            let row = |y: usize, x: usize| ((map * height + y) * width + x) as u32;
+            let rows = [row(top, left), row(top, right), row(bottom, left), row(bottom, right)];
+            (rows, [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v])
+        });
+        Self(taps.collect())
     }
 
     /// Creates the taps that resize each of `maps` maps of `from` = (height, width) texels to `to` texels, corners
@@ -54,10 +49,6 @@ impl Taps {
         });
         Self::new(places, from.0, from.1)
     }
-
-    fn len(&self) -> usize {
-        self.rows.len()
-    }
 }
 
 /// Computes `out[n] = Σₖ weights[n][k] · table[rows[n][k]]`: `[P, C]` → `[N, C]`, differentiable in the table.
@@ -69,7 +60,7 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
         &table.device();
         host => {
             let [rows, channels] = table.dims();
-            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, [taps.len(), channels], table)
+            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, [taps.0.len(), channels], table)
         },
         plain => plain(table, taps),
     }
@@ -78,10 +69,10 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
 /// Computes [`bilinear`] by plain tensor operations, on any backend.
 pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     let device = table.device();
-    let count = taps.len();
+    let count = taps.0.len();
     let tap = |k: usize| {
-        let rows: Vec<i32> = taps.rows.iter().map(|rows| rows[k] as i32).collect();
-        let weights: Vec<f32> = taps.weights.iter().map(|weights| weights[k]).collect();
+        let rows: Vec<i32> = taps.0.iter().map(|(rows, _)| rows[k] as i32).collect();
+        let weights: Vec<f32> = taps.0.iter().map(|(_, weights)| weights[k]).collect();
         let rows = upload(rows, [count], &device);
         table.clone().select(0, rows) * upload(weights, [count, 1], &device)
     };

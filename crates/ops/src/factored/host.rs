@@ -11,7 +11,7 @@ use super::layout::{FactoredLayout, Layer, Level, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query, negligible};
 use crate::kernel::{Kernel, Pass};
 use crate::numeric::{SampleOpacity, sigmoid, softplus};
-use crate::parts::{UninitPart, in_parts};
+use crate::parts::{UninitPart, each_with_buffer, in_parts};
 use crate::scratch::Scratch;
 use crate::simd::{self, Job};
 
@@ -51,24 +51,12 @@ impl Kernel for FactoredKernel {
         let (layers, query) = (packed(&self.layout, weights), &self.query);
         let detail = (query.frequency_weights.as_slice(), query.level_weights.as_slice());
         let field = FieldParameters { layout: &self.layout, tables, layers: &layers, detail };
-        let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
-            let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
-            simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
-        };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
-        match saved {
-            Some(saved) => {
-                saved.resize(samples.div_ceil(BLOCK) * activations(&self.layout), 0.0);
-                blocks
-                    .zip(saved.par_chunks_mut(activations(&self.layout)))
-                    .for_each(|((positions, out), activations)| job(positions, activations, out));
-            }
-            None => blocks.for_each_init(
-                || vec![0.0; activations(&self.layout)],
-                |activations, (positions, out)| job(positions, activations, out),
-            ),
-        }
+        each_with_buffer(blocks, activations(&self.layout), saved, |((block, positions), out), activations| {
+            let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
+            simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
+        });
         out
     }
 

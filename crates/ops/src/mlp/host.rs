@@ -6,6 +6,7 @@ use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::matmul::{Matrix, Onto, product};
+use crate::parts::each_with_buffer;
 
 /// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
 const BLOCK: usize = 256;
@@ -67,11 +68,6 @@ struct PlacedLayer {
 }
 
 impl PlacedLayer {
-    /// Returns the matrix of the layer's weights, `[inputs, outputs]`.
-    fn weights(&self) -> Matrix {
-        Matrix::rows(0, self.y.columns)
-    }
-
     /// Returns the numbers of weights and of biases.
     fn sizes(&self) -> [usize; 2] {
         [self.x.columns * self.y.columns, self.y.columns]
@@ -150,7 +146,7 @@ impl MlpKernel {
             let (before, after) = block.split_at_mut(layer.y.start);
             let y = Columns { start: 0, ..layer.y };
             let sizes = [samples, layer.y.columns, layer.x.columns];
-            let (x, w) = ((&*before, layer.x.matrix()), (*weights, layer.weights()));
+            let (x, w) = ((&*before, layer.x.matrix()), (*weights, Matrix::rows(0, layer.y.columns)));
             product(sizes, Onto::Bias(bias), (after, y.matrix()), x, w);
             for s in (0..samples).filter(|_| layer.relu) {
                 for y in &mut after[y.row(s)] {
@@ -203,7 +199,7 @@ impl MlpKernel {
             let dy = (&*above, y.matrix());
             let x = (block, layer.x.matrix().transposed());
             let sizes = [layer.x.columns, layer.y.columns, samples];
-            product(sizes, Onto::Sum, (dweights, layer.weights()), x, dy);
+            product(sizes, Onto::Sum, (dweights, Matrix::rows(0, layer.y.columns)), x, dy);
             // x itself is rarely a parameter: its columns, the first that a layer reads, are then left out.
             let own = self.encoded.iter().any(|place| place.start == layer.x.start);
             let skipped = if own && dencoded.is_none() { self.encoded[0].columns } else { 0 };
@@ -232,7 +228,8 @@ impl MlpKernel {
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * width]),
             dactivations: vec![0.0; self.activations],
         };
-        let mut gathered = GatheredBlock { block: vec![0.0; self.activations], grad: Vec::new(), rows: Vec::new() };
+        // Samples of several blocks: their activations, the gradients of their outputs, and their places in the group.
+        let (mut gathered, mut gathered_grad, mut places) = (vec![0.0; self.activations], Vec::new(), Vec::new());
         for (index, (grad, block)) in grad.chunks(outputs * BLOCK).zip(saved.chunks_exact(self.activations)).enumerate()
         {
             let first = index * BLOCK;
@@ -245,14 +242,19 @@ impl MlpKernel {
                 continue;
             }
             for s in rows() {
-                gathered.push(&self.matrices, block, &grad[s * outputs..][..outputs], s, first + s);
-                if gathered.rows.len() == BLOCK {
-                    self.backward_block(transposed, &gathered.block, &gathered.grad, &gathered.rows, &mut sums);
-                    gathered.clear();
+                for matrix in &self.matrices {
+                    gathered[matrix.row(places.len())].copy_from_slice(&block[matrix.row(s)]);
+                }
+                gathered_grad.extend_from_slice(&grad[s * outputs..][..outputs]);
+                places.push(first + s);
+                if places.len() == BLOCK {
+                    self.backward_block(transposed, &gathered, &gathered_grad, &places, &mut sums);
+                    gathered_grad.clear();
+                    places.clear();
                 }
             }
         }
-        self.backward_block(transposed, &gathered.block, &gathered.grad, &gathered.rows, &mut sums);
+        self.backward_block(transposed, &gathered, &gathered_grad, &places, &mut sums);
         sums
     }
 }
@@ -264,31 +266,6 @@ struct GroupGradients {
     dactivations: Vec<f32>,
 }
 
-/// Block of samples with a gradient, gathered from several blocks.
-struct GatheredBlock {
-    block: Vec<f32>,
-    grad: Vec<f32>,
-    /// Index of each sample in the group.
-    rows: Vec<usize>,
-}
-
-impl GatheredBlock {
-    /// Adds sample `s` of `block`, whose index in the group is `row`.
-    fn push(&mut self, matrices: &[Columns], block: &[f32], grad: &[f32], s: usize, row: usize) {
-        let slot = self.rows.len();
-        for matrix in matrices {
-            self.block[matrix.row(slot)].copy_from_slice(&block[matrix.row(s)]);
-        }
-        self.grad.extend_from_slice(grad);
-        self.rows.push(row);
-    }
-
-    fn clear(&mut self) {
-        self.grad.clear();
-        self.rows.clear();
-    }
-}
-
 impl Kernel for MlpKernel {
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let encoded = inputs[0];
@@ -296,18 +273,9 @@ impl Kernel for MlpKernel {
         let samples = encoded.len() / width;
         let mut out = vec![0.0; samples * outputs];
         let blocks = encoded.par_chunks(width * BLOCK).zip(out.par_chunks_mut(outputs * BLOCK)).enumerate();
-        match saved {
-            Some(saved) => {
-                saved.resize(samples.div_ceil(BLOCK) * self.activations, 0.0);
-                blocks.zip(saved.par_chunks_mut(self.activations)).for_each(|((index, (x, out)), block)| {
-                    self.forward_block(inputs, x, index * BLOCK, block, out);
-                });
-            }
-            None => blocks.for_each_init(
-                || vec![0.0; self.activations],
-                |block, (index, (x, out))| self.forward_block(inputs, x, index * BLOCK, block, out),
-            ),
-        }
+        each_with_buffer(blocks, self.activations, saved, |(index, (x, out)), block| {
+            self.forward_block(inputs, x, index * BLOCK, block, out);
+        });
         out
     }
 
