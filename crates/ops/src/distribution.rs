@@ -138,7 +138,9 @@ impl<'a> Distributions<'a> {
                 logs[ray.range.clone()].iter_mut().for_each(|p| *p = p.max(least));
             }
         }
-        ln::<FMA>(&mut logs);
+        for log in &mut logs {
+            *log = ln::<FMA>(*log);
+        }
         let certain = |ray: &RayMasses| (epsilon - ray.rest / ray.sum).ln_1p();
         let mut background = Vec::with_capacity(self.rays.len());
         for ray in &self.rays {

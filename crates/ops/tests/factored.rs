@@ -51,21 +51,16 @@ fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<FactoredLayout>, qu
     factored::plain(tables, weights, layout, &query)
 }
 
-/// Returns the value, and the gradients of ⟨u, value⟩ for fixed u.
-fn run(case: &FactoredCase, device: &Device, body: FieldBody) -> [Vec<f32>; 4] {
-    run_along(case, device, body, |count| numbers(count, 5))
-}
-
-/// Returns the value, and the gradients of ⟨u, value⟩, given u by its length.
-fn run_along(case: &FactoredCase, device: &Device, body: FieldBody, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
+/// Returns the value, and the gradients of ⟨u, value⟩, each element of u times its `scale`.
+fn run(case: &FactoredCase, device: &Device, body: FieldBody, scale: impl Fn(usize) -> f32) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let directions = case.query.directions.clone().map(|rows| from_host(&to_host(rows), 3, &device));
     let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
     let out = body(tables.clone(), weights.clone(), &case.layout, query);
     let [rows, columns] = out.dims();
-    let u = from_host(&u(rows * columns), columns, &device);
-    let grads = (out.clone() * u).sum().backward();
+    let u: Vec<f32> = numbers(rows * columns, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect();
+    let grads = (out.clone() * from_host(&u, columns, &device)).sum().backward();
     let [dtables, dweights, dpositions] = [tables, weights, positions].map(|x| to_host(x.grad(&grads).unwrap()));
     [to_host(out), dtables, dweights, dpositions]
 }
@@ -84,7 +79,7 @@ fn values_and_gradients_match_the_oracle() {
         let bodies: [(Device, FieldBody); 3] =
             [(Device::flex(), factored_field), (Device::flex(), plain), (Device::ndarray(), plain)];
         for (index, (device, body)) in bodies.into_iter().enumerate() {
-            for ((got, exact), what) in run(&case, &device, body).iter().zip(&exact).zip(RESULTS) {
+            for ((got, exact), what) in run(&case, &device, body, |_| 1.0).iter().zip(&exact).zip(RESULTS) {
                 assert_close(got, exact, &format!("{samples} samples, {channels} channels, {what}, body {index}"));
             }
         }
@@ -95,17 +90,12 @@ fn values_and_gradients_match_the_oracle() {
 fn negligible_gradients_alone_are_left_out() {
     // More than two blocks of samples, of which two in three have gradients of a millionth.
     let mut case = case(600, true, true, 4);
-    let u = |small: f32| {
-        move |count: usize| -> Vec<f32> {
-            let scale = |i: usize| if (i / 4).is_multiple_of(3) { 1.0 } else { small };
-            numbers(count, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect()
-        }
-    };
+    let scale = |small: f32| move |i: usize| if (i / 4).is_multiple_of(3) { 1.0 } else { small };
     let device = Device::flex();
-    let exact = run_along(&case, &device, factored_field, u(1e-6));
-    let without = run_along(&case, &device, factored_field, u(0.0));
+    let exact = run(&case, &device, factored_field, scale(1e-6));
+    let without = run(&case, &device, factored_field, scale(0.0));
     case.query.negligible = 1e-4;
-    let found = run_along(&case, &device, factored_field, u(1e-6));
+    let found = run(&case, &device, factored_field, scale(1e-6));
     assert_eq!(found, without);
     assert_ne!(found, exact);
     for (found, exact) in found.iter().zip(&exact) {

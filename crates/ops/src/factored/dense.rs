@@ -82,11 +82,3 @@ pub(super) fn input_gradient(rows: &[f32], layer: &Layer, used: usize, dy: &[f32
     let (dy_at, dx_at) = (Matrix::rows(0, padded(layer.outputs)), Matrix::rows(0, width));
     product([samples, width, used], Onto::Nothing, (dx, dx_at), (dy, dy_at), (rows, dx_at));
 }
-
-/// Sets dy to 0 where the ReLU's output y is 0.
-#[inline(always)]
-pub(super) fn relu_gradient(y: &[f32], dy: &mut [f32]) {
-    for (dy, y) in dy.iter_mut().zip(y) {
-        *dy = if *y <= 0.0 { 0.0 } else { *dy };
-    }
-}

@@ -29,10 +29,6 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    pub(super) fn sees_directions(&self) -> bool {
-        self.query.color && self.layout.view_dependent
-    }
-
     /// Returns the number of features in front of the features of tables.
     fn before_tables(&self) -> usize {
         self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
@@ -40,6 +36,54 @@ impl FactoredKernel {
 
     fn of_tables(&self) -> usize {
         self.layout.features() - self.before_tables()
+    }
+
+    /// Selects the samples whose gradients are not [`negligible`]. The gradient of a sample is taken before the activations: for
+    /// the softplus, whose derivative at the value y is 1 − e^−y, with the bound min(1, y).
+    fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
+        let scale = self.layout.density_scale;
+        let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));
+        let size = |(y, g): (&[f32], &[f32])| {
+            let colors = y[1..].iter().zip(&g[1..]).map(|(y, g)| (g * y * (1.0 - y)).abs());
+            (g[0] * scale.min(y[0])).abs() + colors.sum::<f32>()
+        };
+        let sizes: Vec<f32> = rows.with_min_len(1024).map(size).collect();
+        let min = negligible::min_kept(&sizes, self.query.negligible);
+        (0..sizes.len()).filter(|&s| negligible::is_kept(sizes[s], min)).collect()
+    }
+
+    /// Computes the gradient of the tables, with one task for each plane with its line: no two tasks write to the same place, and
+    /// the order of sums is fixed.
+    fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
+        let levels = &self.layout.levels;
+        in_parts(self.layout.table_parts(), |parts| {
+            let mut parts = parts.into_iter();
+            let mut tasks = Vec::new();
+            for (level, &weight) in levels.iter().zip(&self.query.level_weights) {
+                let planes: Vec<UninitPart<'_>> = parts.by_ref().take(3).collect();
+                let pairs = planes.into_iter().zip(parts.by_ref().take(3)).enumerate();
+                tasks.extend(pairs.map(|(p, tables)| (level, weight, p, tables)));
+            }
+            tasks.into_par_iter().for_each(|(level, weight, p, (dplane, dline))| {
+                let (dplane, dline) = (dplane.zeros(), dline.zeros());
+                if weight == 0.0 {
+                    return;
+                }
+                simd::run(PlaneGradient {
+                    level,
+                    axes: PLANES[p],
+                    weight,
+                    tables: encode::tables_of(tables, level, p),
+                    blocks,
+                    samples,
+                    dfeatures,
+                    first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
+                    of_block: self.of_tables() * BLOCK,
+                    dplane,
+                    dline,
+                });
+            });
+        })
     }
 }
 
@@ -113,56 +157,6 @@ impl Kernel for FactoredKernel {
             all
         });
         vec![dtables, dweights, dpositions, None]
-    }
-}
-
-impl FactoredKernel {
-    /// Selects the samples whose gradients are not [`negligible`]. The gradient of a sample is taken before the activations: for
-    /// the softplus, whose derivative at the value y is 1 − e^−y, with the bound min(1, y).
-    fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
-        let scale = self.layout.density_scale;
-        let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));
-        let size = |(y, g): (&[f32], &[f32])| {
-            let colors = y[1..].iter().zip(&g[1..]).map(|(y, g)| (g * y * (1.0 - y)).abs());
-            (g[0] * scale.min(y[0])).abs() + colors.sum::<f32>()
-        };
-        let sizes: Vec<f32> = rows.with_min_len(1024).map(size).collect();
-        let min = negligible::min_kept(&sizes, self.query.negligible);
-        (0..sizes.len()).filter(|&s| negligible::is_kept(sizes[s], min)).collect()
-    }
-
-    /// Computes the gradient of the tables, with one task for each plane with its line: no two tasks write to the same place, and
-    /// the order of sums is fixed.
-    fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
-        let levels = &self.layout.levels;
-        in_parts(self.layout.table_parts(), |parts| {
-            let mut parts = parts.into_iter();
-            let mut tasks = Vec::new();
-            for (level, &weight) in levels.iter().zip(&self.query.level_weights) {
-                let planes: Vec<UninitPart<'_>> = parts.by_ref().take(3).collect();
-                let pairs = planes.into_iter().zip(parts.by_ref().take(3)).enumerate();
-                tasks.extend(pairs.map(|(p, tables)| (level, weight, p, tables)));
-            }
-            tasks.into_par_iter().for_each(|(level, weight, p, (dplane, dline))| {
-                let (dplane, dline) = (dplane.zeros(), dline.zeros());
-                if weight == 0.0 {
-                    return;
-                }
-                simd::run(PlaneGradient {
-                    level,
-                    axes: PLANES[p],
-                    weight,
-                    tables: encode::tables_of(tables, level, p),
-                    blocks,
-                    samples,
-                    dfeatures,
-                    first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
-                    of_block: self.of_tables() * BLOCK,
-                    dplane,
-                    dline,
-                });
-            });
-        })
     }
 }
 
@@ -395,7 +389,10 @@ impl Job for BlockBackward<'_> {
                 break;
             }
             dense::input_gradient(&layers[index], layer, used, dy, spare, samples);
-            dense::relu_gradient(&x[..samples * padded(layer.inputs)], spare);
+            // The gradient is 0 where the ReLU's output is 0.
+            for (dy, y) in spare.iter_mut().zip(&x[..samples * padded(layer.inputs)]) {
+                *dy = if *y <= 0.0 { 0.0 } else { *dy };
+            }
             std::mem::swap(&mut dy, &mut spare);
         }
         let stride = padded(layout.features() - first);

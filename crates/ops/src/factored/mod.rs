@@ -70,10 +70,11 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Factor
     dispatch! {
         &tables.device();
         host => {
-            let (positions, directions) = (query.positions.clone(), query.directions.clone());
+            let positions = query.positions.clone();
+            let directions = query.directions.clone().filter(|_| query.color && layout.view_dependent);
             let shape = [query.samples(), if query.color { layout::OUTPUTS } else { 1 }];
             let kernel = host::FactoredKernel { layout: layout.clone(), query };
-            match directions.filter(|_| kernel.sees_directions()) {
+            match directions {
                 Some(directions) => crate::kernel::apply(kernel, shape, (tables, weights, positions, directions)),
                 None => crate::kernel::apply(kernel, shape, (tables, weights, positions)),
             }

@@ -55,14 +55,10 @@ mod tests {
     }
 
     #[test]
-    fn zero_share_omits_zeros_alone() {
+    fn zeros_alone_are_omitted_without_a_share_and_values_that_are_not_finite_are_kept() {
         let tiny = f32::from_bits(1);
         assert_eq!(kept(&[0.0, 1.0, tiny, 0.0], 0.0), [1.0, tiny]);
         assert!(kept(&[0.0; 3], 0.5).is_empty());
-    }
-
-    #[test]
-    fn values_that_are_not_finite_are_kept() {
         assert_eq!(kept(&[1e-9, f32::INFINITY, 0.0], 0.1), [1e-9, f32::INFINITY]);
         let [tiny, nan] = kept(&[1e-9, f32::NAN], 0.1)[..] else { panic!("both are kept") };
         assert!(tiny == 1e-9 && nan.is_nan());
