@@ -169,7 +169,6 @@ fn packed(layout: &FactoredLayout, weights: &[f32]) -> Vec<Vec<f32>> {
     layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect()
 }
 
-/// Returns [`on_host`](super::on_host) of these parameters.
 pub(super) fn field(
     tables: Vec<f32>,
     weights: &[f32],

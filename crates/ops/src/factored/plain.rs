@@ -46,7 +46,9 @@ pub(super) fn heads(
         let activation = if index + 1 < layout.layers.len() { Activation::Relu } else { Activation::None };
         x = dense(x, &Dense { weight, bias }, activation, Precision::F32);
     }
-    let sigma = softplus(x.clone().narrow(1, 0, 1) + layout.density_bias) * layout.density_scale;
+    let density = x.clone().narrow(1, 0, 1) + layout.density_bias;
+    // ln(1 + e^x), accurate where it is small, and without overflow where it is large.
+    let sigma = (relu(density.clone()) + (-density.abs()).exp().log1p()) * layout.density_scale;
     if !query.color {
         return (sigma, None);
     }
@@ -57,11 +59,6 @@ pub(super) fn heads(
         color = color + (derivatives * directions.unsqueeze_dim(1)).sum_dim(2).reshape([samples, 3]);
     }
     (sigma, Some(sigmoid(color)))
-}
-
-/// Computes ln(1 + e^x), accurate where it is small, and without overflow where it is large.
-fn softplus(x: Tensor<2>) -> Tensor<2> {
-    relu(x.clone()) + (-x.abs()).exp().log1p()
 }
 
 /// Computes 2u − 1, then for each frequency sin and cos of 2ᵏπ(u − ½) of each axis.

@@ -43,14 +43,14 @@ pub(crate) fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precisi
     dispatch! {
         &x.device();
         cube if x.dims()[0] > 0 => super::gpu::dense(x, layer, activation, precision),
-        plain => activation.apply(product(x, layer.weight.clone(), precision) + layer.bias.clone().unsqueeze()),
-    }
-}
-
-fn product(x: Tensor<2>, weight: Tensor<2>, precision: Precision) -> Tensor<2> {
-    match precision {
-        Precision::F32 => x.matmul(weight),
-        Precision::Bf16 => x.cast(FloatDType::BF16).matmul(weight.cast(FloatDType::BF16)).cast(FloatDType::F32),
+        plain => {
+            let bf16 = |factor: Tensor<2>| factor.cast(FloatDType::BF16);
+            let product = match precision {
+                Precision::F32 => x.matmul(layer.weight.clone()),
+                Precision::Bf16 => bf16(x).matmul(bf16(layer.weight.clone())).cast(FloatDType::F32),
+            };
+            activation.apply(product + layer.bias.clone().unsqueeze())
+        },
     }
 }
 

@@ -14,14 +14,6 @@ pub(super) struct VariationKernel {
     pub(super) layout: Arc<FactoredLayout>,
 }
 
-impl VariationKernel {
-    fn planes(&self) -> Vec<(usize, usize, usize)> {
-        let of_level =
-            |level: &crate::factored::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
-        self.layout.levels.iter().flat_map(of_level).collect()
-    }
-}
-
 /// Computes Σ (a − b)², in as many running sums as fit a vector.
 #[inline(always)]
 fn squares(a: &[f32], b: &[f32]) -> f64 {
@@ -101,35 +93,32 @@ impl Job for DifferenceGradient<'_> {
 
 impl Kernel for VariationKernel {
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let parts: Vec<f64> = self
-            .planes()
-            .into_par_iter()
-            .map(|(start, r, c)| {
-                let mut sum = 0.0;
-                let plane = &inputs[0][start..start + r * r * c];
-                simd::run(SquaredDifferences { plane, width: r * c, step: c, sum: &mut sum });
-                sum * f64::from(weight(r))
-            })
-            .collect();
+        let levels = &self.layout.levels;
+        let part = |index: usize| {
+            let level = &levels[index / 3];
+            let plane = &inputs[0][level.plane(index % 3)..][..level.plane_len()];
+            let mut sum = 0.0;
+            let width = level.line_len();
+            simd::run(SquaredDifferences { plane, width, step: level.channels, sum: &mut sum });
+            sum * f64::from(weight(level.resolution))
+        };
+        let parts: Vec<f64> = (0..3 * levels.len()).into_par_iter().map(part).collect();
         vec![parts.iter().sum::<f64>() as f32]
     }
 
     fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let tables = pass.inputs[0];
         let grad = in_parts(self.layout.table_parts(), |parts| {
-            let mut parts = parts.into_iter();
-            let mut tasks = Vec::new();
-            for level in &self.layout.levels {
-                let planes = parts.by_ref().take(3).enumerate();
-                tasks.extend(planes.map(|(p, part)| (part, Some((level.plane(p), level.resolution, level.channels)))));
-                tasks.extend(parts.by_ref().take(3).map(|line| (line, None)));
-            }
-            tasks.into_par_iter().for_each(|(part, plane)| {
+            parts.into_par_iter().enumerate().for_each(|(index, part)| {
                 let out = part.zeros();
-                let Some((start, r, c)) = plane else { return };
-                let plane = &tables[start..start + r * r * c];
-                let factor = 2.0 * weight(r) * pass.grad[0];
-                simd::run(DifferenceGradient { plane, width: r * c, step: c, factor, out });
+                // Three planes of each level, then its three lines.
+                let (level, p) = (&self.layout.levels[index / 6], index % 6);
+                if p < 3 {
+                    let plane = &tables[level.plane(p)..][..level.plane_len()];
+                    let factor = 2.0 * weight(level.resolution) * pass.grad[0];
+                    let width = level.line_len();
+                    simd::run(DifferenceGradient { plane, width, step: level.channels, factor, out });
+                }
             });
         });
         vec![Some(grad)]
