@@ -1,25 +1,25 @@
 //! Context of a benchmark: runs to measure, device, machine and folder of results.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use burn::tensor::Device;
-use infonerf_experiment::{Existing, Experiment, RunPlan, Session, networks, open};
+use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
 use infonerf_metrics::Networks;
 use infonerf_train::config::{TestViewChoice, Views};
 use serde::Serialize;
 
-use crate::options::{BenchOptions, Benchmark};
-
 /// Variant of benchmarks that measure one.
 const DEFAULT_VARIANT: &str = "infonerf";
 
-pub(crate) struct Bench {
+/// Benchmark with the runs that it measures; displayed as program, machine and runs.
+pub struct Bench {
     pub(crate) plans: Vec<RunPlan>,
     /// Runs that are trained and evaluated are in `runs` below the folder of results.
     pub(crate) session: Session,
-    pub(crate) folder: PathBuf,
+    /// Folder of results.
+    pub folder: PathBuf,
     pub(crate) conditions: Conditions,
 }
 
@@ -44,18 +44,30 @@ pub(crate) struct Conditions {
 }
 
 impl Bench {
-    pub(crate) fn new(options: &BenchOptions) -> Result<Self> {
-        let experiment = Experiment::plan(&options.experiment, &options.selection)?;
+    /// Prepares the benchmark called `name`, with results in a folder of that name in `out`. It measures the runs of an
+    /// experiment that `selection` names, by default those of the first scene and the variant `infonerf`, for `pareto` of all
+    /// variants. `weights` are those of learned metrics, in addition to the usual places.
+    ///
+    /// # Errors
+    /// If the experiment cannot be planned, or the device or the weights cannot be opened.
+    pub fn new(
+        name: &'static str,
+        experiment: &str,
+        selection: Selection,
+        device: DeviceName,
+        weights: Option<&Path>,
+        out: &Path,
+    ) -> Result<Self> {
+        let experiment = Experiment::plan(experiment, &selection)?;
         let mut plans = experiment.runs;
-        if options.selection.scenes.is_empty() {
+        if selection.scenes.is_empty() {
             keep(&mut plans, |plan| &plan.scene, None);
         }
-        if options.selection.variants.is_empty() && !matches!(options.benchmark, Benchmark::Pareto { .. }) {
+        if selection.variants.is_empty() && name != "pareto" {
             keep(&mut plans, |plan| &plan.variant, Some(DEFAULT_VARIANT));
         }
-        let device = open(options.device)?;
+        let device = open(device)?;
         let first = plans.first().context("expected at least one run to measure")?;
-        let name = options.benchmark.name();
         let conditions = Conditions {
             program: concat!("infonerf ", env!("CARGO_PKG_VERSION")),
             cpu: cpu(),
@@ -63,7 +75,7 @@ impl Bench {
             device: device.name.name(),
             experiment: experiment.about.name,
             preset: first.preset.name(),
-            settings: options.selection.set.clone(),
+            settings: selection.set,
             data: first
                 .data
                 .as_ref()
@@ -76,11 +88,11 @@ impl Bench {
             test_views: first.config.eval.test.clone(),
             benchmark: name,
         };
-        let networks = match options.benchmark {
-            Benchmark::Pareto { .. } | Benchmark::Skip { .. } => networks(options.weights.as_deref(), &device)?,
+        let networks = match name {
+            "pareto" | "skip" => networks(weights, &device)?,
             _ => Networks::none(),
         };
-        let folder = options.out.join(name);
+        let folder = out.join(name);
         let session = Session::new(device, folder.join("runs"), Existing::Overwrite).with_networks(networks);
         Ok(Self { plans, session, folder, conditions })
     }

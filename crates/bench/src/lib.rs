@@ -1,16 +1,15 @@
 //! Benchmarks: speed, what speed costs, exactness under stress, and agreement of devices.
 //!
 //! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json` and a table as
-//! CSV. [`run`] runs one of [`Benchmark`].
+//! CSV to the folder of its [`Bench`]; an error is a run that fails or a file that cannot be written. Benchmarks with bounds
+//! return whether all of them hold.
 
 mod agreement;
 mod context;
-mod options;
 mod output;
 mod pareto;
 mod published;
 mod render;
-mod roofline;
 mod skip;
 mod step;
 mod stress;
@@ -18,29 +17,11 @@ mod stress_training;
 mod trial;
 mod values;
 
-use anyhow::Result;
-
-use context::Bench;
-pub use options::{BenchOptions, Benchmark};
-
-/// Runs a benchmark; `print` receives its results as text. Returns whether every bound that it checks holds.
-///
-/// # Errors
-/// If the experiment cannot be planned, a run fails, or a file cannot be written.
-pub fn run(options: &BenchOptions, print: &mut dyn FnMut(&str)) -> Result<bool> {
-    let bench = Bench::new(options)?;
-    print(&bench.to_string());
-    let holds = match &options.benchmark {
-        Benchmark::Pareto { budgets } => pareto::run(&bench, budgets, print).map(|()| true),
-        Benchmark::Skip { steps } => skip::run(&bench, *steps, print).map(|()| true),
-        Benchmark::Step { warmup, steps, from } => {
-            step::run(&bench, [*warmup, *steps], from.as_deref(), print).map(|()| true)
-        }
-        Benchmark::Render { steps, sizes } => render::run(&bench, *steps, sizes, print).map(|()| true),
-        Benchmark::Agreement => agreement::run(&bench, options.device, print),
-        Benchmark::Stress { rays } => stress::run(&bench, options.device, *rays as usize, print),
-        Benchmark::StressTraining { seeds, steps } => stress_training::run(&bench, *seeds, *steps, print),
-    }?;
-    print(&format!("\nresults: {}", bench.folder.display()));
-    Ok(holds)
-}
+pub use agreement::run as agreement;
+pub use context::Bench;
+pub use pareto::run as pareto;
+pub use render::run as render;
+pub use skip::run as skip;
+pub use step::run as step;
+pub use stress::run as stress;
+pub use stress_training::run as stress_training;

@@ -4,7 +4,6 @@ use std::fs;
 
 use anyhow::{Context, Result};
 use infonerf_report::TextTable;
-use infonerf_report::chart::standalone;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -12,8 +11,7 @@ use crate::context::{Bench, Conditions};
 
 #[derive(Serialize)]
 struct ResultsFile<'a, R> {
-    #[serde(rename = "about")]
-    conditions: &'a Conditions,
+    about: &'a Conditions,
     protocol: &'a str,
     #[serde(flatten)]
     more: Value,
@@ -23,12 +21,8 @@ struct ResultsFile<'a, R> {
 impl Bench {
     /// Writes `rows` to `results.json`, with the machine, the description `protocol` and the fields of `more`.
     pub(crate) fn save_results<R: Serialize>(&self, protocol: &str, rows: &[R], more: Value) -> Result<()> {
-        let json = serde_json::to_string_pretty(&ResultsFile { conditions: &self.conditions, protocol, more, rows })?;
+        let json = serde_json::to_string_pretty(&ResultsFile { about: &self.conditions, protocol, more, rows })?;
         self.save("results.json", &(json + "\n"))
-    }
-
-    pub(crate) fn save_chart(&self, name: &str, svg: &str) -> Result<()> {
-        self.save(&format!("{name}.svg"), &standalone(svg))
     }
 
     pub(crate) fn save_csv(&self, table: &TextTable) -> Result<()> {

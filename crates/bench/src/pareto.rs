@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use infonerf_experiment::RunPlan;
-use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_frontier};
+use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_frontier, standalone};
 use infonerf_report::{Emphasis, Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
 
@@ -19,7 +19,8 @@ const CHARTS: [&str; 4] = ["psnr", "ssim", "lpips_alex", "lpips_vgg"];
 const PROTOCOL: &str = "each row is an independent run whose schedule follows the clock; train_seconds is training alone, \
                         without loading and evaluation; points are means over scenes and seeds";
 
-pub(crate) fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> Result<()> {
+/// Measures quality after each of the training times `budgets`, with the frontier.
+pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut records: Vec<Record> = Vec::new();
     for plan in &bench.plans {
@@ -94,7 +95,7 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
         };
         let own = distinct(&points, |(row, _)| row.label.clone()).into_iter().map(series);
         let series: Vec<Series> = own.chain(published.series(&scenes, &views, quantity.key())).collect();
-        bench.save_chart(&format!("pareto-{}", quantity.key()), &line_chart(&frame, &series)?)?;
+        bench.save(&format!("pareto-{}.svg", quantity.key()), &standalone(&line_chart(&frame, &series)?))?;
     }
     Ok(())
 }

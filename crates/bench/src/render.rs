@@ -7,14 +7,13 @@ use infonerf_experiment::RunPlan;
 use infonerf_render::render_image;
 use infonerf_report::TextTable;
 use infonerf_scene::resized_dimensions;
-use infonerf_train::Trainer;
+use infonerf_train::{Outcome, Trainer};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
 use crate::output::median;
-use crate::roofline;
-use crate::trial::{train, with_settings};
+use crate::trial::with_settings;
 
 const FRAMES: usize = 3;
 
@@ -32,17 +31,14 @@ struct FrameTiming {
     samples_evaluated: u64,
 }
 
-pub(crate) fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<()> {
-    let (mut rows, mut roofline) = (Vec::new(), Vec::new());
+/// Measures seconds per frame after `steps` of training, for each of `sizes`, the longest side in pixels.
+pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<()> {
+    let mut rows = Vec::new();
     for plan in &bench.plans {
         let plan = with_settings(plan, &[format!("train.iterations={steps}")])?;
         let mut trainer = bench.trainer(&plan)?;
-        train(&mut trainer).with_context(|| plan.label())?;
-        let timings = frames(&trainer, &plan, sizes)?;
-        if let Some(FrameTiming { samples_evaluated, seconds_per_frame, .. }) = timings.last() {
-            roofline = roofline::of_frame(&trainer, &plan.config, *samples_evaluated as f64, 1e3 * seconds_per_frame);
-        }
-        rows.extend(timings);
+        while trainer.step(&mut |_| ()).with_context(|| plan.label())? == Outcome::Running {}
+        rows.extend(frames(&trainer, &plan, sizes)?);
     }
     let table = TextTable::new(
         &rows,
@@ -55,10 +51,9 @@ pub(crate) fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMu
             ("evaluated", |row| format!("{:.2} M", row.samples_evaluated as f64 / 1e6)),
         ],
     );
-    print(&format!("\nafter {steps} steps\n\n{}{}", table.to_text(), roofline::text(&roofline)));
+    print(&format!("\nafter {steps} steps\n\n{}", table.to_text()));
     bench.save_csv(&table)?;
-    // The roofline belongs to the last row.
-    bench.save_results(PROTOCOL, &rows, json!({ "train_iterations": steps, "roofline": roofline }))
+    bench.save_results(PROTOCOL, &rows, json!({ "train_iterations": steps }))
 }
 
 /// Renders the first test cameras at each of `sizes`.

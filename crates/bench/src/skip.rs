@@ -9,19 +9,6 @@ use crate::context::{Bench, distinct};
 use crate::output::number;
 use crate::trial::{measured_with, with_settings};
 
-/// Ways of skipping, and the settings that switch each off.
-#[allow(clippy::type_complexity, reason = "a table")]
-const SWITCHES: &[(&str, fn(&Config) -> Vec<String>)] = &[
-    ("empty space", |_| settings(&["render.occupancy.enabled=false"])),
-    ("hidden samples", |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"])),
-    ("out of bounds", |_| settings(&["render.clip_to_bounds=false"])),
-    ("image pyramid", |_| settings(&["train.downscale=1"])),
-    ("sample ramp", |config| vec![format!("render.samples={}", config.render.samples.largest())]),
-];
-
-/// Name and settings of cases on top of all ways of skipping: the cost of the terms on unseen rays.
-const EXTRAS: &[(&str, &[&str])] = &[("all, no unseen rays", &["loss.entropy.weight=0", "loss.kl.weight=0"])];
-
 /// Setting that gives every run the same number of rays, however few samples they need.
 const FIXED_RAYS: &str = "train.target_samples=0";
 
@@ -30,19 +17,25 @@ const PROTOCOL: &str = "every run takes the same number of steps of the same num
 
 /// Lists name and settings of each case, in the order of the table; the first one skips nothing.
 fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
-    let nothing = SWITCHES.iter().flat_map(|(_, off)| off(config)).collect();
-    let all_but = |(name, off): &(&str, fn(&Config) -> Vec<String>)| (format!("all but {name}"), off(config));
-    let mut cases = vec![("skip nothing".into(), nothing), ("skip all".into(), Vec::new())];
-    cases.extend(SWITCHES.iter().map(all_but));
-    cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), settings(on))));
-    cases
+    let ramp = format!("render.samples={}", config.render.samples.largest());
+    // Ways of skipping, and the settings that switch each off.
+    let switches = [
+        ("empty space", &["render.occupancy.enabled=false"][..]),
+        ("hidden samples", &["render.hidden_depth=0", "render.early_stop_transmittance=0"]),
+        ("out of bounds", &["render.clip_to_bounds=false"]),
+        ("image pyramid", &["train.downscale=1"]),
+        ("sample ramp", &[ramp.as_str()]),
+    ];
+    let all: Vec<&str> = switches.iter().flat_map(|(_, off)| *off).copied().collect();
+    let mut cases = vec![("skip nothing".to_owned(), all.as_slice()), ("skip all".to_owned(), &[])];
+    cases.extend(switches.map(|(name, off)| (format!("all but {name}"), off)));
+    // On top of all ways of skipping: the cost of the terms on unseen rays.
+    cases.push(("all, no unseen rays".to_owned(), &["loss.entropy.weight=0", "loss.kl.weight=0"]));
+    cases.into_iter().map(|(name, settings)| (name, settings.iter().map(|&s| s.to_owned()).collect())).collect()
 }
 
-fn settings(settings: &[&str]) -> Vec<String> {
-    settings.iter().map(|&setting| setting.to_owned()).collect()
-}
-
-pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
+/// Measures time, samples and quality with each way of skipping switched off; runs of `steps`, if given.
+pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut records: Vec<Record> = Vec::new();
     for (case, settings) in cases(&bench.first_plan().config) {

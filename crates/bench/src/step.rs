@@ -1,4 +1,4 @@
-//! Time of a training step by phase, and its share of what the machine can do.
+//! Time of a training step by phase.
 
 use std::path::Path;
 
@@ -12,7 +12,6 @@ use serde_json::json;
 
 use crate::context::Bench;
 use crate::output::median;
-use crate::roofline::{self, RooflinePart};
 use crate::trial::{step_seconds, with_settings};
 
 const PROTOCOL: &str = "the first steps are a warm-up and not counted; the schedule is that of the whole run, of which these \
@@ -28,7 +27,6 @@ struct RunTiming {
     p90_ms: f64,
     traffic: Traffic,
     phases: Vec<PhaseTiming>,
-    roofline: Vec<RooflinePart>,
 }
 
 #[derive(Serialize)]
@@ -38,7 +36,8 @@ struct PhaseTiming {
     share: f64,
 }
 
-pub(crate) fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
+/// Measures milliseconds per step, by phase, from an untrained field or `from` a run; `steps`: a warm-up, then measured ones.
+pub fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
     let mut rows = Vec::new();
     for plan in &bench.plans {
         let row = measure(bench, plan, from, steps.map(|count| count as usize))?;
@@ -70,21 +69,19 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: 
     let traffic = trainer.profile().traffic() - before;
     let last_step = trainer.progress().step;
     trainer.synchronize_phases();
-    let (before, samples) = (trainer.profile().clone(), trainer.progress().samples_evaluated);
+    let before = trainer.profile().clone();
     let synchronised = step_seconds(&mut trainer, steps)?;
-    let samples = (trainer.progress().samples_evaluated - samples) as f64 / synchronised.len().max(1) as f64;
     ensure!(!synchronised.is_empty(), "bench step: the run is over before there is a step to measure");
     let total: f64 = synchronised.iter().sum();
     let ms = |spent: f64| 1e3 * spent / synchronised.len() as f64;
-    let timing = |phase: &'static str, spent: f64| PhaseTiming { phase, ms: ms(spent), share: spent / total };
+    let timing = |phase, spent| PhaseTiming { phase, ms: ms(spent), share: spent / total };
     let spent = |phase: Phase| (trainer.profile().spent(phase) - before.spent(phase)).as_secs_f64();
     let mut phases: Vec<_> = Phase::ALL.into_iter().map(|phase| timing(phase.name(), spent(phase))).collect();
     phases.push(timing("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
-    let roofline = roofline::of_step(&trainer, &plan.config, samples, |phase| ms(spent(phase)));
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
     let (run, median_ms) = (plan.label(), 1e3 * median(&seconds));
-    Ok(RunTiming { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases, roofline })
+    Ok(RunTiming { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases })
 }
 
 fn text(row: &RunTiming) -> String {
@@ -98,9 +95,8 @@ fn text(row: &RunTiming) -> String {
     );
     let RunTiming { run, first_step, last_step, median_ms, p90_ms, traffic, .. } = row;
     format!(
-        "\n{run}, steps {first_step} to {last_step}: median {median_ms:.2} ms, 90 % below {p90_ms:.2} ms\nper step: {}\n\n{}{}",
+        "\n{run}, steps {first_step} to {last_step}: median {median_ms:.2} ms, 90 % below {p90_ms:.2} ms\nper step: {}\n\n{}",
         traffic.per_step(last_step + 1 - first_step),
-        table.to_text(),
-        roofline::text(&row.roofline)
+        table.to_text()
     )
 }

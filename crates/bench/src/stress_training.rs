@@ -117,8 +117,8 @@ struct SettingOutcome {
     train_psnr: Option<f64>,
 }
 
-/// Returns whether all losses, weights and renders were finite.
-pub(crate) fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
+/// Trains tiny runs that are made to diverge or collapse; returns whether all losses, weights and renders were finite.
+pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
     let plan = bench.first_plan();
     let mut rows = Vec::new();
     for setting in &SETTINGS {

@@ -24,15 +24,6 @@ impl Bench {
     }
 }
 
-pub(crate) fn train(trainer: &mut Trainer) -> Result<Outcome> {
-    loop {
-        match trainer.step(&mut |_| ())? {
-            Outcome::Running => {}
-            outcome => return Ok(outcome),
-        }
-    }
-}
-
 /// Takes `count` steps, or fewer if the run ends, and returns the seconds of each: steps that are reported together share
 /// their time equally.
 pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {

@@ -63,8 +63,6 @@ pub mod mlp;
 pub mod numeric;
 #[cfg(feature = "flex")]
 mod parts;
-#[cfg(feature = "flex")]
-mod peak;
 pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
@@ -88,8 +86,6 @@ pub use factored::{HostField, factored_field, plane_variation};
 pub use frequency::{frequency_encode, integrated_encode};
 pub use frustum::{RayGaussians, frustum_gaussians};
 pub use mlp::radiance_mlp;
-#[cfg(feature = "flex")]
-pub use peak::Peak;
 pub use rotation::rotate;
 pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};

@@ -28,8 +28,8 @@ const PROTOCOL: &str = "a device against flex on the same inputs; error of an op
                         the largest |want| of its array; of a loss: |got - want|/max(|want|, 0.01), the largest of all steps and terms; \
                         of a render: the mean |got - want| of its values in [0, 1]";
 
-/// Returns whether every bound holds.
-pub(crate) fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Result<bool> {
+/// Compares operations, gradients and training steps of a device with flex.
+pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Result<bool> {
     let (tested, flex) = (open(device)?, open(DeviceName::Flex)?);
     ensure!(
         tested.name != flex.name,

@@ -9,41 +9,23 @@ use super::comparison::{DeviceComparisons, pulled};
 use crate::values::{leaf, uniform};
 
 /// Outputs with a gradient.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum GradientOf {
     Both,
     Density,
     Color,
 }
 
-struct NetworkCase {
-    name: &'static str,
-    /// Exclusive maximum of the samples of a ray.
-    samples: usize,
-    rays: usize,
-    /// Widths of the encoded position, the trunk, and the encoded direction.
-    widths: [usize; 3],
-    layers: usize,
-    skip: usize,
-    upstream: GradientOf,
-}
-
-const fn case(
-    name: &'static str,
-    [samples, rays]: [usize; 2],
-    widths: [usize; 3],
-    [layers, skip]: [usize; 2],
-    upstream: GradientOf,
-) -> NetworkCase {
-    NetworkCase { name, samples, rays, widths, layers, skip, upstream }
-}
+/// Name, `[exclusive maximum of the samples of a ray, rays]`, widths of the encoded position, the trunk, and the encoded
+/// direction, `[layers, skip]`, and outputs with a gradient.
+type NetworkCase = (&'static str, [usize; 2], [usize; 3], [usize; 2], GradientOf);
 
 const CASES: [NetworkCase; 5] = [
-    case("radiance network", [9, 60], [12, 16, 9], [1, 0], GradientOf::Both),
-    case("radiance network of the authors' sizes", [9, 40], [63, 256, 27], [3, 1], GradientOf::Both),
-    case("radiance network of many samples, colour's gradient", [9, 1500], [5, 22, 9], [3, 2], GradientOf::Color),
-    case("radiance network, density's gradient", [9, 30], [7, 33, 9], [2, 1], GradientOf::Density),
-    case("radiance network of one sample", [2, 2], [3, 6, 3], [2, 0], GradientOf::Both),
+    ("radiance network", [9, 60], [12, 16, 9], [1, 0], GradientOf::Both),
+    ("radiance network of the authors' sizes", [9, 40], [63, 256, 27], [3, 1], GradientOf::Both),
+    ("radiance network of many samples, colour's gradient", [9, 1500], [5, 22, 9], [3, 2], GradientOf::Color),
+    ("radiance network, density's gradient", [9, 30], [7, 33, 9], [2, 1], GradientOf::Density),
+    ("radiance network of one sample", [2, 2], [3, 6, 3], [2, 0], GradientOf::Both),
 ];
 
 pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
@@ -85,18 +67,18 @@ fn leaves(layers: &[LayerValues], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense
 
 /// Compares a network with colour, whose directions belong to rays of which some are empty.
 fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
-    let NetworkCase { widths: [inputs, width, directed], skip, upstream, .. } = *case;
+    let (name, [samples, rays], widths, [in_trunk, skip], upstream) = *case;
+    let [inputs, width, directed] = widths;
     let octaves = (directed / 3 - 1) / 2;
-    let rays = (1..case.rays).map(|_| rng.usize(0..case.samples)).collect::<Vec<_>>();
-    let segments = Segments::from_counts(std::iter::once(case.samples - 1).chain(rays));
+    let counts = (1..rays).map(|_| rng.usize(0..samples)).collect::<Vec<_>>();
+    let segments = Segments::from_counts(std::iter::once(samples - 1).chain(counts));
     let encoded = uniform(rng, inputs * segments.samples(), -1.0, 1.0);
     let directions = uniform(rng, 3 * segments.rays(), -1.0, 1.0);
-    let mut layers = trunk(rng, case.widths, case.layers, skip);
+    let mut layers = trunk(rng, widths, in_trunk, skip);
     for [inputs, outputs] in [[width, 1], [width, width], [width + directed, width / 2], [width / 2, 3]] {
         layers.push(layer(rng, inputs, outputs));
     }
-    let in_trunk = case.layers;
-    compare.operation(case.name, |device| {
+    compare.operation(name, |device| {
         let encoded = leaf(&encoded, device);
         let (leaves, mut dense) = leaves(&layers, device);
         let heads: [Dense; 4] = dense.split_off(in_trunk).try_into().expect("there are four");

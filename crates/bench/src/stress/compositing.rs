@@ -6,7 +6,7 @@ use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, 
 use rayon::prelude::*;
 
 use super::errors::Errors;
-use super::rays::Family;
+use super::rays::DrawRay;
 use crate::values::{gradient_of, leaf, wide};
 
 pub(super) const QUANTITIES: [&str; 11] = [
@@ -67,25 +67,29 @@ struct DeviceResults {
     gradients: Vec<Vec<f32>>,
 }
 
-/// Errors of each of [`QUANTITIES`] over `count` rays of a family.
-pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
-    let mut errors = vec![Errors::default(); QUANTITIES.len()];
-    let mut left = ((count as f64 * family.share) as usize).max(1);
+/// Errors of each of [`QUANTITIES`] over `left` rays of a family.
+pub(super) fn measure(draw: DrawRay, mut left: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
+    let mut errors = none();
     while left > 0 {
         let (mut rows, mut samples) = (Vec::new(), 0);
         while left > 0 && samples < BATCH {
-            let row = (family.draw)(rng);
+            let row = draw(rng);
             samples += row.len();
             rows.push(row);
             left -= 1;
         }
         let batch = StressBatch::new(&rows, rng);
-        let answer = compute(&batch, device);
-        for (sum, errors) in errors.iter_mut().zip(compare(&batch, &answer)) {
-            sum.merge(&errors);
-        }
+        errors = merged(errors, compare(&batch, &compute(&batch, device)));
     }
     errors
+}
+
+fn none() -> Vec<Errors> {
+    vec![Errors::default(); QUANTITIES.len()]
+}
+
+fn merged(a: Vec<Errors>, b: Vec<Errors>) -> Vec<Errors> {
+    a.into_iter().zip(b).map(|(a, b)| a.merged(b)).collect()
 }
 
 fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
@@ -121,7 +125,6 @@ fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
 }
 
 fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
-    let none = || vec![Errors::default(); QUANTITIES.len()];
     let add = |mut errors: Vec<Errors>, ray: usize| {
         let range = batch.segments.range(ray);
         let row = wide(&batch.tau[range.clone()]);
@@ -162,9 +165,5 @@ fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
         }
         errors
     };
-    let merge = |mut a: Vec<Errors>, b: Vec<Errors>| {
-        a.iter_mut().zip(&b).for_each(|(a, b)| a.merge(b));
-        a
-    };
-    (0..batch.segments.rays()).into_par_iter().fold(none, add).reduce(none, merge)
+    (0..batch.segments.rays()).into_par_iter().fold(none, add).reduce(none, merged)
 }

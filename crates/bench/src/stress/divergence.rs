@@ -6,7 +6,7 @@ use infonerf_ops::{Segments, ray_divergence, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
-use super::rays::RayRelation;
+use super::rays::DrawPair;
 use crate::values::{gradient_of, leaf, wide};
 
 pub(super) const QUANTITIES: [&str; 3] = ["divergence", "divergence, reversed", "divergence, eps 1e-12"];
@@ -17,14 +17,14 @@ const MIN_EPSILON: f32 = 1e-12;
 const BATCH: usize = 10_000;
 
 /// Errors of each of [`QUANTITIES`] over `count` pairs of rays.
-pub(super) fn measure(relation: &RayRelation, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
+pub(super) fn measure(draw: DrawPair, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); QUANTITIES.len()];
     for batch in (0..count).step_by(BATCH).map(|done| BATCH.min(count - done)) {
-        let (rays, near): (Vec<_>, Vec<_>) = (0..batch).map(|_| (relation.draw)(rng)).unzip();
+        let (rays, near): (Vec<_>, Vec<_>) = (0..batch).map(|_| draw(rng)).unzip();
         for (errors, (p, q, epsilon)) in
             errors.iter_mut().zip([(&rays, &near, EPSILON), (&near, &rays, EPSILON), (&rays, &near, MIN_EPSILON)])
         {
-            errors.merge(&compare(p, q, epsilon, device));
+            *errors = errors.merged(compare(p, q, epsilon, device));
         }
     }
     errors
@@ -45,9 +45,5 @@ fn compare(rays: &[Vec<f32>], near: &[Vec<f32>], epsilon: f32, device: &Device) 
         errors.gradient(&dq[range], &want_q, |_| false);
         errors
     };
-    let merge = |mut a: Errors, b: Errors| {
-        a.merge(&b);
-        a
-    };
-    (0..rays.len()).into_par_iter().fold(Errors::default, one).reduce(Errors::default, merge)
+    (0..rays.len()).into_par_iter().fold(Errors::default, one).reduce(Errors::default, Errors::merged)
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 /// Values below this need no correct digits.
 const FLOOR: f64 = 1e-20;
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Errors {
     pub(super) numbers: u64,
     /// Number of NaN and ±∞ among them.
@@ -47,11 +47,13 @@ impl Errors {
         if largest > FLOOR { defined().map(error).fold(0.0, f64::max) } else { 0.0 }
     }
 
-    pub(super) fn merge(&mut self, other: &Self) {
-        self.numbers += other.numbers;
-        self.non_finite += other.non_finite;
-        self.value = self.value.max(other.value);
-        self.gradient = self.gradient.max(other.gradient);
+    pub(super) fn merged(self, other: Self) -> Self {
+        Self {
+            numbers: self.numbers + other.numbers,
+            non_finite: self.non_finite + other.non_finite,
+            value: self.value.max(other.value),
+            gradient: self.gradient.max(other.gradient),
+        }
     }
 }
 

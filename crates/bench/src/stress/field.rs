@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::factored::{FactoredLayout, Query};
@@ -31,7 +31,7 @@ pub(super) const COORDINATES: [(&str, Draw); 5] = [
 const FREQUENCIES: usize = 20;
 
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
-    let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
+    let points = drawn(rng, count, draw);
     let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (row, &x) in encoded.chunks_exact(encoded_width(1, FREQUENCIES)).zip(&points) {
@@ -49,8 +49,7 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
 pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     /// The operation rounds weights below this to 0.
     const NOTHING: f64 = 1e-9;
-    let means: Vec<f32> = (0..3 * count).map(|_| draw(rng)).collect();
-    let variances: Vec<f32> = (0..3 * count).map(|_| log_uniform(rng, -12.0, 0.0)).collect();
+    let (means, variances) = (drawn(rng, 3 * count, draw), drawn(rng, 3 * count, |rng| log_uniform(rng, -12.0, 0.0)));
     let [mean, variance] = [&means, &variances].map(|rows| from_host(rows, 3, device));
     let encoded = to_host(integrated_encode(mean, variance, FREQUENCIES, &[]));
     let mut errors = Errors::default();
@@ -72,10 +71,10 @@ pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rn
 /// Measures mean and variances of pieces of cones, from the apex to far away.
 pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
-    let t = draw(rng, count, |rng| log_uniform(rng, -6.0, 6.0));
+    let t = drawn(rng, count, |rng| log_uniform(rng, -6.0, 6.0));
     // Pieces do not reach behind the apex.
     let delta: Vec<f32> = t.iter().map(|t| t * log_uniform(rng, -6.0, 0.3).min(2.0)).collect();
-    let radii = draw(rng, count, |rng| log_uniform(rng, -5.0, -1.0));
+    let radii = drawn(rng, count, |rng| log_uniform(rng, -5.0, -1.0));
     let [a, b, c] = [&t, &delta, &radii].map(|numbers| Tensor::from_floats(numbers.as_slice(), device));
     let RayGaussians { mean, along, across } = frustum_gaussians(a, b, c);
     let found = [mean, along, across].map(to_host);
@@ -90,25 +89,15 @@ pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
 }
 
 /// Contents of a field: values of its tables and of its MLP, and the bias of its density.
-pub(super) struct FieldContents {
-    pub(super) name: &'static str,
-    tables: Draw,
-    weights: Draw,
-    bias: f32,
-}
+type FieldContents = (Draw, Draw, f32);
 
-pub(super) const CONTENTS: [FieldContents; 6] = [
-    FieldContents { name: "as trained", tables: signed, weights: signed, bias: -5.0 },
-    FieldContents { name: "empty", tables: signed, weights: signed, bias: -40.0 },
-    FieldContents { name: "opaque", tables: signed, weights: signed, bias: 40.0 },
-    FieldContents { name: "all zero", tables: |_| 0.0, weights: |_| 0.0, bias: -5.0 },
-    FieldContents {
-        name: "tables 1e-30 to 1e-6",
-        tables: |rng| log_uniform(rng, -30.0, -6.0),
-        weights: signed,
-        bias: -5.0,
-    },
-    FieldContents { name: "tables 1e3", tables: |rng| 1e3 * signed(rng), weights: signed, bias: -5.0 },
+pub(super) const CONTENTS: [(&str, FieldContents); 6] = [
+    ("as trained", (signed, signed, -5.0)),
+    ("empty", (signed, signed, -40.0)),
+    ("opaque", (signed, signed, 40.0)),
+    ("all zero", (|_| 0.0, |_| 0.0, -5.0)),
+    ("tables 1e-30 to 1e-6", (|rng| log_uniform(rng, -30.0, -6.0), signed, -5.0)),
+    ("tables 1e3", (|rng| 1e3 * signed(rng), signed, -5.0)),
 ];
 
 fn signed(rng: &mut Rng) -> f32 {
@@ -121,18 +110,18 @@ fn layout(bias: f32) -> Arc<FactoredLayout> {
     Arc::new(FactoredLayout::new(3, &[(4, 4), (8, 4), (16, 4)], (2, 16), true, (10.0, bias)))
 }
 
-fn draw(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {
+fn drawn(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {
     (0..count).map(|_| draw(rng)).collect()
 }
 
 /// Measures density and colour at `count` points, some on the border of the box.
-pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
     let device = device.clone().autodiff();
-    let layout = layout(contents.bias);
+    let layout = layout(bias);
     for _ in 0..count.div_ceil(SAMPLES) {
-        let tables = draw(rng, layout.table_len(), contents.tables);
-        let weights = draw(rng, layout.weight_len(), contents.weights);
+        let tables = drawn(rng, layout.table_len(), tables);
+        let weights = drawn(rng, layout.weight_len(), weights);
         let coordinate = |rng: &mut Rng| match rng.u8(0..8) {
             0 => 0.0,
             1 => 1.0,
@@ -156,22 +145,17 @@ pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng
         };
         let (t, w) = (leaf(&tables, &device), leaf(&weights, &device));
         let out = factored_field(t.clone(), w.clone(), &layout, query.clone());
-        let upstream = draw(rng, 4 * SAMPLES, signed);
-        let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
-        let (tables, weights) = (wide(&tables), wide(&weights));
-        let wants = infonerf_oracle::factored::value(&tables, &weights, &wide(&positions), &layout, &query);
+        let upstream = drawn(rng, 4 * SAMPLES, signed);
+        let weigh = from_host(&upstream, 4, &device);
+        let [tables, weights, positions] = [&tables, &weights, &positions].map(|values| wide(values));
+        let wants = infonerf_oracle::factored::value(&tables, &weights, &positions, &layout, &query);
         for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
             errors.value(got, want);
         }
         let grads = (out * weigh).sum().backward();
-        let [dt, dw, _] = infonerf_oracle::factored::gradient(
-            &tables,
-            &weights,
-            &wide(&positions),
-            &layout,
-            &query,
-            &wide(&upstream),
-        );
+        let upstream = wide(&upstream);
+        let [dt, dw, _] =
+            infonerf_oracle::factored::gradient(&tables, &weights, &positions, &layout, &query, &upstream);
         for (parameter, want) in [(&t, dt), (&w, dw)] {
             errors.gradient(&gradient_of(parameter, &grads), &want, |_| false);
         }
@@ -190,7 +174,7 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
     let mut errors = Errors::default();
     let layout = layout(0.0);
     for _ in 0..count.div_ceil(layout.table_len()) {
-        let tables = draw(rng, layout.table_len(), contents);
+        let tables = drawn(rng, layout.table_len(), contents);
         let tensor = leaf(&tables, device);
         let sum = plane_variation(tensor.clone(), &layout);
         let (want, gradient) = infonerf_oracle::factored::variation(&wide(&tables), &layout);
@@ -215,9 +199,8 @@ pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();
     let device = device.clone().autodiff();
-    let tensor = |values: &[f32]| Tensor::<2>::from_data(TensorData::new(values.to_vec(), [count, 3]), &device);
-    let rendered = tensor(&color).require_grad();
-    let loss = photometric_loss(rendered.clone(), tensor(&target), Norm::Mean);
+    let rendered = from_host(&color, 3, &device).require_grad();
+    let loss = photometric_loss(rendered.clone(), from_host(&target, 3, &device), Norm::Mean);
     let difference = |(a, b): (&f32, &f32)| f64::from(*a) - f64::from(*b);
     let differences: Vec<f64> = color.iter().zip(&target).map(difference).collect();
     let share = 1.0 / (3 * count) as f64;

@@ -12,6 +12,7 @@ use infonerf_train::Trainer;
 
 use super::errors::Errors;
 use crate::trial::with_settings;
+use crate::values::wide;
 
 /// Draws origin and direction of a ray for a box about the origin with half edge 1.
 type Draw = fn(&mut Rng) -> ([f32; 3], [f32; 3]);
@@ -122,7 +123,7 @@ pub(super) fn rendered(
     let tau = to_host(output.tau.clone());
     let mut errors = Errors::default();
     for (ray, range) in output.segments().ranges().enumerate() {
-        let row: Vec<f64> = tau[range.clone()].iter().copied().map(f64::from).collect();
+        let row = wide(&tau[range.clone()]);
         let w = infonerf_oracle::weights(&row);
         errors.value(acc[ray], infonerf_oracle::opacity(&row));
         errors.value(depth[ray], w.iter().zip(&output.samples.t()[range]).map(|(w, &t)| w * f64::from(t)).sum());

@@ -2,27 +2,21 @@
 
 use fastrand::Rng;
 
-pub(super) struct Family {
-    pub(super) name: &'static str,
-    /// Share of the requested number of rays: long rays are fewer.
-    pub(super) share: f64,
-    pub(super) draw: fn(&mut Rng) -> Vec<f32>,
-}
-
-const fn family(name: &'static str, draw: fn(&mut Rng) -> Vec<f32>) -> Family {
-    Family { name, share: 1.0, draw }
-}
+pub(super) type DrawRay = fn(&mut Rng) -> Vec<f32>;
+/// Draws a ray and its neighbour, of one length.
+pub(super) type DrawPair = fn(&mut Rng) -> (Vec<f32>, Vec<f32>);
 
 const MAX_SAMPLES: usize = 48;
 const VERY_LONG: usize = 4096;
 
-pub(super) const FAMILIES: [Family; 16] = [
-    family("everyday, 1e-6 to 100", |rng| many(rng, everyday)),
-    family("empty", |rng| many(rng, |_| 0.0)),
-    family("subnormal, to 1e-38", |rng| many(rng, |rng| log_uniform(rng, -44.9, -38.0))),
-    family("thin, 1e-38 to 1e-12", |rng| many(rng, |rng| log_uniform(rng, -38.0, -12.0))),
-    family("all sizes, 1e-38 to 1e38", |rng| many(rng, |rng| log_uniform(rng, -38.0, 38.0))),
-    family("near infinity", |rng| {
+/// Families with their shares of the requested number of rays: long rays are fewer.
+pub(super) const FAMILIES: [(&str, f64, DrawRay); 16] = [
+    ("everyday, 1e-6 to 100", 1.0, |rng| many(rng, everyday)),
+    ("empty", 1.0, |rng| many(rng, |_| 0.0)),
+    ("subnormal, to 1e-38", 1.0, |rng| many(rng, |rng| log_uniform(rng, -44.9, -38.0))),
+    ("thin, 1e-38 to 1e-12", 1.0, |rng| many(rng, |rng| log_uniform(rng, -38.0, -12.0))),
+    ("all sizes, 1e-38 to 1e38", 1.0, |rng| many(rng, |rng| log_uniform(rng, -38.0, 38.0))),
+    ("near infinity", 1.0, |rng| {
         many(rng, |rng| match rng.u8(0..4) {
             0 => f32::MAX,
             1 => f32::INFINITY,
@@ -30,31 +24,31 @@ pub(super) const FAMILIES: [Family; 16] = [
             _ => everyday(rng),
         })
     }),
-    family("one opaque, first", |rng| one_opaque(rng, |_, _| 0)),
-    family("one opaque, between", |rng| one_opaque(rng, |rng, n| rng.usize(0..n))),
-    family("one opaque, last", |rng| one_opaque(rng, |_, n| n - 1)),
-    family("one opaque, nothing else", |rng| {
+    ("one opaque, first", 1.0, |rng| one_opaque(rng, |_, _| 0)),
+    ("one opaque, between", 1.0, |rng| one_opaque(rng, |rng, n| rng.usize(0..n))),
+    ("one opaque, last", 1.0, |rng| one_opaque(rng, |_, n| n - 1)),
+    ("one opaque, nothing else", 1.0, |rng| {
         let mut ray = many(rng, |_| 0.0);
         let at = rng.usize(0..ray.len());
         ray[at] = log_uniform(rng, -6.0, 30.0);
         ray
     }),
-    family("coincident samples (0)", |rng| many(rng, |rng| if rng.bool() { 0.0 } else { everyday(rng) })),
-    family("last interval 1e10", |rng| {
+    ("coincident samples (0)", 1.0, |rng| many(rng, |rng| if rng.bool() { 0.0 } else { everyday(rng) })),
+    ("last interval 1e10", 1.0, |rng| {
         let mut ray = many(rng, everyday);
         ray.push(1e10 * log_uniform(rng, -30.0, 2.0));
         ray
     }),
-    family("nearly uniform", |rng| {
+    ("nearly uniform", 1.0, |rng| {
         let even = log_uniform(rng, -9.0, 1.0);
         many(rng, |rng| even * (1.0 + 1e-6 * (rng.f32() - 0.5)))
     }),
-    family("uniform", |rng| {
+    ("uniform", 1.0, |rng| {
         let even = log_uniform(rng, -9.0, 1.5);
         many(rng, |_| even)
     }),
-    family("one sample", |rng| vec![log_uniform(rng, -38.0, 38.0)]),
-    Family { name: "4096 samples", share: 0.002, draw: very_long },
+    ("one sample", 1.0, |rng| vec![log_uniform(rng, -38.0, 38.0)]),
+    ("4096 samples", 0.002, very_long),
 ];
 
 /// Draws 10 to a power that is uniform between `low` and `high`.
@@ -90,46 +84,28 @@ fn very_long(rng: &mut Rng) -> Vec<f32> {
     (0..VERY_LONG).map(draw).collect()
 }
 
-/// Relation of a ray to its neighbour.
-pub(super) struct RayRelation {
-    pub(super) name: &'static str,
-    /// Draws both rays, of one length.
-    pub(super) draw: fn(&mut Rng) -> (Vec<f32>, Vec<f32>),
-}
-
-pub(super) const RELATIONS: [RayRelation; 8] = [
-    RayRelation {
-        name: "equal",
-        draw: |rng| {
-            let ray = many(rng, everyday);
-            (ray.clone(), ray)
-        },
-    },
-    RayRelation {
-        name: "nearly equal",
-        draw: |rng| {
-            let spread = log_uniform(rng, -7.0, -2.0);
-            pair(rng, everyday, |rng, tau| tau * (1.0 + spread * (rng.f32() - 0.5)))
-        },
-    },
-    RayRelation { name: "independent", draw: |rng| pair(rng, everyday, |rng, _| everyday(rng)) },
-    RayRelation {
-        name: "all sizes",
-        draw: |rng| pair(rng, |rng| log_uniform(rng, -38.0, 38.0), |rng, _| log_uniform(rng, -38.0, 38.0)),
-    },
-    RayRelation { name: "disjoint", draw: |rng| disjoint(rng, 0.0) },
-    RayRelation { name: "disjoint and thin", draw: |rng| disjoint(rng, -25.0) },
-    RayRelation { name: "neighbour empty", draw: |rng| pair(rng, everyday, |_, _| 0.0) },
-    RayRelation {
-        name: "opaque elsewhere",
-        draw: |rng| {
-            let (mut ray, mut near) = pair(rng, |rng| log_uniform(rng, -12.0, -3.0), |_, tau| tau);
-            let (a, b) = (rng.usize(0..ray.len()), rng.usize(0..ray.len()));
-            ray[a] = log_uniform(rng, 1.0, 30.0);
-            near[b] = log_uniform(rng, 1.0, 30.0);
-            (ray, near)
-        },
-    },
+/// Relations of a ray to its neighbour.
+pub(super) const RELATIONS: [(&str, DrawPair); 8] = [
+    ("equal", |rng| {
+        let ray = many(rng, everyday);
+        (ray.clone(), ray)
+    }),
+    ("nearly equal", |rng| {
+        let spread = log_uniform(rng, -7.0, -2.0);
+        pair(rng, everyday, |rng, tau| tau * (1.0 + spread * (rng.f32() - 0.5)))
+    }),
+    ("independent", |rng| pair(rng, everyday, |rng, _| everyday(rng))),
+    ("all sizes", |rng| pair(rng, |rng| log_uniform(rng, -38.0, 38.0), |rng, _| log_uniform(rng, -38.0, 38.0))),
+    ("disjoint", |rng| disjoint(rng, 0.0)),
+    ("disjoint and thin", |rng| disjoint(rng, -25.0)),
+    ("neighbour empty", |rng| pair(rng, everyday, |_, _| 0.0)),
+    ("opaque elsewhere", |rng| {
+        let (mut ray, mut near) = pair(rng, |rng| log_uniform(rng, -12.0, -3.0), |_, tau| tau);
+        let (a, b) = (rng.usize(0..ray.len()), rng.usize(0..ray.len()));
+        ray[a] = log_uniform(rng, 1.0, 30.0);
+        near[b] = log_uniform(rng, 1.0, 30.0);
+        (ray, near)
+    }),
 ];
 
 fn pair(

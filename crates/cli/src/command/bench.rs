@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use infonerf_bench::{BenchOptions, Benchmark};
+use infonerf_bench::{Bench, agreement, pareto, render, skip, step, stress, stress_training};
 
 use crate::completion;
 use crate::print::outln;
@@ -103,6 +103,9 @@ enum BenchCommand {
     },
 }
 
+/// Function that shows text.
+type Print<'a> = &'a mut dyn FnMut(&str);
+
 /// Runs to measure, and the folder of results.
 #[derive(Clone, Debug, Args)]
 struct BenchRuns {
@@ -116,34 +119,45 @@ struct BenchRuns {
     out: PathBuf,
 }
 
-impl BenchCommand {
-    fn parts(&self) -> (Benchmark, &BenchRuns) {
-        match self {
-            Self::Pareto { budgets, runs } => (Benchmark::Pareto { budgets: budgets.clone() }, runs),
-            Self::Skip { steps, runs } => (Benchmark::Skip { steps: *steps }, runs),
-            Self::Step { steps, warmup, from, runs } => {
-                (Benchmark::Step { warmup: *warmup, steps: *steps, from: from.clone() }, runs)
-            }
-            Self::Render { steps, sizes, runs } => (Benchmark::Render { steps: *steps, sizes: sizes.clone() }, runs),
-            Self::Agreement { runs } => (Benchmark::Agreement, runs),
-            Self::Stress { rays, runs } => (Benchmark::Stress { rays: *rays }, runs),
-            Self::StressTraining { seeds, steps, runs } => {
-                (Benchmark::StressTraining { seeds: *seeds, steps: *steps }, runs)
-            }
-        }
+impl BenchRuns {
+    /// Measures with the benchmark called `name`; its exit code says whether its bounds hold.
+    fn measure(
+        &self,
+        name: &'static str,
+        benchmark: impl FnOnce(&Bench, Print<'_>) -> Result<bool>,
+    ) -> Result<ExitCode> {
+        let SelectionArgs { device, networks, .. } = &self.selection;
+        let (selection, weights) = (self.selection.selection(None), networks.weights.as_deref());
+        let bench = Bench::new(name, &self.experiment, selection, device.device, weights, &self.out)?;
+        outln!("{bench}");
+        let holds = benchmark(&bench, &mut |text| outln!("{text}"))?;
+        outln!("\nresults: {}", bench.folder.display());
+        Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
 }
 
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
-    let (benchmark, runs) = args.command.parts();
-    let options = BenchOptions {
-        benchmark,
-        experiment: runs.experiment.clone(),
-        selection: runs.selection.selection(None),
-        device: runs.selection.device.device,
-        weights: runs.selection.networks.weights.clone(),
-        out: runs.out.clone(),
-    };
-    let holds = infonerf_bench::run(&options, &mut |text| outln!("{text}"))?;
-    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    match &args.command {
+        BenchCommand::Pareto { budgets, runs } => {
+            runs.measure("pareto", |bench, print| pareto(bench, budgets, print).map(|()| true))
+        }
+        BenchCommand::Skip { steps, runs } => {
+            runs.measure("skip", |bench, print| skip(bench, *steps, print).map(|()| true))
+        }
+        BenchCommand::Step { steps, warmup, from, runs } => {
+            runs.measure("step", |bench, print| step(bench, [*warmup, *steps], from.as_deref(), print).map(|()| true))
+        }
+        BenchCommand::Render { steps, sizes, runs } => {
+            runs.measure("render", |bench, print| render(bench, *steps, sizes, print).map(|()| true))
+        }
+        BenchCommand::Agreement { runs } => {
+            runs.measure("agreement", |bench, print| agreement(bench, runs.selection.device.device, print))
+        }
+        BenchCommand::Stress { rays, runs } => {
+            runs.measure("stress", |bench, print| stress(bench, runs.selection.device.device, *rays as usize, print))
+        }
+        BenchCommand::StressTraining { seeds, steps, runs } => {
+            runs.measure("stress-training", |bench, print| stress_training(bench, *seeds, *steps, print))
+        }
+    }
 }
