@@ -100,7 +100,7 @@ fn folders() {
     data("data", "empty").fails_with(&["data/empty", "transforms_train.json"]);
     fs::create_dir_all(place.path("hollow")).unwrap();
     place.tiny("exp fast-losses --data hollow").fails_with(&["hollow"]);
-    fs::write(place.path("file"), "").unwrap();
+    place.write("file", "");
     place.tiny("exp fast-losses --data file").fails_with(&["file"]);
 }
 
@@ -194,10 +194,10 @@ fn experiment_files() {
         ("scenes = [\"lego\"]\n[variants.a]\n", &["lego"]),
         ("seeds = [-1]\n[variants.a]\n", &["line 1"]),
     ] {
-        fs::write(place.path("mine.toml"), file).unwrap();
+        place.write("mine.toml", file);
         place.tiny("exp mine.toml").fails_with(parts);
     }
-    fs::write(place.path("mine.toml"), [0xff, 0xfe, 0x00]).unwrap();
+    place.write("mine.toml", [0xff, 0xfe, 0x00]);
     place.tiny("exp mine.toml").fails_with(&["mine.toml"]);
 }
 
@@ -205,24 +205,22 @@ fn experiment_files() {
 fn output_that_cannot_be_written() {
     let place = Workplace::new();
     let exp = "exp fast-losses --scene knot --variant factored";
-    fs::write(place.path("file"), "").unwrap();
+    place.write("file", "");
     place.tiny(exp).args("--out file").fails_with(&["file/fast-losses"]);
     place.tiny(exp).args("--out /proc/nowhere").fails_with(&["/proc/nowhere"]);
     // A folder where a file has to go, and a file where a folder has to go.
     let run = "fast-losses/knot/factored/seed0";
-    for part in ["metrics.jsonl", "config.toml", "lock"] {
-        let out = format!("no-{part}");
-        fs::create_dir_all(place.path(&out).join(run).join(part).join("below")).unwrap();
-        place.tiny(exp).args(&["--out", &out]).fails_with(&[part]);
+    for (part, taken) in [
+        ("metrics.jsonl", "metrics.jsonl/below"),
+        ("config.toml", "config.toml/below"),
+        ("lock", "lock/below"),
+        ("test", "test"),
+        ("checkpoint", "checkpoint"),
+    ] {
+        place.write(&format!("no-{part}/{run}/{taken}"), "");
+        place.tiny(exp).args(&["--out", &format!("no-{part}")]).fails_with(&[part]);
     }
-    for part in ["test", "checkpoint"] {
-        let out = format!("no-{part}");
-        fs::create_dir_all(place.path(&out).join(run)).unwrap();
-        fs::write(place.path(&out).join(run).join(part), "").unwrap();
-        place.tiny(exp).args(&["--out", &out]).fails_with(&[part]);
-    }
-    fs::create_dir_all(place.path("runs/fast-losses")).unwrap();
-    fs::write(place.path("runs/fast-losses/results.json"), "no JSON").unwrap();
+    place.write("runs/fast-losses/results.json", "no JSON");
     place.tiny(exp).fails_with(&["results.json"]);
     place.run("scene export knot file/below --size 8").fails_with(&["file/below"]);
 }
@@ -230,10 +228,9 @@ fn output_that_cannot_be_written() {
 #[test]
 fn folders_that_are_no_run() {
     let place = Workplace::new();
-    for command in ["eval", "render"] {
-        place.run(&[command, "nowhere"]).fails_with(&["nowhere", "config.toml"]);
+    for command in ["eval nowhere", "render nowhere", "export nowhere --format html"] {
+        place.run(command).fails_with(&["nowhere", "config.toml"]);
     }
-    place.run("export nowhere --format html").fails_with(&["nowhere", "config.toml"]);
     place.run("view nowhere").fails_with(&["nowhere"]);
     place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
     let run = "runs/fast-losses/knot/factored/seed0";
@@ -242,7 +239,7 @@ fn folders_that_are_no_run() {
         place.run(&["eval", run, "--scale", scale]).fails_with(&["--scale", "1/64"]);
     }
     place.run(&["eval", run, "--device", "vulkan"]).fails_with(&["not built in"]);
-    fs::write(place.path("file"), "").unwrap();
+    place.write("file", "");
     place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
     place.run(&["export", run, "--format", "html", "--out", "file/below"]).fails_with(&["file/below"]);
     place.run("view file").fails_with(&["file", "folder"]);

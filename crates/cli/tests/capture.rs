@@ -5,7 +5,7 @@ use std::process::Command;
 
 use infonerf_scene::Image;
 
-use crate::common::{Workplace, records};
+use crate::common::{Workplace, assert_has, records};
 use crate::photographs::room;
 
 /// Returns the paths that `said` ends with, which have to exist.
@@ -24,28 +24,24 @@ fn paths(place: &Workplace, said: &str) -> Vec<String> {
 fn posed_photographs_are_learned_measured_and_shown() {
     let place = Workplace::new();
     place.run("scene export room photos --format llff --size 24").succeeds();
-    let capture = || {
-        let run = place.tiny_without("eval.test", "capture photos --budget 1s --out results");
-        run.said()
-    };
-    let said = capture();
-    for part in ["40 photographs, about ", "none to find", "measured on 5 photographs", " frames of 24x24"] {
-        assert!(said.contains(part), "expected `{part}` in: {said}");
-    }
-    assert!(said.contains("next: `infonerf view results`, or the same command with --budget 5s"), "{said}");
+    let capture =
+        |parts: &[&str]| place.tiny_without("eval.test", "capture photos --budget 1s --out results").says(parts);
+    let next = "next: `infonerf view results`, or the same command with --budget 5s";
+    let parts = ["40 photographs, about ", "none to find", "measured on 5 photographs", " frames of 24x24", next];
+    let said = capture(&parts);
     let files = paths(&place, &said);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();
     let first = training();
-    let again = capture();
-    assert!(again.contains("(finished before)") && !again.contains("frames"), "{again}");
+    let again = capture(&["(finished before)"]);
+    assert!(!again.contains("frames"), "{again}");
     fs::remove_file(place.path(&files[1])).unwrap();
-    let again = capture();
-    assert!(again.contains("(finished before)") && again.contains(" frames of 24x24"), "{again}");
+    let again = capture(&["(finished before)", " frames of 24x24"]);
     assert_eq!((paths(&place, &again), training()), (files, first.clone()));
-    let longer = place.tiny_without("eval.test", "capture photos --budget 2s --out results").said();
-    assert!(!longer.contains("(finished before)") && longer.contains(" frames of 24x24"), "{longer}");
+    let longer = place.tiny_without("eval.test", "capture photos --budget 2s --out results");
+    let longer = longer.says(&[" frames of 24x24"]);
+    assert!(!longer.contains("(finished before)"), "{longer}");
     let notes = &records(&place.path("results/capture"))[0]["notes"];
-    assert!(notes.to_string().contains("budget_seconds was 1.0 and is 2.0"), "{notes}");
+    assert_has(&notes.to_string(), &["budget_seconds was 1.0 and is 2.0"]);
     assert!(training().starts_with(&first), "it goes on");
 }
 
@@ -54,24 +50,17 @@ fn posed_photographs_are_learned_measured_and_shown() {
 fn few_photographs_without_poses_are_learned_from() {
     let place = Workplace::new();
     room(&place.path("photos"), &[0, 1, 3, 9]);
-    let capture = || {
-        let run = place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path(""));
-        run.said()
+    let capture = |parts: &[&str]| {
+        place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path("")).says(parts)
     };
-    let said = capture();
-    for part in [
-        "4 photographs, about ",
-        "4 of 4 photographs placed",
-        "no photograph is held out, so that no figure is measured",
-    ] {
-        assert!(said.contains(part), "expected `{part}` in: {said}");
-    }
+    let unmeasured = "no photograph is held out, so that no figure is measured";
+    let said = capture(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
     assert!(!said.contains("PSNR"), "{said}");
     let record = &records(&place.path("runs/capture"))[0];
     assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
     assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
-    let again = capture();
-    assert!(!again.contains("placed") && again.contains("(finished before)"), "{again}");
+    let again = capture(&["(finished before)"]);
+    assert!(!again.contains("placed"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &said));
 }
 
@@ -79,7 +68,7 @@ fn few_photographs_without_poses_are_learned_from() {
 fn what_is_no_folder_of_photographs_is_refused() {
     let place = Workplace::new();
     place.run("capture absent").fails_with(&["absent: expected a folder of photographs or a video file"]);
-    fs::write(place.path("walk.mp4"), "").unwrap();
+    place.write("walk.mp4", "");
     let run = place.run("capture walk.mp4").env("PATH", place.path(""));
     run.fails_with(&["walk.mp4: expected the ffmpeg program", "ffmpeg is not on PATH"]);
     assert!(!place.path("runs").exists());
@@ -99,29 +88,24 @@ fn sharpest_frames_of_a_video_are_learned_from() {
         eprintln!("skipped: ffmpeg is not on PATH");
         return;
     }
-    let photographs = room(&place.path("photos"), &[0, 1, 3, 9]).into_iter().map(|view| view.image);
-    let photographs: Vec<_> = photographs.collect();
+    let views = room(&place.path("photos"), &[0, 1, 3, 9]);
     fs::create_dir(place.path("all")).unwrap();
     for frame in 0..32 {
-        let sharp = &photographs[frame / 8];
+        let sharp = &views[frame / 8].image;
         let image = if frame % 8 == 5 { Image::clone(sharp) } else { sharp.resized(45, 45).resized(360, 360) };
         image.write_png(&place.path(&format!("all/{frame:02}.png"))).unwrap();
     }
     let encoded = ffmpeg("-v error -framerate 30 -i all/%02d.png -c:v ffv1 -pix_fmt bgr0 walk.mkv").unwrap();
     assert!(encoded.success());
-    let capture = || place.tiny_without("eval.test", "capture walk.mkv --budget 1s").said();
-    let said = capture();
-    for part in
-        ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "4 of 4 photographs placed", "runs/capture/walk/"]
-    {
-        assert!(said.contains(part), "expected `{part}` in: {said}");
+    let capture = || place.tiny_without("eval.test", "capture walk.mkv --budget 1s");
+    let parts =
+        ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "4 of 4 photographs placed", "runs/capture/walk/"];
+    capture().says(&parts);
+    for (number, sharp) in (1..).zip(&views) {
+        let path = place.path(&format!("runs/frames/walk/{number:03}.png"));
+        assert_eq!(Image::read(&path, [1.0; 3]).unwrap().to_rgb8(), sharp.image.to_rgb8(), "{number}");
     }
-    for (number, sharp) in photographs.iter().enumerate() {
-        let path = place.path(&format!("runs/frames/walk/{:03}.png", number + 1));
-        assert_eq!(Image::read(&path, [1.0; 3]).unwrap().to_rgb8(), sharp.to_rgb8(), "{number}");
-    }
-    let again = capture();
-    assert!(again.contains("4 frames are in runs/frames/walk") && again.contains("(finished before)"), "{again}");
-    fs::write(place.path("walk.mkv"), "another").unwrap();
+    capture().says(&["4 frames are in runs/frames/walk", "(finished before)"]);
+    place.write("walk.mkv", "another");
     place.run("capture walk.mkv").fails_with(&["runs/frames/walk: expected frames of walk.mkv", "remove it"]);
 }

@@ -3,12 +3,11 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
-use std::path::Path;
 use std::process::Stdio;
 
-use crate::common::{Invocation, Workplace, events, records, text, wait_for, without_times};
+use crate::common::{Invocation, Workplace, assert_has, events, files, records, text, wait_for, without_times};
 use infonerf_metrics::METRICS;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// The keys of a record, in order.
 fn keys() -> Vec<&'static str> {
@@ -19,13 +18,6 @@ fn keys() -> Vec<&'static str> {
     before.split(' ').chain(metrics).chain(after.split(' ')).collect()
 }
 
-fn files(folder: &Path) -> BTreeSet<String> {
-    fs::read_dir(folder)
-        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .collect()
-}
-
 /// Characters of the longest rule of a table.
 fn rule(said: &str) -> usize {
     said.lines().filter(|line| line.starts_with('─')).map(|line| line.chars().count()).max().unwrap()
@@ -34,11 +26,8 @@ fn rule(said: &str) -> usize {
 #[test]
 fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
-    let output = place.tiny("exp fast-losses --scene knot").succeeds();
-    let said = text(&output.stdout);
-    for part in ["no --data given", "knot/factored/seed0", "knot/infonerf+/seed0", "PSNR", "report.html"] {
-        assert!(said.contains(part), "{part}: {said}");
-    }
+    let parts = ["no --data given", "knot/factored/seed0", "knot/infonerf+/seed0", "PSNR", "report.html"];
+    let said = place.tiny("exp fast-losses --scene knot").says(&parts);
     assert!(rule(&said) <= 100 && said.contains("more columns are in report.html"), "{said}");
 
     let experiment = place.path("runs/fast-losses");
@@ -47,12 +36,11 @@ fn an_experiment_leaves_everything_behind() {
     for record in &records {
         let found: BTreeSet<&str> = record.as_object().unwrap().keys().map(String::as_str).collect();
         assert_eq!(found, keys().into_iter().collect());
-        assert_eq!(record["scene"], "knot");
-        assert_eq!(record["preset"], "fast");
-        assert_eq!(record["device"], "flex");
-        assert_eq!(record["iterations"], 3);
-        assert_eq!(record["image_size"], serde_json::json!([24, 24]));
-        assert_eq!(record["train_views"], serde_json::json!([26, 86, 2, 55]));
+        let expected = json!({
+            "scene": "knot", "preset": "fast", "device": "flex", "iterations": 3, "image_size": [24, 24],
+            "train_views": [26, 86, 2, 55],
+        });
+        expected.as_object().unwrap().iter().for_each(|(key, value)| assert_eq!(record[key], *value, "{key}"));
         assert_eq!(record["test_views"]["protocol"], "first-2");
         assert_eq!(record["test_views"]["count"], 2);
         for key in ["psnr", "ssim", "silhouette_iou", "ray_entropy_bits", "information_gain", "train_seconds"] {
@@ -64,7 +52,7 @@ fn an_experiment_leaves_everything_behind() {
         }
     }
     // The order of the keys is part of the format.
-    let raw = fs::read_to_string(experiment.join("results.json")).unwrap();
+    let raw = place.read("runs/fast-losses/results.json");
     let places: Vec<usize> = keys().iter().map(|key| raw.find(&format!("\"{key}\":")).unwrap()).collect();
     assert!(places.is_sorted(), "{raw}");
 
@@ -81,10 +69,9 @@ fn an_experiment_leaves_everything_behind() {
             assert_eq!((picture.width(), picture.height()), (24, 24));
         }
     }
-    let html = fs::read_to_string(experiment.join("report.html")).unwrap();
-    assert!(html.contains("infonerf") && html.contains("PSNR"), "{html}");
-    assert!(html.contains("data:image/png;base64,") && html.contains("<svg"));
-    assert!(html.contains("src=\"knot/infonerf%2B/seed0/viewer.html\""));
+    let html = place.read("runs/fast-losses/report.html");
+    let page = "src=\"knot/infonerf%2B/seed0/viewer.html\"";
+    assert_has(&html, &["infonerf", "PSNR", "data:image/png;base64,", "<svg", page]);
     for outside in ["src=\"http", "href=\"http", "<script src", "@import"] {
         assert!(!html.contains(outside), "the report needs {outside}");
     }
@@ -107,13 +94,12 @@ fn a_seed_and_a_saved_config_give_the_same_numbers() {
     let run = "fast-losses/knot/infonerf/seed0";
     assert_eq!(events(&place.path("runs").join(run)), events(&place.path("saved").join(run)));
     // A config that was saved by a run of itself is the same text.
-    let configs =
-        ["runs", "saved"].map(|out| fs::read_to_string(place.path(out).join(run).join("config.toml")).unwrap());
-    assert_eq!(configs[0], configs[1]);
+    let config = |out: &str| place.read(&format!("{out}/{run}/config.toml"));
+    assert_eq!(config("runs"), config("saved"));
 
     place.tiny(exp).args("--out other --seed 1").succeeds();
     let other = records(&place.path("other/fast-losses"));
-    assert_ne!(other[0]["train_views"], serde_json::json!([26, 86, 2, 55]));
+    assert_ne!(other[0]["train_views"], json!([26, 86, 2, 55]));
 }
 
 const LONG: &str = "exp fast-losses --scene knot --variant infonerf --set train.iterations=1000 \
@@ -142,13 +128,12 @@ fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
     let place = Workplace::new();
     place.tiny(LONG).args("--out unbroken").succeeds();
     let output = interrupted(&place, LONG, "stopped", "");
-    assert!(text(&output.stdout).contains("the same command continues it"), "{}", text(&output.stdout));
+    assert_has(&text(&output.stdout), &["the same command continues it"]);
     let run = |out: &str| place.path(out).join(LONG_RUN);
     let model = run("stopped").join("checkpoint/model.bpk");
     let bytes = fs::read(&model).unwrap();
     fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
-    let warning = text(&place.tiny(LONG).args("--out stopped").succeeds().stderr);
-    assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
+    assert_has(&text(&place.tiny(LONG).args("--out stopped").succeeds().stderr), &["model.bpk", "damaged"]);
     let numbers = |out: &str| (without_times(&records(&place.path(out).join("fast-losses"))), events(&run(out)));
     assert_eq!(numbers("unbroken"), numbers("stopped"));
 
@@ -156,8 +141,8 @@ fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
     let again = || place.tiny(LONG).args("--out stopped");
     let left = || (fs::read(place.path("stopped/fast-losses/results.json")).unwrap(), files(&run("stopped")));
     let before = left();
-    let said = again().env("COLUMNS", "40").said();
-    assert!(said.contains(" dB") && said.contains("finished before") && rule(&said) <= 40, "{said}");
+    let said = again().env("COLUMNS", "40").says(&[" dB", "finished before"]);
+    assert!(rule(&said) <= 40, "{said}");
     // Another config is not the same run, and a run is not removed for one that cannot be.
     let other = || again().args("--set train.lr=1e-3");
     other().fails_with(&["config.toml", "train.lr was ", "and is 0.001", "--overwrite", "--out"]);
@@ -195,18 +180,16 @@ fn a_run_is_evaluated_again() {
 
     let said = place.run(&["eval", run]).said();
     let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
-    assert!(mean.contains(&format!("{:.2} dB", record["psnr"].as_f64().unwrap())), "{said}");
-    assert!(mean.contains(&format!("SSIM {:.3}", record["ssim"].as_f64().unwrap())), "{said}");
-    assert!(mean.contains(&format!("Silhouette IoU {:.3}", record["silhouette_iou"].as_f64().unwrap())), "{said}");
-    let said = place.run(&["eval", run, "--test", "first-1"]).said();
-    assert!(said.contains("1 test views (first-1)"), "{said}");
+    let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
+    assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
+    place.run(&["eval", run, "--test", "first-1"]).says(&["1 test views (first-1)"]);
     // One row a run: full size is the record's, and the difference is from there.
     let said = place.run(&["eval", run, run, "--scale", "1/2,1/4"]).said();
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
     assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
     let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
     let [full, half, half_gain, quarter, quarter_gain] = numbers[..] else { panic!("{said}") };
-    assert!((full - record["psnr"].as_f64().unwrap()).abs() < 0.006, "{said}");
+    assert!((full - psnr).abs() < 0.006, "{said}");
     assert!((full + half_gain - half).abs() < 0.011 && (full + quarter_gain - quarter).abs() < 0.011, "{said}");
     assert!(half != full, "{said}");
 }
@@ -230,14 +213,11 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let place = Workplace::new();
     let listed = place.run("scene list").said();
     assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
-    let experiments = place.run("list").said();
-    assert!(experiments.contains("fast-losses"), "{experiments}");
-
+    place.run("list").says(&["fast-losses"]);
     place.run("scene export orrery data/orrery --size 24").succeeds();
     let exp = "exp fast-losses --variant infonerf";
     place.tiny(exp).args("--scene orrery").succeeds();
-    let output = place.tiny(exp).args("--data data --out loaded").succeeds();
-    assert!(text(&output.stdout).contains("scenes from data"), "{}", text(&output.stdout));
+    place.tiny(exp).args("--data data --out loaded").says(&["scenes from data"]);
     let [built_in, loaded] =
         ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("fast-losses"))).remove(0));
     for key in keys().into_iter().filter(|key| *key != "notes") {
@@ -256,15 +236,12 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
 fn an_experiment_file_changes_another() {
     let place = Workplace::new();
     let file = "base = \"fast-losses\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
-    fs::write(place.path("mine.toml"), file).unwrap();
+    place.write("mine.toml", file);
     let exp = "exp mine.toml --variant half --device ndarray --budget 300ms";
     place.tiny(exp).args("--set train.iterations=1000000").succeeds();
     let record = &records(&place.path("runs/mine"))[0];
-    assert_eq!(
-        (&record["variant"], &record["seed"], &record["device"]),
-        (&"half".into(), &3.into(), &"ndarray".into())
-    );
-    let config = fs::read_to_string(place.path("runs/mine/castle/half/seed3/config.toml")).unwrap();
+    assert_eq!(json!([record["variant"], record["seed"], record["device"]]), json!(["half", 3, "ndarray"]));
+    let config = place.read("runs/mine/castle/half/seed3/config.toml");
     let config: toml::Table = config.parse().unwrap();
     assert_eq!(config["config"]["train"]["lr"].as_float(), Some(2e-3));
     assert_eq!(config["config"]["loss"]["entropy"]["weight"].as_float(), Some(5e-4));
@@ -290,21 +267,18 @@ fn weights_learned_on_many_scenes_begin_another_run() {
         place.run(args).args(TINY_PIXELNERF).args(small).args("--set train.init=out/pixelnerf-pretrain")
     };
     exp().fails_with(&["train.init", "out/pixelnerf-pretrain", "infonerf pretrain"]);
-    let said = pretrain().said();
-    assert!(said.contains("3 scenes") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
-    let config = fs::read_to_string(place.path("out/pixelnerf-pretrain/config.toml")).unwrap();
-    assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
+    pretrain().says(&["3 scenes", "train.init=out/pixelnerf-pretrain"]);
+    let scenes = "scenes = [\"random-0\", \"random-1\", \"random-2\"]";
+    assert_has(&place.read("out/pixelnerf-pretrain/config.toml"), &[scenes]);
     // Again: nothing is left to do. With other steps: another run.
-    let said = pretrain().said();
-    assert!(said.contains("4 steps in ") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
+    pretrain().says(&["4 steps in ", "train.init=out/pixelnerf-pretrain"]);
     let other = || pretrain().args("--set train.lr=1e-3");
     other().fails_with(&["out/pixelnerf-pretrain/config.toml", "train.lr was ", "--overwrite"]);
     exp().succeeds();
     let records = records(&place.path("out/integration-pixelnerf"));
     assert_eq!(records.len(), 3);
     for record in &records {
-        let notes = record["notes"].to_string();
-        assert!(notes.contains("initial weights from out/pixelnerf-pretrain"), "{notes}");
+        assert_has(&record["notes"].to_string(), &["initial weights from out/pixelnerf-pretrain"]);
     }
     // A run holds its own weights.
     fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
@@ -322,24 +296,20 @@ fn help_can_be_learned_from() {
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
-    let help = place.run("exp --help").said();
-    for part in ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:"] {
-        assert!(help.contains(part), "{part}: {help}");
-    }
+    let parts = ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:", "flex"];
     // Devices that are not built in are not offered, and internal commands are not listed.
-    assert!(help.contains("flex") && !help.contains("cuda"), "{help}");
+    assert!(!place.run("exp --help").says(&parts).contains("cuda"));
     let help = place.run("eval --help").said();
     let (own, pictures) = help.split_once("Pictures of other programs:").unwrap();
-    assert!(own.contains("--device") && own.contains("--test") && pictures.contains("--renders"), "{help}");
+    assert_has(own, &["--device", "--test"]);
+    assert_has(pictures, &["--renders"]);
 }
 
 #[test]
 fn experiments_and_their_settings_are_described() {
     let place = Workplace::new();
-    let described = place.run("list fast-losses").said();
-    for part in ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."] {
-        assert!(described.contains(part), "{part}: {described}");
-    }
+    let parts = ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."];
+    place.run("list fast-losses").says(&parts);
     place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
     let config = "config fast-losses --variant infonerf --set train.rays=77";
     let printed = place.run(config).said();
@@ -350,7 +320,7 @@ fn experiments_and_their_settings_are_described() {
     }
     // It is a part of an experiment file.
     let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
-    fs::write(place.path("mine.toml"), file).unwrap();
+    place.write("mine.toml", file);
     let again = place.run("config mine.toml --variant infonerf").said();
     assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
     place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
@@ -359,10 +329,9 @@ fn experiments_and_their_settings_are_described() {
 #[test]
 fn shells_complete_names_and_keys() {
     let place = Workplace::new();
-    let script = place.run(&[] as &[&str]).env("COMPLETE", "bash").said();
-    assert!(script.contains("complete -o nospace") && script.contains("_clap_complete_infonerf"), "{script}");
+    place.run("").env("COMPLETE", "bash").says(&["complete -o nospace", "_clap_complete_infonerf"]);
     fs::create_dir_all(place.path("data/lego")).unwrap();
-    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n").unwrap();
+    place.write("mine.toml", "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n");
     let candidates = |line: &str| -> BTreeSet<String> {
         // A space at the end: the next word begins.
         let words: Vec<&str> = ["--", "infonerf"].into_iter().chain(line.split(' ')).collect();
@@ -398,20 +367,15 @@ fn results_are_collected_into_one_document() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
     place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
-    let document = fs::read_to_string(place.path("results.md")).unwrap();
-    for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
-        assert!(document.contains(part), "{part}: {document}");
-    }
+    let document = place.read("results.md");
+    assert_has(&document, &["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"]);
     assert!(!document.contains("results-of-mine"), "{document}");
     // A sweep, and an experiment of one's own.
-    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\ntitle = \"mine\"\n").unwrap();
+    place.write("mine.toml", "base = \"fast-losses\"\ntitle = \"mine\"\n");
     place.tiny("sweep mine.toml --scene knot --variant factored --grid train.lr=1e-3,2e-3").succeeds();
     place.tiny("exp mine.toml --scene knot --variant factored").succeeds();
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
-    let document = fs::read_to_string(place.path("results.md")).unwrap();
-    for part in ["## sweep-mine", "## mine", "mine.toml", "2e-3"] {
-        assert!(document.contains(part), "{part}: {document}");
-    }
+    assert_has(&place.read("results.md"), &["## sweep-mine", "## mine", "mine.toml", "2e-3"]);
     place.run("collect nowhere").fails_with(&["nowhere", "results.json"]);
 }
 
@@ -419,8 +383,7 @@ fn results_are_collected_into_one_document() {
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
     let run = "exp fast-losses --scene knot --variant factored";
-    let output = place.tiny(run).args("--json").succeeds();
-    let said = text(&output.stdout);
+    let said = place.tiny(run).args("--json").said();
     let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let names: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
     assert_eq!((names[0], names[names.len() - 1]), ("loading", "finished"), "{names:?}");
@@ -441,7 +404,7 @@ fn output_that_nobody_reads_loses_nothing() {
         let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
         invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
     };
-    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "factored", "--out", out]);
+    let exp = |out: &str| place.tiny("exp fast-losses --scene knot --variant factored").args(&["--out", out]);
     assert_eq!(unread(exp("lines")), Some(0));
     assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
@@ -458,17 +421,16 @@ fn output_that_nobody_reads_loses_nothing() {
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let output = exp("full").into_command().stdout(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("standard output: No space left"), "{}", text(&output.stderr));
+    assert_has(&text(&output.stderr), &["standard output: No space left"]);
     assert_eq!(records(&place.path("full/fast-losses")).len(), 1);
 }
 
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene knot --variant factored --view=0";
-    let output = place.tiny(exp).succeeds();
+    let output = place.tiny("exp fast-losses --scene knot --variant factored --view=0").succeeds();
     let said = text(&output.stdout);
-    assert!(said.contains("live at http://127.0.0.1:"), "{said}");
+    assert_has(&said, &["live at http://127.0.0.1:"]);
     assert!(said.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{said}");
     assert!(!text(&output.stderr).contains("HTTP"), "{}", text(&output.stderr));
 }

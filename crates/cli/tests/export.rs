@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Workplace, text};
+use crate::common::{Invocation, Workplace, files};
 use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 
@@ -17,9 +17,8 @@ fn with_run() -> Workplace {
     place
 }
 
-fn export(place: &Workplace, format: &str, args: &str) -> String {
-    let output = place.run(&["export", RUN, "--format", format, "--resolution", "16"]).args(args).succeeds();
-    text(&output.stdout)
+fn export(place: &Workplace, format: &str, args: &str) -> Invocation {
+    place.run(&["export", RUN, "--format", format, "--resolution", "16"]).args(args)
 }
 
 #[test]
@@ -32,18 +31,17 @@ fn every_format_is_written_and_described() {
         ("points", "points.ply", b"ply\n", "points"),
         ("cameras", "transforms.json", b"{", "4 training and 2 test cameras"),
     ] {
-        let said = export(&place, format, "");
+        let said = export(&place, format, "").says(&[file, part, "read by "]);
         let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
         assert!(written.starts_with(start), "{format}");
-        assert!(said.contains(file) && said.contains(part) && said.contains("read by "), "{said}");
         assert_eq!(said.contains("chamfer distance to the exact surface"), format != "cameras", "{said}");
         // The same bytes each time.
-        export(&place, format, "--out again");
+        export(&place, format, "--out again").succeeds();
         assert_eq!(fs::read(place.path("again")).unwrap(), written, "{format}");
     }
     // Vertices, points and gaussians lie on one surface, which is that of the box.
     let count = |format: &str| -> usize {
-        let said = export(&place, format, "--out out");
+        let said = export(&place, format, "--out out").said();
         said.split_once("out: ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
     };
     let (vertices, gaussians, points) = (count("ply"), count("splat"), count("points"));
@@ -51,7 +49,7 @@ fn every_format_is_written_and_described() {
     // A vertex for each cell of the surface of 17 x 17 x 17 cells between the centres of voxels.
     assert_eq!(vertices, 17 * 17 * 17 - 15 * 15 * 15);
     let triangles = |format: &str, most: usize| -> usize {
-        let said = export(&place, format, &format!("--triangles {most}"));
+        let said = export(&place, format, &format!("--triangles {most}")).said();
         said.split_once(" triangles").unwrap().0.rsplit(' ').next().unwrap().parse().unwrap()
     };
     assert!(triangles("ply", 1_000_000) > 2000);
@@ -74,13 +72,12 @@ fn a_page_of_the_papers_field_is_baked() {
     place.run(&["render", RUN, "--frames", "1", "--normals"]).succeeds();
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
-    let said = place.run(&["export", RUN, "--format", "html", "--resolution", "24"]).said();
-    assert!(said.contains("viewer.html") && said.contains("read by browsers"), "{said}");
-    let page = fs::read_to_string(place.path(RUN).join("viewer.html")).unwrap();
+    let export = || place.run(&["export", RUN, "--format", "html", "--resolution", "24"]);
+    export().says(&["viewer.html", "read by browsers"]);
+    let page = place.read(&format!("{RUN}/viewer.html"));
     assert!(page.contains("baked to 24 voxels along its box") && page.contains("uniform sampler3D opacities"));
-    let again = ["export", RUN, "--format", "html", "--resolution", "24", "--out", "again"];
-    place.run(&again).succeeds();
-    assert_eq!(fs::read_to_string(place.path("again")).unwrap(), page);
+    export().args("--out again").succeeds();
+    assert_eq!(place.read("again"), page);
 }
 
 /// Cameras of a capture at half size that is tested on its training views, read back by nerfstudio's rules: each frame has the
@@ -92,10 +89,8 @@ fn cameras_fit_next_to_the_image_files() {
     let exp = "exp fast-losses --variant factored --data data --scene facade --set eval.test=training";
     place.tiny(exp).succeeds();
     let run = "runs/fast-losses/facade/factored/seed0";
-    let said = place.run(&["export", run, "--format", "cameras"]).said();
-    assert!(said.contains("its image paths start in") && said.contains("data/facade"), "{said}");
-    let text = fs::read_to_string(place.path(run).join("export/transforms.json")).unwrap();
-    let cameras: Value = serde_json::from_str(&text).unwrap();
+    place.run(&["export", run, "--format", "cameras"]).says(&["its image paths start in", "data/facade"]);
+    let cameras: Value = serde_json::from_str(&place.read(&format!("{run}/export/transforms.json"))).unwrap();
     let strings = |key: &str| -> Vec<String> {
         let list = cameras[key].as_array().unwrap_or_else(|| panic!("{key}: {cameras}"));
         list.iter().map(|name| name.as_str().unwrap().to_owned()).collect()
@@ -121,7 +116,7 @@ fn cameras_fit_next_to_the_image_files() {
 #[test]
 fn impossible_exports_and_paths_are_refused() {
     let place = with_run();
-    let export = |args: &str| place.run(&["export", RUN, "--format", "ply", "--resolution", "16"]).args(args);
+    let export = |args: &str| export(&place, "ply", args);
     place.run(&["export", RUN]).fails_with(&["--format"]);
     for resolution in ["0", "513", "-1", "many"] {
         let resolution = format!("--resolution={resolution}");
@@ -129,7 +124,7 @@ fn impossible_exports_and_paths_are_refused() {
     }
     export("--triangles 3").fails_with(&["--triangles"]);
     place.run(&["export", RUN, "--format", "points", "--triangles", "9"]).fails_with(&["--triangles", "expected a"]);
-    fs::write(place.path("file"), "").unwrap();
+    place.write("file", "");
     export("--out file/below.ply").fails_with(&["file"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
@@ -150,7 +145,7 @@ fn impossible_exports_and_paths_are_refused() {
         ("{\"camera_path\": [{\"fov\": 50}]}", "camera_to_world"),
         ("{", "JSON"),
     ] {
-        fs::write(place.path("path.json"), text).unwrap();
+        place.write("path.json", text);
         render("path.json").fails_with(&["path.json", part]);
     }
 }
@@ -159,9 +154,12 @@ fn entry(index: usize) -> Value {
     json!({"camera_to_world": train_cameras(8)[index].to_world.transpose().to_cols_array(), "fov": 40.0})
 }
 
+fn count(folder: &Path, extension: &str) -> usize {
+    files(folder).iter().filter(|name| name.ends_with(extension)).count()
+}
+
 fn frames(folder: &Path) -> usize {
-    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
-    names.filter(|name| name.ends_with(".png")).count()
+    count(folder, ".png")
 }
 
 #[test]
@@ -169,32 +167,26 @@ fn cameras_follow_every_path() {
     let place = with_run();
     place.run(&["render", RUN, "--frames", "5", "--normals"]).succeeds();
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 5);
+    let render = |path: &str, args: &str| place.run(&["render", RUN, "--path", path]).args(args);
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
-        let said = place.run(&["render", RUN, "--path", path, "--frames", "3"]).said();
-        let animation = format!("{path}.gif");
-        assert!(said.contains("3 frames of 24x24") && said.contains(&animation), "{said}");
+        render(path, "--frames 3").says(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
-        assert_eq!(frames(&folder), 3);
-        // Those of the path before are gone.
-        assert_eq!(frames(&folder.join("normals")), 0);
-        let animations = fs::read_dir(&folder)
-            .unwrap()
-            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().ends_with(".gif"));
-        assert_eq!(animations.count(), 1);
+        // Frames and animation of the path before are gone.
+        let left = [count(&folder, ".png"), frames(&folder.join("normals")), count(&folder, ".gif")];
+        assert_eq!(left, [3, 0, 1]);
     }
 
     let nerfstudio = json!({"camera_path": [entry(0), entry(1)], "render_width": 30, "render_height": 20, "fps": 10});
-    fs::write(place.path("camera_path.json"), nerfstudio.to_string()).unwrap();
-    let said = place.run(&["render", RUN, "--path", "camera_path.json", "--out", "a"]).said();
-    assert!(said.contains("2 frames of 30x20") && said.contains("camera_path.gif"), "{said}");
+    place.write("camera_path.json", nerfstudio.to_string());
+    render("camera_path.json", "--out a").says(&["2 frames of 30x20", "camera_path.gif"]);
     let keyframes = json!({"keyframes": [entry(0), entry(1)], "seconds": 0.5, "fps": 10, "is_cycle": true});
-    fs::write(place.path("mine.json"), keyframes.to_string()).unwrap();
-    for (args, count) in [(&[][..], 5), (&["--frames", "4"], 4)] {
-        place.run(&["render", RUN, "--path", "mine.json", "--size", "12", "--out", "b"]).args(args).succeeds();
+    place.write("mine.json", keyframes.to_string());
+    for (args, count) in [("--size 12 --out b", 5), ("--size 12 --out b --frames 4", 4)] {
+        render("mine.json", args).succeeds();
         assert_eq!(frames(&place.path("b")), count);
     }
     // The first frame is the first keyframe in both.
     let first = |folder: &str| image::open(place.path(folder).join("0000.png")).unwrap().to_rgb8();
-    place.run(&["render", RUN, "--path", "camera_path.json", "--size", "12", "--out", "c"]).succeeds();
+    render("camera_path.json", "--size 12 --out c").succeeds();
     assert_eq!((first("b").dimensions(), first("c").dimensions()), ((12, 12), (12, 8)));
 }

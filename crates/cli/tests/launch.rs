@@ -2,12 +2,11 @@
 
 #![cfg(unix)]
 
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use crate::common::{Invocation, SWEEP, Workplace, records, text, without_times};
+use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, without_times};
 use serde_json::Value;
 
 /// A folder in which Slurm's commands are those of `tests/schedulers`.
@@ -20,21 +19,15 @@ impl Cluster {
         Self(place)
     }
 
-    /// `ARGS --out OUT`, with Slurm's commands on the PATH.
-    fn run(&self, args: &str, out: &str) -> Invocation {
-        self.scheduled(self.0.tiny(args).args(&["--out", out]))
-    }
-
     /// With Slurm's commands on the PATH.
     fn scheduled(&self, invocation: Invocation) -> Invocation {
         let fakes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers");
-        let path: OsString =
-            [fakes.into_os_string(), ":".into(), std::env::var_os("PATH").unwrap()].into_iter().collect();
+        let path = format!("{}:{}", fakes.display(), std::env::var("PATH").unwrap());
         invocation.env("PATH", path).env("JOBS", self.0.path("jobs"))
     }
 
     fn sweep(&self, out: &str) -> Invocation {
-        self.run(SWEEP, out)
+        self.scheduled(self.0.tiny(SWEEP).args(&["--out", out]))
     }
 
     fn slurm(&self) -> Invocation {
@@ -69,8 +62,7 @@ fn array_jobs_give_the_local_table() {
     cluster.sweep("local").succeeds();
     let asked = ["--partition", "gpu", "--memory", "2G", "--cpus", "4", "--jobs", "3", "--timeout", "10m"];
     let asked = cluster.slurm().args(&asked).args("--submit-option=--account=vision").env("MAX_ARRAY_SIZE", "6");
-    let said = asked.said();
-    assert!(said.contains("8 runs submitted as slurm 100, 101, 102"), "{said}");
+    asked.says(&["8 runs submitted as slurm 100, 101, 102"]);
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
     let logs = cluster.folder("runs").join("launch");
     for line in [
@@ -87,11 +79,11 @@ fn array_jobs_give_the_local_table() {
         assert!(first.lines().any(|found| found == line), "expected {line}\n{first}");
     }
     assert!(first.starts_with("# --parsable --account=vision ") && !first.contains("--dependency"), "{first}");
-    assert!(first.contains("exec ") && first.contains("\"$((0 + SLURM_ARRAY_TASK_ID))\""), "{first}");
-    assert!(second.contains("--array=\"0-1%3\"") && second.contains("\"$((6 + SLURM_ARRAY_TASK_ID))\""), "{second}");
+    assert_has(&first, &["exec ", "\"$((0 + SLURM_ARRAY_TASK_ID))\""]);
     // Three at a time in all, not in each array.
-    assert!(second.contains("#SBATCH --dependency=\"afterany:100\""), "{second}");
-    assert!(merge.contains("#SBATCH --dependency=\"afterany:100:101\"") && merge.contains(" --merge"), "{merge}");
+    let after_first = "#SBATCH --dependency=\"afterany:100\"";
+    assert_has(&second, &["--array=\"0-1%3\"", "\"$((6 + SLURM_ARRAY_TASK_ID))\"", after_first]);
+    assert_has(&merge, &["#SBATCH --dependency=\"afterany:100:101\"", " --merge"]);
 
     // Item 3 is lost on the way.
     for (job, tasks) in [(100, &[5, 4, 2, 1, 0][..]), (101, &[1, 0])] {
@@ -102,21 +94,20 @@ fn array_jobs_give_the_local_table() {
     }
     let merged = cluster.task(102, 0);
     assert_eq!(merged.status.code(), Some(1));
-    assert!(text(&merged.stderr).contains("1 of 8 runs are not finished: knot/infonerf_"), "{}", text(&merged.stderr));
+    assert_has(&text(&merged.stderr), &["1 of 8 runs are not finished: knot/infonerf_"]);
     assert_eq!(cluster.numbers("runs").len(), 7);
 
     // The same command submits it alone.
-    let said = cluster.slurm().said();
-    assert!(said.contains("8 runs, 7 of them finished before") && said.contains("1 runs submitted"), "{said}");
-    assert!(cluster.script(103).contains("--array=\"3\"\n"), "{}", cluster.script(103));
+    cluster.slurm().says(&["8 runs, 7 of them finished before", "1 runs submitted"]);
+    assert_has(&cluster.script(103), &["--array=\"3\"\n"]);
     assert!(cluster.task(103, 3).status.success());
     assert!(cluster.task(104, 0).status.success());
     assert_eq!(cluster.numbers("local"), cluster.numbers("runs"));
     let table = |out| fs::read_to_string(cluster.folder(out).join("plots/sweep-psnr-infonerf.svg")).unwrap();
     assert_eq!(table("local"), table("runs"));
     // There is nothing left to submit.
-    let said = cluster.slurm().said();
-    assert!(said.contains("8 of them finished before") && !said.contains("submitted"), "{said}");
+    let said = cluster.slurm().says(&["8 of them finished before"]);
+    assert!(!said.contains("submitted"), "{said}");
 }
 
 #[test]
@@ -124,10 +115,8 @@ fn a_launch_that_is_refused_loses_nothing() {
     let cluster = Cluster::new();
     // Without Slurm: the PATH is that of an empty folder.
     cluster.slurm().env("PATH", cluster.0.path("jobs")).fails_with(&["scontrol: not found", "Slurm"]);
-    cluster
-        .slurm()
-        .args("--partition nowhere")
-        .fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
+    let nowhere = cluster.slurm().args("--partition nowhere");
+    nowhere.fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
     // A full queue: what it took stays, and is known.
     let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MAX_JOBS", "1");
     full.fails_with(&["items 6 to 7 were not submitted", "as 100", "submit limit"]);
@@ -138,9 +127,8 @@ fn a_launch_that_is_refused_loses_nothing() {
     cluster.sweep("runs").env("PATH", cluster.0.path("jobs")).fails_with(&["jobs.json", "squeue: not found"]);
     // When they have ended, the rest is submitted.
     assert!(cluster.task(100, 0).status.success());
-    let said = cluster.slurm().said();
-    assert!(said.contains("1 of them finished before") && said.contains("7 runs submitted"), "{said}");
-    assert!(cluster.script(101).contains("--array=\"1-7\"\n"), "{}", cluster.script(101));
+    cluster.slurm().says(&["1 of them finished before", "7 runs submitted"]);
+    assert_has(&cluster.script(101), &["--array=\"1-7\"\n"]);
     // Merging is possible at any time.
     let merge = cluster.slurm().args("--merge").env("LIVE", "101").into_command().output().unwrap();
     assert_eq!((merge.status.code(), cluster.numbers("runs").len()), (Some(1), 1));
@@ -177,9 +165,8 @@ fn reproduce_is_launched_as_one() {
     let said = run("--launch slurm").said();
     let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
     assert_eq!(jobs, 3, "two arrays and one job that merges: {said}");
-    assert!(cluster.script(102).contains("afterany:100:101"), "{}", cluster.script(102));
+    assert_has(&cluster.script(102), &["afterany:100:101"]);
     assert!(cluster.task(101, 0).status.success());
     assert_eq!(cluster.task(102, 0).status.code(), Some(1), "most runs are not finished");
-    let report = fs::read_to_string(cluster.0.path("runs/reproduce/report.html")).unwrap();
-    assert!(report.contains("Claims of the paper"), "{report}");
+    assert_has(&cluster.0.read("runs/reproduce/report.html"), &["Claims of the paper"]);
 }

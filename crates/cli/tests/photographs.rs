@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Workplace, text};
+use crate::common::{Workplace, assert_has, text};
 use glam::{DMat3, DMat4};
 use infonerf_dataset::colmap::Reconstruction;
 use infonerf_dataset::{SceneSource, load};
@@ -29,10 +29,8 @@ fn poses_of_photographs_alone() {
     let views = room(&dir, &[0, 1, 3, 9]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
     let command = "scene from-images photos --poses own";
-    let said = place.run(command).said();
-    for part in ["4 of 5 photographs placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"] {
-        assert!(said.contains(part), "expected `{part}` in: {said}");
-    }
+    let unplaced = "10.png: not placed: 0 matches with placed photographs, 15 needed";
+    place.run(command).says(&["4 of 5 photographs placed", unplaced, "next: infonerf capture photos"]);
     let found = Reconstruction::read(&dir).unwrap();
     let poses: Vec<DMat4> = found.images.iter().map(|image| image.pose).collect();
     let truth: Vec<DMat4> = views.iter().map(|view| view.camera.to_world).collect();
@@ -47,28 +45,31 @@ fn poses_of_photographs_alone() {
     }
     let focal = found.camera(&found.images[0]).unwrap().fx / views[0].camera.fx;
     assert!((focal - 1.0).abs() < 0.05, "{focal}");
-    assert!(said.contains("next: infonerf capture photos"), "{said}");
     place.run("scene info photos").succeeds();
     place.run(command).fails_with(&["sparse", "remove this one to make another"]);
+}
+
+/// Writes a stand-in for COLMAP.
+#[cfg(unix)]
+fn write_colmap(place: &Workplace, script: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    place.write("colmap", script);
+    fs::set_permissions(place.path("colmap"), fs::Permissions::from_mode(0o755)).unwrap();
 }
 
 /// A COLMAP that fails is no reason to give up; photographs of different things are, and leave nothing behind.
 #[cfg(unix)]
 #[test]
 fn photographs_that_cannot_be_placed() {
-    use std::os::unix::fs::PermissionsExt;
     let place = Workplace::new();
     let dir = place.path("photos");
     room(&dir, &[0]);
-    let program = place.path("colmap");
-    fs::write(&program, "#!/bin/sh\necho oops\nexit 1\n").unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    write_colmap(&place, "#!/bin/sh\necho oops\nexit 1\n");
     let run = || place.run("scene from-images photos").env("PATH", place.path(""));
     run().fails_with(&["at least two photographs: it has 1"]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("b.png")).unwrap();
     run().fails_with(&["photos: expected photographs that overlap", "no two of 2 photographs have 20 matches"]);
-    let said = text(&run().into_command().output().unwrap().stdout);
-    assert!(said.contains("colmap failed: ") && said.contains("oops"), "{said}");
+    assert_has(&text(&run().into_command().output().unwrap().stdout), &["colmap failed: ", "oops"]);
     assert!(!dir.join("sparse").exists() && !dir.join("colmap.db").exists());
     Image::filled(360, 300, [0.5; 3]).write_png(&dir.join("c.png")).unwrap();
     run().fails_with(&["no two of 3 photographs have 20 matches"]);
@@ -80,41 +81,31 @@ fn photographs_that_cannot_be_placed() {
 #[cfg(unix)]
 #[test]
 fn better_poses_of_two_solvers_are_kept() {
-    use std::os::unix::fs::PermissionsExt;
     let place = Workplace::new();
     let dir = place.path("photos");
     room(&dir, &[0, 1, 3, 9]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
-    let program = place.path("colmap");
-    let script = "#!/bin/sh\nif [ \"$1 $2\" = 'mapper --database_path' ]; then cp -r model \"$7/0\"; fi\n";
-    fs::write(&program, script).unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    fs::create_dir(place.path("model")).unwrap();
-    fs::write(place.path("model/cameras.txt"), "1 SIMPLE_PINHOLE 360 360 300 180 180\n").unwrap();
-    let from_images = |arguments: &str, placed: &[&str]| {
+    write_colmap(&place, "#!/bin/sh\nif [ \"$1 $2\" = 'mapper --database_path' ]; then cp -r model \"$7/0\"; fi\n");
+    place.write("model/cameras.txt", "1 SIMPLE_PINHOLE 360 360 300 180 180\n");
+    // Returns what is printed where COLMAP places some photographs and `expected` are placed in the end.
+    let from_images = |arguments: &str, placed: &[&str], expected: usize| {
         let image = |(i, name): (usize, &&str)| format!("{} 1 0 0 0 {i} 0 0 1 {name}.png\n1 1 -1\n", i + 1);
         let images: String = placed.iter().enumerate().map(image).collect();
-        fs::write(place.path("model/images.txt"), images).unwrap();
+        place.write("model/images.txt", images);
         let _ = fs::remove_dir_all(dir.join("sparse"));
         let path = format!("{}:{}", place.path("").display(), std::env::var("PATH").unwrap_or_default());
         let said = place.run(&*format!("scene from-images photos {arguments}")).env("PATH", path).said();
         assert!(!dir.join("colmap.partial").exists());
-        (said, Reconstruction::read(&dir).unwrap().images.len())
+        assert_eq!(Reconstruction::read(&dir).unwrap().images.len(), expected);
+        said
     };
-    let (said, placed) = from_images("", &["00", "01"]);
-    assert!(
-        said.contains("this program's poses are kept: colmap placed 2 of 5 photographs, this program 4 of 5"),
-        "{said}"
-    );
-    assert_eq!(placed, 4);
-    let (said, placed) = from_images("", &["00", "01", "03", "09", "10"]);
-    assert!(said.contains("colmap's poses are kept: colmap placed 5 of 5 photographs, this program 4 of 5"), "{said}");
-    assert_eq!(placed, 5);
-    let (said, placed) = from_images("--poses colmap", &["00", "01"]);
+    let own = "this program's poses are kept: colmap placed 2 of 5 photographs, this program 4 of 5";
+    assert_has(&from_images("", &["00", "01"], 4), &[own]);
+    let theirs = "colmap's poses are kept: colmap placed 5 of 5 photographs, this program 4 of 5";
+    assert_has(&from_images("", &["00", "01", "03", "09", "10"], 5), &[theirs]);
+    let said = from_images("--poses colmap", &["00", "01"], 2);
     assert!(said.contains("03.png: not placed: colmap did not register it") && !said.contains("features"), "{said}");
-    assert_eq!(placed, 2);
     fs::remove_file(dir.join("10.png")).unwrap();
-    let (said, placed) = from_images("", &["00", "01"]);
+    let said = from_images("", &["00", "01"], 4);
     assert!(said.contains("4 of 4 photographs placed") && !said.contains("colmap"), "{said}");
-    assert_eq!(placed, 4);
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Workplace, text};
+use crate::common::{Workplace, records};
 use infonerf_pretrained::{LpipsConfig, TensorShape};
 use serde_json::{Map, Value, json};
 
@@ -11,20 +11,16 @@ use serde_json::{Map, Value, json};
 fn pictures_of_a_run_measure_as_its_record_says() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
-    let run = place.path("runs/fast-losses/knot/factored/seed0");
-    let (renders, truth) = (run.join("test"), run.join("truth"));
-    let (renders, truth) = (renders.to_str().unwrap(), truth.to_str().unwrap());
-    let output = place.run(&["eval", "--renders", renders, "--truth", truth, "--out", "compared"]).succeeds();
-    assert!(text(&output.stdout).contains("8-bit RGB on white"), "{}", text(&output.stdout));
-    let json = fs::read_to_string(place.path("compared/comparison.json")).unwrap();
-    let compared: Value = serde_json::from_str(&json).unwrap();
-    let records = fs::read_to_string(place.path("runs/fast-losses/results.json")).unwrap();
-    let record = serde_json::from_str::<Value>(&records).unwrap()[0].clone();
+    let run = "runs/fast-losses/knot/factored/seed0";
+    let eval = format!("eval --renders {run}/test --truth {run}/truth --out compared");
+    place.run(eval.as_str()).says(&["8-bit RGB on white"]);
+    let compared: Value = serde_json::from_str(&place.read("compared/comparison.json")).unwrap();
+    let record = &records(&place.path("runs/fast-losses"))[0];
     for key in ["psnr", "ssim", "sharpness"] {
         let (there, here) = (record[key].as_f64().unwrap(), compared["mean"][key].as_f64().unwrap());
         assert!((there - here).abs() < 1e-9 * there.abs().max(1.0), "{key}: {there} and {here}");
     }
-    let page = fs::read_to_string(place.path("compared/comparison.html")).unwrap();
+    let page = place.read("compared/comparison.html");
     assert_eq!(page.matches("type=\"range\"").count(), 2);
 }
 
@@ -36,12 +32,16 @@ fn pictures_that_do_not_fit_are_one_line() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         image::RgbImage::from_pixel(side, side, image::Rgb([9, 8, 7])).save(path).unwrap();
     };
-    for folder in ["a", "b", "small"] {
-        picture(&format!("{folder}/0.png"), if folder == "small" { 8 } else { 16 });
+    for (path, side) in [
+        ("a/0.png", 16),
+        ("b/0.png", 16),
+        ("small/0.png", 8),
+        ("more/0.png", 16),
+        ("more/1.png", 16),
+        ("masks/0.png", 8),
+    ] {
+        picture(path, side);
     }
-    picture("more/0.png", 16);
-    picture("more/1.png", 16);
-    picture("masks/0.png", 8);
     fs::create_dir(place.path("none")).unwrap();
     for (arguments, part) in [
         ("--renders a --truth small", "a/0.png"),
@@ -61,11 +61,8 @@ fn pictures_that_do_not_fit_are_one_line() {
 #[test]
 fn weights_are_listed_and_bad_files_refused() {
     let place = Workplace::new();
-    let listed = place.run("weights").said();
-    for name in ["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"] {
-        assert!(listed.contains(name), "{name}: {listed}");
-    }
-    fs::write(place.path("text.pth"), "no weights").unwrap();
+    place.run("weights").says(&["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"]);
+    place.write("text.pth", "no weights");
     place.run("weights import text.pth").fails_with(&["text.pth"]);
     // A backbone measures nothing without its linear heads.
     zero_weights(&place.path("backbone.safetensors"), &LpipsConfig::alex().backbone_tensors());
@@ -96,11 +93,9 @@ fn zero_weights(path: &Path, tensors: &[TensorShape]) {
 fn a_scene_is_described_and_checked() {
     let place = Workplace::new();
     place.run("scene export castle castle --size 16").succeeds();
-    let described = place.run("scene info castle --page castle.html").said();
-    assert!(described.contains("Blender") && described.contains("100 to train on"), "{described}");
-    assert!(fs::read_to_string(place.path("castle.html")).unwrap().contains("<canvas"));
-    let json = place.run("scene info castle --json").succeeds();
-    assert!(serde_json::from_str::<Value>(&text(&json.stdout)).is_ok());
+    place.run("scene info castle --page castle.html").says(&["Blender", "100 to train on"]);
+    assert!(place.read("castle.html").contains("<canvas"));
+    assert!(serde_json::from_str::<Value>(&place.run("scene info castle --json").said()).is_ok());
     place.run("scene check castle").succeeds();
     place.run("scene info absent").fails_with(&["absent"]);
 }

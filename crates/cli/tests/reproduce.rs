@@ -1,7 +1,5 @@
 //! Every table of the paper in one report, at a size that takes seconds.
 
-use std::fs;
-
 use crate::common::{Invocation, Workplace, records};
 
 /// A network of a few neurons and a few steps of a few rays.
@@ -17,13 +15,11 @@ fn tiny(place: &Workplace, args: &str) -> Invocation {
 fn statements_are_tested_beside_the_papers_figures() {
     let place = Workplace::new();
     let args = "--only baseline --only information --scene knot --seed 0";
-    let said = tiny(&place, args).said();
-    assert!(said.contains("On a narrow baseline: both losses ≥ entropy alone > none"), "{said}");
-    assert!(said.contains("PSNR (dB): narrow-entropy > narrow-none") && said.contains("(paper +3.58)"), "{said}");
-
+    let statement = "On a narrow baseline: both losses ≥ entropy alone > none";
+    tiny(&place, args).says(&[statement, "PSNR (dB): narrow-entropy > narrow-none", "(paper +3.58)"]);
     let root = place.path("runs/reproduce");
     assert_eq!((records(&root.join("baseline")).len(), records(&root.join("information")).len()), (8, 3));
-    let html = fs::read_to_string(root.join("report.html")).unwrap();
+    let html = place.read("runs/reproduce/report.html");
     // The paper's figure, a difference of protocol, and a verdict.
     assert!(html.contains("18.41") && html.contains("Images: 16 pixels here; 800 pixels in the paper."));
     assert!(["holds", "does not hold", "undecided"].iter().any(|verdict| html.contains(verdict)));
@@ -37,8 +33,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     assert_eq!(order, expected);
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);
 
-    let again = tiny(&place, args).said();
-    assert!(again.contains("(8 runs, 8 of them finished before)"), "{again}");
+    tiny(&place, args).says(&["(8 runs, 8 of them finished before)"]);
 }
 
 /// Two of the gain's three runs are the loss ablation's, under other names.
@@ -46,8 +41,7 @@ fn statements_are_tested_beside_the_papers_figures() {
 fn a_run_is_done_once() {
     let place = Workplace::new();
     let args = "--only loss-ablation --only information --scene knot --seed 0";
-    let said = tiny(&place, args).said();
-    assert!(said.contains("2 of these runs are those of experiments above"), "{said}");
+    tiny(&place, args).says(&["2 of these runs are those of experiments above"]);
     let record = |experiment: &str, variant: &str| {
         let records = records(&place.path("runs/reproduce").join(experiment));
         records.into_iter().find(|record| record["variant"] == variant).unwrap()
@@ -56,8 +50,7 @@ fn a_run_is_done_once() {
         let (ours, theirs) = (record("information", ours), record("loss-ablation", theirs));
         assert_eq!((&ours["experiment"], &ours["psnr"]), (&"information".into(), &theirs["psnr"]));
     }
-    let again = tiny(&place, args).said();
-    assert!(again.contains("(3 runs, 3 of them finished before)"), "{again}");
+    tiny(&place, args).says(&["(3 runs, 3 of them finished before)"]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::common::{Invocation, SWEEP, Workplace, records, text, without_times};
+use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, without_times};
 
 const RUNS: usize = 8;
 const FOLDER: &str = "sweep-fast-losses";
@@ -21,15 +21,15 @@ fn folder(place: &Workplace, out: &str) -> PathBuf {
 
 /// When each run finished.
 fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
-    let mut found = Vec::new();
-    for variant in fs::read_dir(folder.join("knot")).into_iter().flatten().flatten() {
-        for seed in fs::read_dir(variant.path()).unwrap().flatten() {
-            let record = seed.path().join("record-fast.json");
-            if let Ok(time) = fs::metadata(&record).and_then(|metadata| metadata.modified()) {
-                found.push((record, time));
-            }
-        }
-    }
+    let variants = fs::read_dir(folder.join("knot")).into_iter().flatten().flatten();
+    let runs = variants.flat_map(|variant| fs::read_dir(variant.path()).unwrap().flatten());
+    let mut found: Vec<_> = runs
+        .filter_map(|run| {
+            let record = run.path().join("record-fast.json");
+            let time = fs::metadata(&record).and_then(|metadata| metadata.modified()).ok()?;
+            Some((record, time))
+        })
+        .collect();
     found.sort();
     found
 }
@@ -38,8 +38,7 @@ fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
 #[test]
 fn every_combination_is_run_once() {
     let place = Workplace::new();
-    let said = sweep(&place, "runs").said();
-    assert!(said.contains("(8 runs)"), "{said}");
+    sweep(&place, "runs").says(&["(8 runs)"]);
     let whole = folder(&place, "runs");
     let list = records(&whole);
     assert_eq!(list.len(), RUNS);
@@ -54,8 +53,7 @@ fn every_combination_is_run_once() {
 
     // Again: nothing is left to do, and nothing changes.
     let before = finished(&whole);
-    let said = sweep(&place, "runs").said();
-    assert!(said.contains("8 runs, 8 of them finished before"), "{said}");
+    sweep(&place, "runs").says(&["8 runs, 8 of them finished before"]);
     assert_eq!(before, finished(&whole));
 
     let numbers = |out| without_times(&records(&folder(&place, out)));
@@ -67,12 +65,11 @@ fn every_combination_is_run_once() {
     fs::copy(whole.join("manifest.jsonl"), &alone).unwrap();
     let item = |item: usize| place.run(&["sweep-item", alone.to_str().unwrap(), &item.to_string()]);
     (0..RUNS).rev().for_each(|index| drop(item(index).succeeds()));
-    assert!(item(5).said().contains("finished before"));
+    item(5).says(&["finished before"]);
     item(8).fails_with(&["manifest.jsonl", "item 8"]);
     place.run("sweep-item nothing.jsonl 0").fails_with(&["nothing.jsonl"]);
     // What is left to do is the table.
-    let said = sweep(&place, "items").said();
-    assert!(said.contains("8 runs, 8 of them finished before"), "{said}");
+    sweep(&place, "items").says(&["8 runs, 8 of them finished before"]);
     assert_eq!(numbers("runs"), numbers("items"));
 
     let text = fs::read_to_string(&alone).unwrap();
@@ -92,14 +89,13 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
     let exp =
         |steps: &str| place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(&["--set", steps]);
-    let said = exp("train.iterations=3").args("--variant infonerf").said();
-    assert!(said.contains("the paper's losses improve on RGB alone"), "its claims are told: {said}");
+    // Its claims are told.
+    exp("train.iterations=3").args("--variant infonerf").says(&["the paper's losses improve on RGB alone"]);
     exp("train.iterations=3").args("--json").fails_with(&["--json", "--jobs"]);
     let listed = || finished(&place.path("runs/fast-losses"));
     let before = listed();
     exp("train.iterations=2").fails_with(&["config.toml", "another config"]);
-    let said = exp("train.iterations=2").args("--overwrite").said();
-    assert!(said.contains("(1 runs)"), "{said}");
+    exp("train.iterations=2").args("--overwrite").says(&["(1 runs)"]);
     let after = listed();
     assert_eq!(after.len(), 2);
     let same = |name: &str| {
@@ -107,8 +103,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
         before.iter().find(of) == after.iter().find(of)
     };
     assert!(same("infonerf") && !same("factored"));
-    let said = exp("train.iterations=2").said();
-    assert!(said.contains("1 of them finished before"), "{said}");
+    exp("train.iterations=2").says(&["1 of them finished before"]);
 }
 
 /// Four by four weights of the paper's losses.
@@ -151,11 +146,8 @@ fn a_run_that_fails_or_takes_too_long_is_reported_and_the_others_go_on() {
         let sweep =
             place.tiny_without("train.iterations", "sweep fast-losses --scene knot --variant factored").args(args);
         let output = sweep.into_command().output().unwrap();
-        let complaint = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{complaint}");
-        for part in ["failed: ", part, "1 of 2 runs are not finished"] {
-            assert!(complaint.contains(part), "{part}: {complaint}");
-        }
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        assert_has(&text(&output.stderr), &["failed: ", part, "1 of 2 runs are not finished"]);
         assert_eq!(records(&folder(&place, out)).len(), 1);
     }
 }

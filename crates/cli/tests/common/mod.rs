@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
+use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -77,6 +78,18 @@ impl Workplace {
         self.0.path().join(part)
     }
 
+    pub fn read(&self, part: &str) -> String {
+        let path = self.path(part);
+        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    }
+
+    /// Writes a file, in a folder that is made if need be.
+    pub fn write(&self, part: &str, contents: impl AsRef<[u8]>) {
+        let path = self.path(part);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, contents).unwrap();
+    }
+
     /// `infonerf ARGS`, in this folder.
     pub fn run(&self, args: impl Words) -> Invocation {
         Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
@@ -101,6 +114,13 @@ impl Invocation {
     /// Runs it, which has to succeed, and returns its standard output.
     pub fn said(self) -> String {
         text(&self.succeeds().stdout)
+    }
+
+    /// Runs it, which has to succeed with a standard output that has each of `parts`, and returns that.
+    pub fn says(self, parts: &[&str]) -> String {
+        let said = self.said();
+        assert_has(&said, parts);
+        said
     }
 
     pub fn args(mut self, args: impl Words) -> Self {
@@ -150,6 +170,13 @@ impl Invocation {
     }
 }
 
+/// Checks that a text has each of `parts`.
+pub fn assert_has(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "expected `{part}` in: {text}");
+    }
+}
+
 /// Waits until there is a file at `path`.
 pub fn wait_for(path: &Path) {
     let patience = Instant::now();
@@ -161,6 +188,12 @@ pub fn wait_for(path: &Path) {
 
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program speaks UTF-8")
+}
+
+/// The names of the files and folders in a folder.
+pub fn files(folder: &Path) -> BTreeSet<String> {
+    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect()
 }
 
 /// The records of an experiment's `results.json`.
