@@ -1,4 +1,5 @@
-//! Helpers of the tests across crates: parameters that follow from a rule, so that fixtures need no weights.
+//! Helpers of the tests across crates: parameters that follow from a rule, so that fixtures need no weights. They panic if a
+//! fixture or a file is not as expected.
 
 use std::path::Path;
 
@@ -45,9 +46,6 @@ pub fn hashed(l: usize, n: usize) -> f64 {
 }
 
 /// Reads `fixtures/<name>.json`.
-///
-/// # Panics
-/// If the file is missing or not JSON.
 pub fn fixture(name: &str) -> Value {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name).with_extension("json");
     serde_json::from_slice(&std::fs::read(path).expect("a fixture")).expect("JSON")
@@ -87,20 +85,18 @@ pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> 
     })
 }
 
-/// Returns the rank and gradient of every parameter, in the module's order.
-///
-/// # Panics
-/// If a parameter has no gradient.
-pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, Vec<f32>)> {
+/// Returns shape and elements of every parameter, or of its gradient among `gradients`, in the module's order.
+pub fn parameters_of(module: &impl Module, gradients: Option<&Gradients>) -> Vec<(Vec<usize>, Vec<f32>)> {
     struct Visitor<'a> {
-        gradients: &'a Gradients,
-        found: Vec<(usize, Vec<f32>)>,
+        gradients: Option<&'a Gradients>,
+        found: Vec<(Vec<usize>, Vec<f32>)>,
     }
 
     impl ModuleVisitor for Visitor<'_> {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            let gradient = param.val().grad(self.gradients).expect("every parameter has a gradient");
-            self.found.push((D, gradient.into_data().try_to_vec().expect("f32")));
+            let gradient = |gradients| param.val().grad(gradients).expect("every parameter has a gradient");
+            let values = self.gradients.map_or_else(|| param.val(), gradient);
+            self.found.push((values.dims().to_vec(), values.into_data().try_to_vec().expect("f32")));
         }
     }
 
@@ -109,10 +105,13 @@ pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, 
     visitor.found
 }
 
+/// Returns the gradients of the parameters of a rank, in the module's order.
+pub fn gradients_of_rank(rank: usize, module: &impl Module, gradients: &Gradients) -> Vec<Vec<f32>> {
+    let all = parameters_of(module, Some(gradients)).into_iter();
+    all.filter(|(shape, _)| shape.len() == rank).map(|(_, values)| values).collect()
+}
+
 /// Returns the elements of a fixture's list of numbers, or its one number.
-///
-/// # Panics
-/// If the value is neither.
 pub fn floats(value: &Value) -> Vec<f64> {
     let number = |x: &Value| x.as_f64().expect("a number");
     value.as_array().map_or_else(|| vec![number(value)], |items| items.iter().map(number).collect())
@@ -123,26 +122,22 @@ pub fn numbers(value: &Value) -> Vec<f32> {
     floats(value).into_iter().map(|x| x as f32).collect()
 }
 
+/// Returns the elements of a fixture's list of whole numbers.
+pub fn wholes(value: &Value) -> Vec<usize> {
+    value.as_array().expect("a list").iter().map(whole).collect()
+}
+
 /// Returns a whole number of a fixture.
-///
-/// # Panics
-/// If the value is none.
 pub fn whole(value: &Value) -> usize {
     value.as_u64().expect("a whole number") as usize
 }
 
 /// Returns the three elements of a fixture's vector.
-///
-/// # Panics
-/// If there are not three numbers.
 pub fn triple(value: &Value) -> [f32; 3] {
     numbers(value).try_into().expect("three numbers")
 }
 
 /// Returns the space of a scene within a cube of `half_edge` about the origin, between the fixture's near and far.
-///
-/// # Panics
-/// If the fixture lacks them.
 pub fn space(fixture: &Value, half_edge: f32) -> Space {
     let [near, far] = ["near", "far"].map(|key| floats(&fixture[key])[0] as f32);
     let bounds = Aabb::cube(Vec3::ZERO, half_edge);
@@ -155,9 +150,6 @@ pub fn largest(values: &[f32]) -> f64 {
 }
 
 /// Checks that each element is within `tolerance`, which is given the expected one, from that.
-///
-/// # Panics
-/// If one is not, or the lengths differ.
 pub fn compare_within<A, B>(got: &[A], want: &[B], tolerance: impl Fn(f64) -> f64, what: &str)
 where
     A: Copy + Into<f64>,
@@ -172,9 +164,6 @@ where
 
 /// Checks that no element is further than [`TOLERANCE`] times the largest expected element, or `floor` if that is larger, from
 /// the expected one.
-///
-/// # Panics
-/// As [`compare_within`].
 pub fn close(got: &[f32], want: &[f32], floor: f64, what: &str) {
     let tolerance = TOLERANCE * largest(want).max(floor);
     compare_within(got, want, |_| tolerance, what);
@@ -186,9 +175,6 @@ pub fn picture(k: usize, pixels: usize) -> Vec<[f32; 3]> {
 }
 
 /// Writes tensors of these names and shapes as a safetensors file: element `n` of tensor `l` is `rule(name, shape, hashed(l, n))`.
-///
-/// # Panics
-/// If the file cannot be written.
 pub fn write_weights(path: &Path, tensors: &[(String, Vec<usize>)], rule: impl Fn(&str, &[usize], f64) -> f64) {
     let bytes = |(l, (name, shape)): (usize, &(String, Vec<usize>))| -> Vec<u8> {
         let values = (0..shape.iter().product()).map(|n| rule(name, shape, hashed(l, n)) as f32);

@@ -8,11 +8,13 @@ use infonerf_field::{
 };
 use infonerf_ops::{Segments, from_host, to_host, upload};
 use infonerf_schedule::Moment;
-use infonerf_tests::{devices, gradients_of, hashed, picture, with_parameters};
-use serde_json::{Value, json};
+use infonerf_tests::{devices, hashed, parameters_of, picture, with_parameters};
+use serde_json::json;
+
+use crate::setup;
 
 /// A small field of each kind, with part of its detail if that is annealed.
-fn fields() -> [Value; 8] {
+fn fields() -> [FieldConfig; 8] {
     [
         json!({"kind": "nerf", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
                "density": "softplus", "detail": 0.7}),
@@ -30,6 +32,7 @@ fn fields() -> [Value; 8] {
         json!({"kind": "pixelnerf", "encoder": {"width": 4, "blocks": [1], "weights": ""}, "blocks": 1, "pool_after": 1,
                "width": 16, "frequencies": 2, "lowest_frequency": 1.5, "density": "softplus"}),
     ]
+    .map(|field| serde_json::from_value(field).unwrap())
 }
 
 fn sources() -> Sources {
@@ -48,7 +51,7 @@ fn sources() -> Sources {
 fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> f64) -> RadianceField {
     let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
     let body = Some(BodyVertices { vertices: &vertices, ..BodyVertices::default() });
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0, 1.5, 2.0]], seed: 0, device, body };
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0, 1.5, 2.0]], body, ..setup(device) };
     let gain = |shape: &[usize]| if shape.len() == 2 && shape[0] < 64 { (6.0 / shape[0] as f64).sqrt() } else { 1.0 };
     let values = |l: usize, shape: &[usize]| {
         Some((0..shape.iter().product()).map(|n| (gain(shape) * hashed(l, n) + moved(l, n)) as f32).collect())
@@ -58,6 +61,13 @@ fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> 
 
 /// Positions of five points.
 const AT: [f32; 15] = [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
+
+/// Checks that a gradient is within a tolerance of the differences on both sides: they differ where a ReLU turns on or a texel
+/// ends in between.
+fn check_between(found: f64, sides: [f64; 2], tolerance: f64, what: &str) {
+    let [low, high] = [sides[0].min(sides[1]), sides[0].max(sides[1])];
+    assert!((low - tolerance..=high + tolerance).contains(&found), "{what}: {found}, {sides:?}");
+}
 
 /// Samples of two rays.
 fn points(positions: &[f32], device: &Device) -> Points {
@@ -75,7 +85,7 @@ fn points(positions: &[f32], device: &Device) -> Points {
 fn gradients_in_positions_are_those_of_differences() {
     const STEP: f32 = 1e-3;
     for device in devices() {
-        for config in fields().map(|field| serde_json::from_value::<FieldConfig>(field).unwrap()) {
+        for config in fields() {
             let field = built(&config, &device, |_, _| 0.0).conditioned(&sources(), None);
             let sigma = |positions: &[f32]| {
                 let densities = field.evaluate(&points(positions, &device), false, Moment::END).sigma;
@@ -95,11 +105,8 @@ fn gradients_in_positions_are_those_of_differences() {
                     moved[index] += step;
                     (sigma(&moved)[index / 3] - here[index / 3]) / f64::from(moved[index] - AT[index])
                 };
-                // On both sides: they differ where a ReLU turns on or a texel ends in between.
                 let sides = [difference(-STEP), difference(STEP)];
-                let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
-                let within = low - 5e-3 * steepest..=high + 5e-3 * steepest;
-                assert!(within.contains(&f64::from(found)), "{config} on {device:?}, {index}: {found}, {sides:?}");
+                check_between(f64::from(found), sides, 5e-3 * steepest, &format!("{config} on {device:?}, {index}"));
             }
         }
     }
@@ -111,7 +118,7 @@ fn gradients_in_parameters_are_those_of_differences() {
     const STEP: f64 = 1e-3;
     let direction = |l: usize, n: usize| hashed(100 + l, n);
     for device in devices() {
-        for config in fields().map(|field| serde_json::from_value::<FieldConfig>(field).unwrap()) {
+        for config in fields() {
             // Σ u σ + Σ v c and the field's penalties, in a training step.
             let value = |field: &RadianceField, device: &Device| {
                 let field = field.conditioned(&sources(), Some(5));
@@ -123,8 +130,8 @@ fn gradients_in_parameters_are_those_of_differences() {
                 penalties.into_iter().flatten().fold(shown, |sum, penalty| sum + penalty)
             };
             let tracked = built(&config, &device.clone().autodiff(), |_, _| 0.0);
-            let gradients = gradients_of(&tracked, &value(&tracked, &tracked.device()).backward());
-            let along = |(l, (_, gradient)): (usize, &(usize, Vec<f32>))| -> f64 {
+            let gradients = parameters_of(&tracked, Some(&value(&tracked, &tracked.device()).backward()));
+            let along = |(l, (_, gradient)): (usize, &(Vec<usize>, Vec<f32>))| -> f64 {
                 gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * direction(l, n)).sum()
             };
             let found: Vec<f64> = gradients.iter().enumerate().map(along).collect();
@@ -135,11 +142,8 @@ fn gradients_in_parameters_are_those_of_differences() {
                     f64::from(value(&built(&config, &device, moved), &device).into_scalar::<f32>())
                 };
                 let (below, here, above) = (at(-STEP), at(0.0), at(STEP));
-                // On both sides: they differ where a ReLU turns on in between.
                 let sides = [(here - below) / STEP, (above - here) / STEP];
-                let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
-                let within = low - 1e-2 * steepest..=high + 1e-2 * steepest;
-                assert!(within.contains(&found), "{config} on {device:?}, parameter {l}: {found}, {sides:?}");
+                check_between(found, sides, 1e-2 * steepest, &format!("{config} on {device:?}, parameter {l}"));
                 let is_used = above != here || below != here;
                 assert!(!is_used || found != 0.0, "{config}, parameter {l} has no gradient");
             }

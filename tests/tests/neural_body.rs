@@ -7,12 +7,14 @@ use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
-    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
+    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField,
 };
 use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{close, fixture, gradients_of, hashed, numbers, overwritten, triple, whole};
+use infonerf_tests::{close, fixture, hashed, numbers, overwritten, parameters_of, triple, whole};
 use serde_json::Value;
+
+use crate::{no_sources, setup};
 
 /// Scale below which gradients are compared with it, as their terms cancel; the largest is 0.15.
 const MIN_SCALE: f64 = 1e-3;
@@ -45,8 +47,8 @@ fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
 }
 
 /// Summarises the gradient of parameter `l` as the fixture does.
-fn summed(l: usize, (rank, gradient): (usize, Vec<f32>)) -> Vec<f32> {
-    if rank != 2 || l < 2 {
+fn summed(l: usize, (shape, gradient): (Vec<usize>, Vec<f32>)) -> Vec<f32> {
+    if shape.len() != 2 || l < 2 {
         return gradient;
     }
     let terms = gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * hashed(l + 1000, n));
@@ -59,12 +61,12 @@ fn check(device: &Device) {
     let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
     let origin = triple(&fixture["origin"]);
     let body = Some(BodyVertices { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
+    let setup = FieldSetup { body, ..setup(device) };
     let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
     let (original, parameters) = overwritten(field, rule);
     // Codes and appearance, 17 convolutions of three tensors, and eight dense layers.
     assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
-    let field = original.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
+    let field = original.conditioned(&no_sources(), None);
     let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
     let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
     let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
@@ -76,8 +78,7 @@ fn check(device: &Device) {
     close(&to_host(color.clone()), &rgb, 0.0, "colour");
 
     let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
-    let gradients = loss.backward();
-    let found = gradients_of(&original, &gradients);
+    let found = parameters_of(&original, Some(&loss.backward()));
     let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
     assert_eq!(found.len(), expected.len());
     for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
@@ -92,10 +93,8 @@ fn agrees_with_pytorch_on_every_device() {
 
 #[test]
 fn without_a_body_it_says_which_file_it_wants() {
-    let device = &Device::flex();
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
-    let message =
-        RadianceField::new(&FieldConfig::NeuralBody(config(&fixture("neural_body"))), &setup).unwrap_err().to_string();
+    let config = FieldConfig::NeuralBody(config(&fixture("neural_body")));
+    let message = RadianceField::new(&config, &setup(&Device::flex())).unwrap_err().to_string();
     assert!(message.contains("new_vertices/0.npy"), "{message}");
 }
 
@@ -106,13 +105,12 @@ fn a_body_of_full_size_fits() {
     let vertices: Vec<[f32; 3]> =
         (0..6890).map(|n| [0, 1, 2].map(|axis| hashed(axis, n) as f32 * [0.4, 0.2, 0.9][axis])).collect();
     let body = Some(BodyVertices { vertices: &vertices, ..BodyVertices::default() });
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
+    let setup = FieldSetup { body, ..setup(device) };
     let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture("neural_body")) };
     let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
     let positions = Tensor::from_floats([vertices[0], [5.0, 0.0, 0.0]], device);
     let points = Points::scattered(positions, Extent::Ball { variance: 0.0 });
-    let field = field.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
-    let sampled = field.evaluate(&points, true, Moment::END);
+    let sampled = field.conditioned(&no_sources(), None).evaluate(&points, true, Moment::END);
     assert!(to_host(sampled.color.unwrap()).iter().all(|c| c.is_finite()));
     let tiny = NeuralBodyConfig { voxel: 0.001, ..sizes };
     let message = RadianceField::new(&FieldConfig::NeuralBody(tiny), &setup).unwrap_err().to_string();

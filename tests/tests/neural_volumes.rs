@@ -3,8 +3,7 @@
 //!
 //! `fixtures/neural_volumes.py` made the expected values; its head states the rule that gives every weight.
 
-use burn::module::Module;
-use burn::tensor::{Device, Gradients, Tensor};
+use burn::tensor::{Device, Tensor};
 use infonerf_field::{
     CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
     RadianceField, SourceView, Sources,
@@ -14,13 +13,11 @@ use infonerf_procedural::load;
 use infonerf_render::Exposure;
 use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_schedule::Moment;
-use infonerf_tests::{close, fixture, gradients_of, numbers, overwritten, picture, triple, whole};
+use infonerf_tests::{close, fixture, gradients_of_rank, numbers, overwritten, picture, triple, whole, wholes};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
 use serde_json::Value;
 
-fn wholes(value: &Value) -> Vec<usize> {
-    value.as_array().unwrap().iter().map(whole).collect()
-}
+use crate::{no_sources, setup};
 
 /// Sizes of the field without an encoder.
 fn sizes(fixture: &Value) -> NeuralVolumesConfig {
@@ -62,7 +59,7 @@ fn rule_of_learned(l: usize, shape: &[usize], u: f64) -> f64 {
 
 fn built(fixture: &Value, config: NeuralVolumesConfig, device: &Device) -> RadianceField {
     let bounds = [0, 1].map(|index| triple(&fixture["box"][index]));
-    let setup = FieldSetup { bounds, seed: 0, device, body: None };
+    let setup = FieldSetup { bounds, ..setup(device) };
     FieldConfig::NeuralVolumes(config).build(&setup).unwrap()
 }
 
@@ -100,25 +97,15 @@ fn photographs(fixture: &Value) -> Sources {
     Sources { views: (0..=encoder(fixture).images).map(view).collect(), middle: [0.0; 3] }
 }
 
-fn no_photographs() -> Sources {
-    Sources { views: [].into(), middle: [0.0; 3] }
-}
-
 fn compare<const D: usize>(got: Tensor<D>, want: &Value, what: &str) {
     close(&to_host(got), &numbers(want), 0.0, what);
-}
-
-/// Returns the gradients of the parameters of a rank, in the module's order.
-fn of_rank(rank: usize, module: &impl Module, gradients: &Gradients) -> Vec<Vec<f32>> {
-    gradients_of(module, gradients).into_iter().filter(|(found, _)| *found == rank).map(|(_, values)| values).collect()
 }
 
 /// Compares `original`, conditioned on `sources`, with the `expected` values.
 fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &Sources) {
     let device = &original.device();
     let field = original.conditioned(sources, None);
-    let counts: Vec<usize> = numbers(&fixture["counts"]).iter().map(|count| *count as usize).collect();
-    let segments = Segments::from_counts(counts.iter().copied());
+    let segments = Segments::from_counts(wholes(&fixture["counts"]));
     let (positions, deltas) = (numbers(&fixture["positions"]), numbers(&fixture["deltas"]));
     let points = Points::scattered(from_host(&positions, 3, device), Extent::Ball { variance: 0.0 });
     let sampled = field.evaluate(&points, true, Moment::END);
@@ -141,8 +128,7 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
     compare(prior.clone(), &expected["prior"], "opacity prior");
 
     let loss = (rays.values - 0.3).square().mean() + variation * 0.01 + divergence * 0.001 + prior * 0.01;
-    let gradients = loss.backward();
-    let vectors = of_rank(1, original, &gradients);
+    let vectors = gradients_of_rank(1, original, &loss.backward());
     let expected = expected["gradients"].as_array().unwrap();
     assert_eq!(vectors.len(), expected.len());
     for (index, (got, want)) in vectors.iter().zip(expected).enumerate() {
@@ -155,7 +141,7 @@ fn agrees_with_pytorch_on_every_device() {
     let fixture = &fixture("neural_volumes");
     for device in infonerf_tests::devices() {
         let device = &device.autodiff();
-        check(fixture, &fixture["learned"], &learned(fixture, device), &no_photographs());
+        check(fixture, &fixture["learned"], &learned(fixture, device), &no_sources());
         check(fixture, &fixture["encoded"], &encoded(fixture, device), &photographs(fixture));
     }
 }
@@ -181,7 +167,7 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
         let gradients = (shown - 0.3).square().mean().backward();
         let of_rays = [to_host(color.grad(&gradients).unwrap()), to_host(opacity.grad(&gradients).unwrap())];
         let names = ["gains", "biases", "colours", "opacities"];
-        for (index, got) in of_rank(2, &exposure, &gradients).into_iter().chain(of_rays).enumerate() {
+        for (index, got) in gradients_of_rank(2, &exposure, &gradients).into_iter().chain(of_rays).enumerate() {
             close(&got, &numbers(&fixture["gradients"][index]), 0.0, names[index]);
         }
     }

@@ -2,19 +2,20 @@
 //!
 //! `fixtures/parity.py` took the same steps; its head states the algorithm, and the rule that gives the first weights.
 
+use std::ops::Range;
 use std::sync::Arc;
 
-use burn::module::{Module, ModuleVisitor, Param};
-use burn::tensor::{Device, Tensor, f16};
+use burn::tensor::{Device, f16};
 use glam::{DMat3, DMat4, DVec3};
-use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
-use infonerf_ops::to_host;
+use infonerf_field::{FieldSpec, RadianceField};
 use infonerf_render::RandomStream;
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
-use infonerf_tests::{fixture, floats, hashed, space, whole, with_parameters};
+use infonerf_tests::{fixture, floats, hashed, parameters_of, space, whole, wholes, with_parameters};
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Trainer};
 use safetensors::SafeTensors;
 use serde_json::Value;
+
+use crate::setup;
 
 /// Relative tolerance of each loss in each step.
 const LOSS_TOLERANCE: f64 = 1e-3;
@@ -32,43 +33,27 @@ fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
     }
 }
 
-/// Returns the shape and elements of every parameter in turn.
-#[derive(Default)]
-struct Weights(Vec<(Vec<usize>, Vec<f32>)>);
+/// Shape and elements of every parameter.
+type Weights = Vec<(Vec<usize>, Vec<f32>)>;
 
-impl ModuleVisitor for Weights {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.push((param.val().dims().to_vec(), to_host(param.val())));
-    }
-}
-
-impl Weights {
-    fn of(model: &impl Module) -> Self {
-        let mut weights = Self::default();
-        model.visit(&mut weights);
-        weights
-    }
-
-    /// How far the tensors `which` are from having changed by `change` since `first`, relative to that change.
-    fn error(&self, first: &Self, which: std::ops::Range<usize>, change: impl Fn(usize) -> Vec<f64>) -> f64 {
-        let (mut apart, mut moved) = (0.0, 0.0);
-        for tensor in which {
-            let ((shape, last), (_, first)) = (&self.0[tensor], &first.0[tensor]);
-            let change = change(tensor);
-            assert_eq!(change.len(), last.len());
-            let change = in_order(shape, |n| change[n]);
-            for ((last, first), change) in last.iter().zip(first).zip(change) {
-                apart += (f64::from(*last) - f64::from(*first) - change).powi(2);
-                moved += change.powi(2);
-            }
+/// Returns how far the tensors `which` are from having changed by `change` from `first` to `last`, relative to that change.
+fn error([first, last]: &[Weights; 2], which: Range<usize>, change: impl Fn(usize) -> Vec<f64>) -> f64 {
+    let (mut apart, mut moved) = (0.0, 0.0);
+    for tensor in which {
+        let ((_, first), (shape, last)) = (&first[tensor], &last[tensor]);
+        let change = change(tensor);
+        assert_eq!(change.len(), last.len());
+        let change = in_order(shape, |n| change[n]);
+        for ((last, first), change) in last.iter().zip(first).zip(change) {
+            apart += (f64::from(*last) - f64::from(*first) - change).powi(2);
+            moved += change.powi(2);
         }
-        (apart / moved).sqrt()
     }
+    (apart / moved).sqrt()
 }
 
 /// Builds a network of the fixture with its first weights: 0 is the coarse one, 1 the fine one.
 fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
     let fact = |key: &str| fixture[key].as_f64().unwrap();
     let mut fan_in = 0;
     let rule = |l: usize, shape: &[usize]| {
@@ -83,7 +68,7 @@ fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> Rad
         let value = |n| (gain * (hashed(net * TENSORS + l, n) / (fan_in as f64).sqrt()) + shift) as f32;
         Some(in_order(shape, value))
     };
-    let (field, parameters) = with_parameters(config.field.build(&setup).unwrap(), rule);
+    let (field, parameters) = with_parameters(config.field.build(&setup(device)).unwrap(), rule);
     assert_eq!(parameters, TENSORS);
     field
 }
@@ -142,7 +127,7 @@ fn scene(fixture: &Value) -> Scene {
 fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     let size = scene.train[0].image.width as usize;
     let pixels = |view: usize, numbers: &Value| {
-        let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(whole).collect();
+        let numbers = wholes(numbers);
         let at = numbers.iter().map(|&n| PixelAt { view, x: (n % size) as f32, y: (n / size) as f32 }).collect();
         (Pixels { cameras: scene.all_train_cameras.as_slice().into(), at, width: 1.0 }, numbers)
     };
@@ -171,7 +156,7 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
         move |of: u64, device: &Device| network(&fixture, &config, usize::from(of == seed), device)
     };
     let mut trainer = Trainer::with_field(&config, scene.clone(), seed, None, device, build).unwrap();
-    let first = Weights::of(&trainer.model());
+    let first = parameters_of(&trainer.model(), None);
     for (index, step) in run["steps"].as_array().unwrap().iter().enumerate() {
         let mut events = Vec::new();
         trainer.step_on(step_batch(&scene, step), &mut |event| events.push(event)).unwrap();
@@ -185,7 +170,7 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
             assert!((got - want).abs() <= LOSS_TOLERANCE * want.abs(), "{what}");
         }
     }
-    [first, Weights::of(&trainer.model())]
+    [first, parameters_of(&trainer.model(), None)]
 }
 
 fn check(device: &Device) {
@@ -203,14 +188,14 @@ fn check(device: &Device) {
         assert_eq!(*known as u64, stream.as_u64().unwrap(), "{name}: put its new number into parity.py and run that");
     }
     for mode in fixture["runs"].as_object().unwrap().keys() {
-        let [first, last] = train(fixture, mode, device);
+        let weights = train(fixture, mode, device);
         let change = |tensor: usize| {
             let tensor = changes.tensor(&format!("{mode}.{tensor}")).unwrap();
             let halves = tensor.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]));
             halves.map(f64::from).collect()
         };
         for (net, tensors) in [("coarse", 0..TENSORS), ("fine", TENSORS..2 * TENSORS)] {
-            let error = last.error(&first, tensors, change);
+            let error = error(&weights, tensors, change);
             assert!(error <= WEIGHT_TOLERANCE, "{device:?}, {mode}: {net} weights are {error} of their change apart");
         }
     }

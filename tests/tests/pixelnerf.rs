@@ -7,16 +7,18 @@ use std::path::Path;
 
 use burn::tensor::Device;
 use infonerf_field::{
-    DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points,
-    RadianceField, SourceView, Sources,
+    DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSpec, PixelNerfConfig, Points, RadianceField,
+    SourceView, Sources,
 };
 use infonerf_ops::{Segments, from_host, to_host};
 use infonerf_schedule::Moment;
 use infonerf_tests::{
-    TOLERANCE, compare_within, fixture, gradients_of, hashed, numbers, picture, triple, whole, with_parameters,
-    write_weights,
+    TOLERANCE, compare_within, fixture, gradients_of_rank, hashed, numbers, picture, triple, whole, wholes,
+    with_parameters, write_weights,
 };
 use serde_json::Value;
+
+use crate::setup;
 
 const STAGES: [usize; 3] = [3, 4, 6];
 const BLOCKS: usize = 5;
@@ -59,51 +61,29 @@ fn write_resnet34(path: &Path) {
     });
 }
 
-/// Returns a parameter of the MLP, which come after the encoder's, by the fixture's rule.
-struct PixelNerfRule {
-    /// Number of the tensor in the rule's count.
-    next: usize,
-    /// Position among the MLP's parameters.
-    visited: usize,
-}
-
-impl PixelNerfRule {
-    fn dense(&self, l: usize, gain: f64, fan_in: usize, output: usize, input: usize) -> f32 {
-        (gain * (3.0 / fan_in as f64).sqrt() * hashed(l, output * fan_in + input)) as f32
-    }
-
-    fn values(&mut self, shape: &[usize]) -> Vec<f32> {
-        // Input layer, feature layers side by side, blocks, output layer.
-        let (layer, is_bias) = (self.visited / 2, self.visited % 2 == 1);
-        let last = 2 + 2 * BLOCKS;
-        let parts = if layer == 1 { POOL_AFTER } else { 1 };
-        let gain = match layer {
-            layer if layer == last => -0.25,
-            layer if layer >= 2 && layer % 2 == 1 => 0.5,
-            _ => 2f64.sqrt(),
-        };
-        let first = self.next;
-        self.visited += 1;
-        if is_bias {
-            self.next += 2 * parts;
-            let outputs = shape[0] / parts;
-            let bias = |part: usize, output| (0.1 * hashed(first + 2 * part + 1, output)) as f32;
-            return (0..parts).flat_map(|part| (0..outputs).map(move |output| bias(part, output))).collect();
+/// Returns parameter `visited` of the MLP by the fixture's rule, which counts from `tensors` on.
+fn mlp_rule(tensors: usize, visited: usize, shape: &[usize]) -> Vec<f32> {
+    // Input layer, feature layers side by side, blocks, output layer.
+    let layer = visited / 2;
+    let last = 2 + 2 * BLOCKS;
+    let parts = if layer == 1 { POOL_AFTER } else { 1 };
+    let gain = match layer {
+        layer if layer == last => -0.25,
+        layer if layer >= 2 && layer % 2 == 1 => 0.5,
+        _ => 2f64.sqrt(),
+    };
+    // The feature layers before this one are several in the rule's count.
+    let first = tensors + 2 * layer + if layer > 1 { 2 * (POOL_AFTER - 1) } else { 0 };
+    let width = shape[shape.len() - 1];
+    let outputs = width / parts;
+    let value = |n: usize| {
+        let (input, part, output) = (n / width, n % width / outputs, n % outputs);
+        match *shape {
+            [inputs, _] => gain * (3.0 / inputs as f64).sqrt() * hashed(first + 2 * part, output * inputs + input),
+            _ => 0.1 * hashed(first + 2 * part + 1, output),
         }
-        let (inputs, outputs) = (shape[0], shape[1] / parts);
-        let mut values = Vec::with_capacity(shape[0] * shape[1]);
-        for input in 0..inputs {
-            for part in 0..parts {
-                values.extend((0..outputs).map(|output| self.dense(first + 2 * part, gain, inputs, output, input)));
-            }
-        }
-        values
-    }
-}
-
-/// Returns the field's setup; PixelNeRF works in the cameras' frames and ignores the bounds.
-fn setup(device: &Device) -> FieldSetup<'_> {
-    FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
+    };
+    (0..shape.iter().product()).map(|n| value(n) as f32).collect()
 }
 
 fn config(encoder: EncoderConfig) -> PixelNerfConfig {
@@ -123,9 +103,9 @@ fn field(weights: &Path, device: &Device) -> RadianceField {
     let tensors = tensors().len();
     // Five tensors of the file are a weight and a bias here.
     let encoder = tensors / 5 * 2;
-    let mut rule = PixelNerfRule { next: tensors, visited: 0 };
     let field = FieldConfig::PixelNerf(config).build(&setup(device)).unwrap();
-    let (field, parameters) = with_parameters(field, |l, shape| (l >= encoder).then(|| rule.values(shape)));
+    let (field, parameters) =
+        with_parameters(field, |l, shape| (l >= encoder).then(|| mlp_rule(tensors, l - encoder, shape)));
     assert_eq!(parameters, encoder + 2 * (3 + 2 * BLOCKS));
     field
 }
@@ -162,7 +142,7 @@ fn check(device: &Device) {
     let features = to_host(pixel.pixel_aligned(&sources.views, &positions));
     compare(&features, &fixture["features"], "features");
 
-    let counts: Vec<usize> = fixture["counts"].as_array().unwrap().iter().map(whole).collect();
+    let counts = wholes(&fixture["counts"]);
     let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
     let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
     let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
@@ -174,8 +154,7 @@ fn check(device: &Device) {
     compare(&to_host(color), &fixture["rgb"], "colour");
     compare(&to_host(sampled.sigma), &fixture["sigma"], "density");
 
-    let biases = gradients_of(&field, &gradients).into_iter().filter(|(rank, _)| *rank == 1).map(|(_, bias)| bias);
-    let biases: Vec<Vec<f32>> = biases.collect();
+    let biases = gradients_of_rank(1, &field, &gradients);
     compare(&biases[0], &fixture["grad_stem_bias"], "gradient of the stem's bias");
     let last = &biases[tensors().len() / 5 - 1];
     compare(last, &fixture["grad_last_bias"], "gradient of the last convolution's bias");
