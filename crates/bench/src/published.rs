@@ -49,7 +49,11 @@ impl PublishedFigures {
     /// hardware.
     pub(crate) fn series(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Series> {
         let series = |system: &PublishedSystem| {
-            let value = system.metric(key)?;
+            let value = match key {
+                "psnr" => system.psnr?,
+                "ssim" => system.ssim?,
+                _ => return None,
+            };
             let other = if system.scene.is_none() && scenes.len() < self.scenes.len() { ", 8 scenes" } else { "" };
             let name = format!("{} ({}{other})", system.name, system.hardware);
             Some(Series { name, points: vec![(system.seconds, value)] })
@@ -66,16 +70,6 @@ impl PublishedFigures {
             format!("{name}, {scene}: {psnr} dB in {seconds} s on {hardware} ({source})")
         };
         self.comparable(scenes, views).into_iter().map(line).collect()
-    }
-}
-
-impl PublishedSystem {
-    fn metric(&self, key: &str) -> Option<f64> {
-        match key {
-            "psnr" => self.psnr,
-            "ssim" => self.ssim,
-            _ => None,
-        }
     }
 }
 

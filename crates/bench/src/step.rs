@@ -48,12 +48,11 @@ pub fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn 
 }
 
 fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
-    let checkpoint = from
-        .map(|run| {
-            let (checkpoint, _) = Checkpoint::load(run)?;
-            checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))
-        })
-        .transpose()?;
+    let read = |run: &Path| {
+        let (checkpoint, _) = Checkpoint::load(run)?;
+        checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))
+    };
+    let checkpoint = from.map(read).transpose()?;
     // A finished run takes further steps here.
     let before = checkpoint.as_ref().map_or(0, |checkpoint| checkpoint.progress().step);
     let iterations = plan.config.train.iterations.max(before + warmup + 2 * steps);

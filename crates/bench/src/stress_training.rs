@@ -119,10 +119,9 @@ struct SettingOutcome {
 
 /// Trains tiny runs that are made to diverge or collapse; returns whether all losses, weights and renders were finite.
 pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
-    let plan = bench.first_plan();
     let mut rows = Vec::new();
     for setting in &SETTINGS {
-        rows.push(measure(bench, plan, setting, seeds, steps)?);
+        rows.push(measure(bench, setting, seeds, steps)?);
         // Results so far stay if the rest is interrupted.
         bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;
     }
@@ -145,17 +144,11 @@ pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -
     Ok(rows.iter().all(|row| row.stopped == 0 && row.not_finite == 0))
 }
 
-fn measure(
-    bench: &Bench,
-    plan: &RunPlan,
-    setting: &'static StressSetting,
-    seeds: u32,
-    steps: u32,
-) -> Result<SettingOutcome> {
+fn measure(bench: &Bench, setting: &StressSetting, seeds: u32, steps: u32) -> Result<SettingOutcome> {
     let iterations = format!("train.iterations={steps}");
     let settings: Vec<&str> =
         TINY.iter().chain(setting.field).chain(setting.settings).copied().chain([iterations.as_str()]).collect();
-    let plan = with_settings(plan, &settings).with_context(|| setting.name)?;
+    let plan = with_settings(bench.first_plan(), &settings).with_context(|| setting.name)?;
     let mut outcome = SettingOutcome { setting: setting.name, ..SettingOutcome::default() };
     let mut psnrs = Vec::new();
     for seed in (0..seeds).map(u64::from) {

@@ -57,11 +57,8 @@ impl Field for DiffuseMlp {
 
 fn main() -> anyhow::Result<()> {
     // The fast preset's sampler and skipping, with L_RGB and the paper's entropy alone.
-    let mut settings = Preset::Fast.table();
-    for setting in ["loss.silhouette.weight=0", "loss.tv.weight=0", "train.iterations=400"] {
-        infonerf_train::config::assign(&mut settings, setting)?;
-    }
-    let config = Config::from_table(settings)?;
+    let settings = ["loss.silhouette.weight=0", "loss.tv.weight=0", "train.iterations=400"];
+    let config = Config::of(Preset::Fast, settings)?;
     let request = SceneRequest { image_size: Some(100), ..SceneRequest::default() };
     let scene = load("castle", &request)?;
     let device = Device::flex();

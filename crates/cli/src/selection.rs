@@ -39,11 +39,6 @@ pub(crate) struct SelectionArgs {
 }
 
 impl SelectionArgs {
-    /// Whether neither data nor scenes are named.
-    pub(crate) fn has_no_scene(&self) -> bool {
-        self.data.is_none() && self.scenes.is_empty()
-    }
-
     /// Returns the selection with a time budget for each run.
     pub(crate) fn selection(&self, budget: Option<Duration>) -> Selection {
         Selection {

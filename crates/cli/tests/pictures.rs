@@ -27,29 +27,14 @@ fn pictures_of_a_run_measure_as_its_record_says() {
 #[test]
 fn pictures_that_do_not_fit_are_one_line() {
     let place = Workplace::new();
-    let picture = |path: &str, side: u32| {
-        let path = place.path(path);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        image::RgbImage::from_pixel(side, side, image::Rgb([9, 8, 7])).save(path).unwrap();
-    };
-    for (path, side) in [
-        ("a/0.png", 16),
-        ("b/0.png", 16),
-        ("small/0.png", 8),
-        ("more/0.png", 16),
-        ("more/1.png", 16),
-        ("masks/0.png", 8),
-    ] {
-        picture(path, side);
+    for (folder, side) in [("a", 16), ("b", 16), ("small", 8)] {
+        fs::create_dir(place.path(folder)).unwrap();
+        let picture = image::RgbImage::from_pixel(side, side, image::Rgb([9, 8, 7]));
+        picture.save(place.path(folder).join("0.png")).unwrap();
     }
-    fs::create_dir(place.path("none")).unwrap();
     for (arguments, part) in [
         ("--renders a --truth small", "a/0.png"),
-        ("--renders a --truth more", "no render in"),
-        ("--renders more --truth a", "no truth in"),
-        ("--renders none --truth a", "no PNG, JPEG, WebP, TIFF or BMP"),
         ("--renders absent --truth a", "absent"),
-        ("--renders a --truth b --masks masks", "mask"),
         ("--renders a --truth b --metric fid", "fid"),
         ("--renders a --truth b --metric vmaf", "vmaf"),
         ("--renders a --truth b --protocol ours", "expected one of infonerf"),

@@ -1,3 +1,5 @@
+use nalgebra::DMatrix;
+
 use crate::error::MetricError;
 
 /// Feature vectors of a set of images, `[n, dimension]`.
@@ -37,49 +39,20 @@ impl FeatureSet {
         Ok(())
     }
 
-    /// Returns the number of images.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.values.len() / self.dimension.max(1)
     }
 
-    /// Returns whether there are no images.
-    pub fn is_empty(&self) -> bool {
-        self.values.is_empty()
-    }
-
-    /// Returns the length of a vector; 0 if there are none.
-    pub fn dimension(&self) -> usize {
-        self.dimension
-    }
-
-    /// Returns all values, a vector per row.
-    pub fn values(&self) -> &[f64] {
-        &self.values
-    }
-
-    /// Returns the vector of image `index`.
-    ///
-    /// # Panics
-    /// If `index` is not below [`Self::len`].
-    pub fn row(&self, index: usize) -> &[f64] {
-        &self.values[index * self.dimension..][..self.dimension]
-    }
-
-    /// Returns the vectors of the images with these indices.
-    pub(crate) fn select(&self, indices: impl Iterator<Item = usize>) -> Self {
-        Self { values: indices.flat_map(|index| self.row(index)).copied().collect(), dimension: self.dimension }
-    }
-
-    /// Checks that both sets hold at least `minimum` vectors, of the same dimension.
-    pub(crate) fn check_pair(a: &Self, b: &Self, minimum: usize) -> Result<(), MetricError> {
+    /// Returns both sets as matrices with a vector per row, at least two of the same dimension.
+    pub(crate) fn matrices(a: &Self, b: &Self) -> Result<[DMatrix<f64>; 2], MetricError> {
         let found = a.len().min(b.len());
-        if found < minimum {
-            return Err(MetricError::other(format!("needs at least {minimum} images, got {found}")));
+        if found < 2 {
+            return Err(MetricError::other(format!("needs at least 2 images, got {found}")));
         }
         if a.dimension != b.dimension {
             return Err(MetricError::length("feature vector", b.dimension, a.dimension));
         }
-        Ok(())
+        Ok([a, b].map(|set| DMatrix::from_row_slice(set.len(), set.dimension, &set.values)))
     }
 }
 
@@ -90,7 +63,8 @@ mod tests {
     #[test]
     fn vectors_must_have_one_length_and_be_finite() {
         let mut features = FeatureSet::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
-        assert_eq!((features.len(), features.dimension(), features.row(1)), (2, 2, &[3.0, 4.0][..]));
+        let rows = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(FeatureSet::matrices(&features, &features), Ok([rows.clone(), rows]));
         assert_eq!(features.push(&[1.0]), Err(MetricError::length("feature vector", 1, 2)));
         assert_eq!(features.push(&[1.0, f32::NAN]), Err(MetricError::not_finite("feature vector", 1)));
         assert_eq!(features.push(&[]), Err(MetricError::empty("feature vector")));

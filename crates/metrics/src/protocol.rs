@@ -80,12 +80,6 @@ pub struct Ssim {
     pub data_range: f64,
 }
 
-impl Default for Ssim {
-    fn default() -> Self {
-        Self { window: SsimWindow::Gaussian11, data_range: 1.0 }
-    }
-}
-
 /// Weights of a neighbourhood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum SsimWindow {

@@ -68,9 +68,9 @@ proptest! {
     #[test]
     fn metrics_stay_in_their_range(width in 11usize..26, height in 11usize..20) {
         let (render, truth) = pictures(width, height);
-        let similarity = ssim(&render, &truth, Ssim::default()).unwrap();
+        let similarity = ssim(&render, &truth, Protocol::INFONERF.ssim).unwrap();
         prop_assert!((-1.0..=1.0).contains(&similarity));
-        prop_assert_eq!(ssim(&truth, &render, Ssim::default()).unwrap(), similarity);
+        prop_assert_eq!(ssim(&truth, &render, Protocol::INFONERF.ssim).unwrap(), similarity);
         prop_assert!(sharpness(&render, &truth).unwrap() > 0.0);
         let (other, _) = pictures(width, height + 1);
         prop_assert!(psnr(&other, &truth).is_err());

@@ -49,13 +49,11 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
     }
     let mut rows = compare.rows;
     for field in &FIELDS {
-        let [got, want] = [&tested.device, &flex.device].map(|device| field.gradients(plan, device));
-        let (got, want) = (got?, want?);
+        let (got, want) = (field.gradients(plan, &tested.device)?, field.gradients(plan, &flex.device)?);
         let of = format!("gradients of {} parameters", want.len());
         let numbers = want.iter().map(Vec::len).sum();
         rows.push(DeviceComparison::new(&format!("{}, a step", field.name), of, numbers, worst(&got, &want), GRADIENT));
-        let [got, want] = [&tested.device, &flex.device].map(|device| field.course(plan, device));
-        let (got, want) = (got?, want?);
+        let (got, want) = (field.course(plan, &tested.device)?, field.course(plan, &flex.device)?);
         let what = format!("{}, {STEPS} steps", field.name);
         let numbers = want.losses.iter().map(|losses| losses.len()).sum();
         rows.push(DeviceComparison::new(&what, "losses".into(), numbers, loss_difference(&got, &want), LOSS));

@@ -8,7 +8,7 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor};
 use infonerf_experiment::RunPlan;
 use infonerf_ops::to_host;
-use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config, evaluate_view};
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer, evaluate_view};
 
 use super::comparison::worse;
 
@@ -102,11 +102,8 @@ pub(super) struct Course {
 impl FieldCase {
     /// Prepares training of this field on the plan's scene, with `extra` settings.
     fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
-        let mut table = self.preset.table();
-        for setting in TINY.iter().chain(self.settings).chain(extra) {
-            config::assign(&mut table, setting)?;
-        }
-        let config = Config::from_table(table).context(self.name)?;
+        let settings = TINY.iter().chain(self.settings).chain(extra);
+        let config = Config::of(self.preset, settings).context(self.name)?;
         let plan = RunPlan { config, ..plan.clone() };
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
@@ -158,18 +155,13 @@ fn weights(trainer: &Trainer) -> Vec<Vec<f32>> {
 
 /// Computes the largest relative difference of all losses of all steps; `None` if steps or terms differ.
 pub(super) fn loss_difference(got: &Course, want: &Course) -> Option<f64> {
-    if got.losses.len() != want.losses.len() {
+    let steps = got.losses.iter().zip(&want.losses);
+    if got.losses.len() != want.losses.len() || !steps.clone().all(|(got, want)| got.keys().eq(want.keys())) {
         return None;
     }
-    let mut worst: f64 = 0.0;
-    for (got, want) in got.losses.iter().zip(&want.losses) {
-        if !got.keys().eq(want.keys()) {
-            return None;
-        }
-        for (got, want) in got.values().zip(want.values()) {
-            let (got, want) = (f64::from(*got), f64::from(*want));
-            worst = worse(worst, (got - want).abs() / want.abs().max(MIN_LOSS));
-        }
-    }
-    Some(worst)
+    let error = |(got, want): (&f32, &f32)| {
+        let (got, want) = (f64::from(*got), f64::from(*want));
+        (got - want).abs() / want.abs().max(MIN_LOSS)
+    };
+    Some(steps.flat_map(|(got, want)| got.values().zip(want.values())).map(error).fold(0.0, worse))
 }

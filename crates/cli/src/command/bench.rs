@@ -1,5 +1,3 @@
-//! `infonerf bench`.
-
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;

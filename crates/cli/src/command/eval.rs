@@ -7,7 +7,9 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::{RunPlan, Trained, picture_notes};
-use infonerf_metrics::{Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select};
+use infonerf_metrics::{
+    Descriptor, Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select,
+};
 use infonerf_render::Pivot;
 use infonerf_report::PictureComparison;
 use infonerf_scene::{TestProtocol, View};
@@ -83,7 +85,6 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
     }
 }
 
-/// Compares pictures of other programs.
 fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
     let protocol = Protocol::named(&args.pictures.protocol).with_context(|| {
         let known = Protocol::NAMED.map(|(name, _)| name).join(", ");
@@ -122,7 +123,6 @@ fn parse_scale(text: &str) -> Result<u32, String> {
         .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
 }
 
-/// Evaluates finished runs.
 fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
     let networks = args.networks.open(&device)?;
@@ -217,13 +217,9 @@ fn each_view(trained: &Trained, networks: &Networks) -> Result<()> {
 fn line(values: &Values) -> String {
     let shown = |metric: &&Metric| {
         let value = values.get(metric.key()).copied().flatten()?;
-        let unit = Some(metric.descriptor.unit).filter(|unit| !unit.is_empty());
-        Some(format!(
-            "{} {}{}  ",
-            metric.descriptor.name,
-            metric.descriptor.format(value),
-            unit.map_or_else(String::new, |unit| format!(" {unit}"))
-        ))
+        let Descriptor { name, unit, .. } = metric.descriptor;
+        let space = if unit.is_empty() { "" } else { " " };
+        Some(format!("{name} {}{space}{unit}  ", metric.descriptor.format(value)))
     };
     METRICS.iter().filter_map(shown).collect()
 }

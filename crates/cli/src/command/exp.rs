@@ -1,5 +1,3 @@
-//! `infonerf exp`.
-
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -68,7 +66,7 @@ pub(crate) struct ExpArgs {
 
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
-    if experiment.about.name == "capture" && args.selection.has_no_scene() {
+    if experiment.about.name == "capture" && args.selection.data.is_none() && args.selection.scenes.is_empty() {
         bail!("{CAPTURE_WITHOUT_DATA}");
     }
     let sweep = Sweep::from(experiment);

@@ -1,5 +1,3 @@
-//! `infonerf export`.
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -124,9 +122,8 @@ fn make_folder_of(out: &Path) -> Result<()> {
     if out.is_dir() {
         bail!("{}: expected a file to write, found a folder", out.display());
     }
-    let folder =
-        out.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(PathBuf::from("."), Path::to_owned);
-    fs::create_dir_all(&folder).with_context(|| out.display().to_string())
+    let folder = out.parent().unwrap_or(out);
+    fs::create_dir_all(folder).with_context(|| out.display().to_string())
 }
 
 /// Bytes of a file, and a description of its contents.

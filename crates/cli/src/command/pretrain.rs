@@ -1,5 +1,3 @@
-//! `infonerf pretrain`.
-
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::process::ExitCode;

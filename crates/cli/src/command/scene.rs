@@ -1,5 +1,3 @@
-//! `infonerf scene`.
-
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

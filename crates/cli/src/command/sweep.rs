@@ -1,5 +1,3 @@
-//! `infonerf sweep`.
-
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;

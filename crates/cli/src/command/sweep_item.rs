@@ -1,5 +1,3 @@
-//! `infonerf sweep-item`.
-
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;

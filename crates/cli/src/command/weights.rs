@@ -1,5 +1,3 @@
-//! `infonerf weights`.
-
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

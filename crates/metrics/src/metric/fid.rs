@@ -30,18 +30,15 @@ pub(super) const FID: Metric = Metric {
 /// # Errors
 /// If a set has fewer than two vectors, or dimensions differ.
 pub fn frechet_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
-    FeatureSet::check_pair(a, b, 2)?;
-    let (mean_a, root_a) = moments(a);
-    let (mean_b, root_b) = moments(b);
+    let [(mean_a, root_a), (mean_b, root_b)] = FeatureSet::matrices(a, b)?.map(moments);
     let traces = root_a.norm_squared() + root_b.norm_squared();
     let root = (&root_a * root_b.transpose()).singular_values().sum();
     Ok((mean_a - mean_b).norm_squared() + traces - 2.0 * root)
 }
 
 /// Returns the mean, and a matrix A of at most `dimension` rows with the covariance AᵀA.
-fn moments(features: &FeatureSet) -> (DVector<f64>, DMatrix<f64>) {
-    let (n, dimension) = (features.len(), features.dimension());
-    let mut rows = DMatrix::from_row_slice(n, dimension, features.values());
+fn moments(mut rows: DMatrix<f64>) -> (DVector<f64>, DMatrix<f64>) {
+    let (n, dimension) = rows.shape();
     let mean = rows.row_mean();
     rows.row_iter_mut().for_each(|mut row| row -= &mean);
     rows /= ((n - 1) as f64).sqrt();

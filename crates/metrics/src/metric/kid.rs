@@ -26,21 +26,18 @@ const SUBSETS: u64 = 100;
 /// # Errors
 /// If a set has fewer than two vectors, or dimensions differ.
 pub fn kernel_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
-    FeatureSet::check_pair(a, b, 2)?;
-    let size = a.len().min(b.len()).min(MAX_SUBSET);
-    if a.len() == size && b.len() == size {
-        return maximum_mean_discrepancy(a, b);
+    let [a, b] = FeatureSet::matrices(a, b)?;
+    let size = a.nrows().min(b.nrows()).min(MAX_SUBSET);
+    if a.nrows() == size && b.nrows() == size {
+        return Ok(discrepancy(&a, &b));
     }
-    let draws: Result<Vec<f64>, MetricError> = (0..SUBSETS)
-        .into_par_iter()
-        .map(|draw| {
-            let mut random = ChaCha8Rng::seed_from_u64(draw);
-            let mut subset =
-                |features: &FeatureSet| features.select(sample(&mut random, features.len(), size).into_iter());
-            maximum_mean_discrepancy(&subset(a), &subset(b))
-        })
-        .collect();
-    Ok(draws?.iter().sum::<f64>() / SUBSETS as f64)
+    let draw = |draw| {
+        let mut random = ChaCha8Rng::seed_from_u64(draw);
+        let mut subset = |rows: &DMatrix<f64>| rows.select_rows(&sample(&mut random, rows.nrows(), size).into_vec());
+        discrepancy(&subset(&a), &subset(&b))
+    };
+    let draws: Vec<f64> = (0..SUBSETS).into_par_iter().map(draw).collect();
+    Ok(draws.iter().sum::<f64>() / SUBSETS as f64)
 }
 
 /// Estimates, without bias, the squared maximum mean discrepancy with the kernel `k(x, y) = (x·y / d + 1)³`,
@@ -52,15 +49,18 @@ pub fn kernel_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricErro
 /// # Errors
 /// As [`kernel_distance`].
 pub fn maximum_mean_discrepancy(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
-    FeatureSet::check_pair(a, b, 2)?;
-    let [a, b] = [a, b].map(|set| DMatrix::from_row_slice(set.len(), set.dimension(), set.values()));
+    let [a, b] = FeatureSet::matrices(a, b)?;
+    Ok(discrepancy(&a, &b))
+}
+
+fn discrepancy(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     let kernel =
         |x: &DMatrix<f64>, y: &DMatrix<f64>| (x * y.transpose()).map(|dot| (dot / x.ncols() as f64 + 1.0).powi(3));
     let within = |x: &DMatrix<f64>| {
         let (kernel, n) = (kernel(x, x), x.nrows() as f64);
         (kernel.sum() - kernel.trace()) / (n * (n - 1.0))
     };
-    Ok(within(&a) + within(&b) - 2.0 * kernel(&a, &b).mean())
+    within(a) + within(b) - 2.0 * kernel(a, b).mean()
 }
 
 #[cfg(test)]

@@ -139,12 +139,13 @@ fn gaussian(taps: usize, sigma: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::Protocol;
 
     #[test]
     fn images_below_the_window_are_refused() {
         let picture = Picture::new(vec![[0.0; 3]; 10 * 40], 40, 10).unwrap();
         let expected = MetricError::other("both sides need at least 11 pixels, got 40×10");
-        assert_eq!(ssim(&picture, &picture, Ssim::default()), Err(expected));
+        assert_eq!(ssim(&picture, &picture, Protocol::INFONERF.ssim), Err(expected));
         assert!(ssim(&picture, &picture, Ssim { window: SsimWindow::Uniform7, data_range: 1.0 }).is_ok());
     }
 }

@@ -95,9 +95,9 @@ fn write_frames(
     if out.exists() && !out.is_dir() {
         bail!("{}: expected a folder for pictures, found a file", out.display());
     }
-    clear(out, route.name())?;
+    clear(out, &route.name)?;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
+    let mut animation = Animation::new(&out.join(format!("{}.gif", route.name)), route.fps)?;
     let longest = cameras.iter().map(|camera| camera.width.max(camera.height)).max().unwrap_or(1);
     let (scene, models, start) = (trained.scene(), trained.models_for_size(longest), Instant::now());
     let bar = counting_bar("frames", cameras.len());

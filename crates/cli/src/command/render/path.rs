@@ -14,11 +14,18 @@ pub(super) const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
 /// Path of the camera.
-pub(super) enum Route {
-    /// Poses that follow from the training cameras and the scene, as many as are asked for.
-    BuiltIn { name: String, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
-    /// Path read from a file.
-    File { name: String, path: CameraPath },
+pub(super) struct Route {
+    /// Name of the path's animations.
+    pub(super) name: String,
+    /// Frames per second.
+    pub(super) fps: f64,
+    poses: Poses,
+}
+
+enum Poses {
+    /// As many as are asked for, which follow from the training cameras and the scene.
+    BuiltIn(fn(&[Camera], &Scene, usize) -> Vec<DMat4>),
+    File(CameraPath),
 }
 
 impl Route {
@@ -30,38 +37,24 @@ impl Route {
             "figure-eight" => |cameras, _, n| figure_eight(cameras, n),
             "interpolate" => |cameras, _, n| interpolate_views(cameras, n),
             file => {
-                let file = Path::new(file);
-                let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                return Ok(Self::File { name, path: CameraPath::read(file)? });
+                let name = Path::new(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                let path = CameraPath::read(Path::new(file))?;
+                return Ok(Self { name, fps: path.fps, poses: Poses::File(path) });
             }
         };
-        Ok(Self::BuiltIn { name: name.to_owned(), poses })
-    }
-
-    /// Returns the name of the path's animations.
-    pub(super) fn name(&self) -> &str {
-        let (Self::BuiltIn { name, .. } | Self::File { name, .. }) = self;
-        name
-    }
-
-    /// Returns the frames per second.
-    pub(super) fn fps(&self) -> f64 {
-        match self {
-            Self::BuiltIn { .. } => FPS,
-            Self::File { path, .. } => path.fps,
-        }
+        Ok(Self { name: name.to_owned(), fps: FPS, poses: Poses::BuiltIn(poses) })
     }
 
     /// Returns the cameras along the path: like `scene`'s first training camera, unless the file has a field of view or
     /// a size; `size` is the longest side of their pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
-        let (frames, of_file): (Vec<Keyframe>, _) = match self {
-            Self::BuiltIn { poses, .. } => {
+        let (frames, of_file): (Vec<Keyframe>, _) = match &self.poses {
+            Poses::BuiltIn(poses) => {
                 let poses = poses(&training, scene, frames.unwrap_or(FRAMES) as usize);
                 (poses.into_iter().map(|pose| Keyframe { pose, fov_y: None }).collect(), None)
             }
-            Self::File { path, .. } => {
+            Poses::File(path) => {
                 let path = path.about(scene.origin);
                 (path.interpolated(frames.map_or(path.frames, |frames| frames as usize)), path.size)
             }
