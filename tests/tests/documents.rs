@@ -11,7 +11,6 @@ use infonerf_train::Preset;
 /// Bytes of all documents together, and of one of them.
 const MAX_BYTES: [usize; 2] = [90 << 10, 11 << 10];
 
-/// Lines of README.md.
 const README_LINES: usize = 100;
 
 /// Characters of a line of prose, without the targets of its links.
@@ -290,7 +289,6 @@ fn sources() -> Vec<(PathBuf, String)> {
     files
 }
 
-/// A file's path from the root.
 fn name_of(path: &Path) -> String {
     path.strip_prefix(root()).unwrap().display().to_string()
 }
@@ -312,7 +310,6 @@ fn shown(line: &str) -> String {
     parts.fold(first, |text, part| text + "]" + part.split_once(')').map_or("", |(_, rest)| rest))
 }
 
-/// The text of a line of a doc comment.
 fn doc_comment(line: &str) -> Option<&str> {
     let line = line.trim_start();
     line.strip_prefix("///").or_else(|| line.strip_prefix("//!")).map(str::trim)

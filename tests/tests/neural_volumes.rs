@@ -221,22 +221,12 @@ fn learns_its_training_views_with_and_without_the_encoder() {
 
 /// Returns the PSNR of the last steps of a small run.
 fn trained(settings: &[&str]) -> f32 {
-    let small = [
-        "field={kind='neuralvolumes',latent=32,resolution=16,width=32,maps=4,warp_resolution=8}",
-        "render.samples=48",
-        "render.compositing=additive",
-        "loss.rgb.weight=104.04",
-        "loss.entropy.weight=0.0",
-        "loss.silhouette.weight=0.0",
-        "loss.opacity_prior.weight=0.01",
-        "loss.tv.weight=0.01",
-        "loss.latent.weight=0.001",
-        "train.iterations=400",
-        "train.rays=256",
-        "train.target_samples=0",
-        "train.downscale=1.0",
-    ];
-    let config = Config::of(Preset::Fast, small.iter().chain(settings)).unwrap();
+    let small = "field={kind='neuralvolumes',latent=32,resolution=16,width=32,maps=4,warp_resolution=8} \
+                 render.samples=48 render.compositing=additive loss.rgb.weight=104.04 loss.entropy.weight=0.0 \
+                 loss.silhouette.weight=0.0 loss.opacity_prior.weight=0.01 loss.tv.weight=0.01 \
+                 loss.latent.weight=0.001 train.iterations=400 train.rays=256 train.target_samples=0 \
+                 train.downscale=1.0";
+    let config = Config::of(Preset::Fast, small.split(' ').chain(settings.iter().copied())).unwrap();
     let request = SceneRequest { image_size: Some(32), test: TestProtocol::First(1), ..SceneRequest::default() };
     let scene = load("crane", &request).unwrap();
     let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();

@@ -52,7 +52,6 @@ pub(crate) fn keys() -> ArgValueCompleter {
     })
 }
 
-/// Returns the candidates that begin with `current`.
 fn beginning_with(current: &OsStr, candidates: impl Iterator<Item = CompletionCandidate>) -> Vec<CompletionCandidate> {
     let current = current.as_encoded_bytes();
     candidates.filter(|candidate| candidate.get_value().as_encoded_bytes().starts_with(current)).collect()

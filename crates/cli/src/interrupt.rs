@@ -36,7 +36,6 @@ pub(crate) fn control() -> Control {
     if asked() { Control::Stop } else { Control::Continue }
 }
 
-/// Returns the exit code after Ctrl-C.
 pub(crate) fn exit_code() -> ExitCode {
     ExitCode::from(STOPPED as u8)
 }

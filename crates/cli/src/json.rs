@@ -18,7 +18,6 @@ pub(crate) struct JsonEvents {
 }
 
 impl JsonEvents {
-    /// Returns the object to print for an event, if there is one.
     pub(crate) fn event(&mut self, event: &PlanEvent<'_>) -> Option<Value> {
         match event {
             PlanEvent::Started(sweep, _) => {

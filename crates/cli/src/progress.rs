@@ -38,7 +38,6 @@ pub(crate) struct ProgressDisplay {
 }
 
 impl ProgressDisplay {
-    /// Returns a bar for a run called `label`.
     pub(crate) fn new(label: &str) -> Self {
         Self { bar: ProgressBar::hidden(), label: label.to_owned(), at_once: 1, shown: None }
     }
@@ -49,7 +48,6 @@ impl ProgressDisplay {
         interrupt::control()
     }
 
-    /// Shows `event`.
     pub(crate) fn show(&mut self, event: RunEvent<'_>) {
         match event {
             RunEvent::Loading => {

@@ -14,7 +14,6 @@ const COLUMNS: u16 = 80;
 /// Columns of a table that goes into a file or a pipe.
 const FILE_COLUMNS: usize = 100;
 
-/// Whether standard output is a terminal.
 pub(crate) fn is_terminal() -> bool {
     std::io::stdout().is_terminal()
 }

@@ -17,24 +17,15 @@ const MIN_LOSS: f64 = 0.01;
 pub(super) const STEPS: usize = 20;
 
 /// Settings with which a run takes a second.
-const TINY: [&str; 10] = [
-    "scene.size=16",
-    "eval.test=first-1",
-    "eval.information_rays=0",
-    "train.rays=24",
-    "train.unseen_rays=12",
-    "loss.kl.weight=1e-3",
-    "render.occupancy.enabled=true",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=2",
-    "render.occupancy.every=3",
-];
+const TINY: &str = "scene.size=16 eval.test=first-1 eval.information_rays=0 train.rays=24 train.unseen_rays=12 \
+                    loss.kl.weight=1e-3 render.occupancy.enabled=true render.occupancy.resolution=8 \
+                    render.occupancy.warmup=2 render.occupancy.every=3";
 
 /// Small field of a kind, with as many loss terms as it supports.
 pub(super) struct FieldCase {
     pub(super) name: &'static str,
     preset: Preset,
-    settings: &'static [&'static str],
+    settings: &'static str,
 }
 
 /// Fields of all kinds that train without data of their own.
@@ -42,53 +33,29 @@ pub(super) const FIELDS: [FieldCase; 4] = [
     FieldCase {
         name: "NeRF",
         preset: Preset::Paper,
-        settings: &[
-            "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail=1.0}",
-            "render.samples=10",
-            "render.fine_samples=6",
-            "loss.kl.rays=all",
-        ],
+        settings: "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail=1.0} \
+                   render.samples=10 render.fine_samples=6 loss.kl.rays=all",
     },
     FieldCase {
         name: "mip-NeRF",
         preset: Preset::Paper,
-        settings: &[
-            "field={kind=\"mip\",layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail=1.0}",
-            "render.samples=10",
-            "render.fine_samples=6",
-            "render.placement=interval",
-            "render.clip_to_bounds=true",
-        ],
+        settings: "field={kind=\"mip\",layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail=1.0} \
+                   render.samples=10 render.fine_samples=6 render.placement=interval render.clip_to_bounds=true",
     },
     FieldCase {
         name: "factored field",
         preset: Preset::Fast,
-        settings: &[
-            "field.resolutions=[4,8,16]",
-            "field.channels=2",
-            "field.width=16",
-            "field.layers=1",
-            // GPUs leave out no gradients.
-            "field.negligible=0.0",
-            "render.samples=12",
-            "train.target_samples=400",
-            "loss.entropy.weight=1e-3",
-        ],
+        // GPUs leave out no gradients, however negligible.
+        settings: "field.resolutions=[4,8,16] field.channels=2 field.width=16 field.layers=1 field.negligible=0.0 \
+                   render.samples=12 train.target_samples=400 loss.entropy.weight=1e-3",
     },
     FieldCase {
         name: "PixelNeRF",
         preset: Preset::Paper,
-        settings: &[
-            "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
-            "render.samples=8",
-            "render.fine_samples=4",
-            "train.batch=held-out",
-            "train.sources=2",
-            // Four bundles of rays are one on GPUs.
-            "render.occupancy.enabled=false",
-            "train.neighbours.sampling=own",
-            "loss.kl.rays=all",
-        ],
+        // Without a grid: four bundles of rays are one on GPUs.
+        settings: "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"} \
+                   render.samples=8 render.fine_samples=4 train.batch=held-out train.sources=2 \
+                   render.occupancy.enabled=false train.neighbours.sampling=own loss.kl.rays=all",
     },
 ];
 
@@ -102,7 +69,7 @@ pub(super) struct Course {
 impl FieldCase {
     /// Prepares training of this field on the plan's scene, with `extra` settings.
     fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
-        let settings = TINY.iter().chain(self.settings).chain(extra);
+        let settings = TINY.split(' ').chain(self.settings.split(' ')).chain(extra.iter().copied());
         let config = Config::of(self.preset, settings).context(self.name)?;
         let plan = RunPlan { config, ..plan.clone() };
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)

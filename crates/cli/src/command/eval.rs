@@ -175,7 +175,6 @@ fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
     Ok(other)
 }
 
-/// Returns the test views that are measured.
 fn measured(trained: &Trained) -> Vec<&View> {
     trained.plan.config.eval.measured(&trained.scene().test)
 }

@@ -78,7 +78,6 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()))
 }
 
-/// Runs an experiment in this process.
 fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     let existing = &args.launch.existing;
     let device = open_device(args.selection.device.device)?;

@@ -56,7 +56,6 @@ enum Command {
 }
 
 impl Args {
-    /// Runs the subcommand.
     pub(crate) fn run(&self) -> Result<ExitCode> {
         match &self.command {
             Command::Demo(args) => demo::run(args),

@@ -13,24 +13,11 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 /// Seconds of work become milliseconds: a few small tables, a few rays, two test views.
-const TINY: [&str; 16] = [
-    "train.iterations=3",
-    "train.rays=32",
-    "train.unseen_rays=16",
-    "train.target_samples=400",
-    "train.checkpoint_every=2",
-    "scene.size=24",
-    "eval.test=first-2",
-    "eval.information_rays=32",
-    "field.resolutions=[4,8]",
-    "field.channels=2",
-    "field.width=16",
-    "field.layers=1",
-    "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=1",
-    "render.occupancy.every=1",
-];
+const TINY: &str = "train.iterations=3 train.rays=32 train.unseen_rays=16 train.target_samples=400 \
+                    train.checkpoint_every=2 scene.size=24 eval.test=first-2 eval.information_rays=32 \
+                    field.resolutions=[4,8] field.channels=2 field.width=16 field.layers=1 \
+                    render.samples={from=12,to=24,end=0.5,curve=\"exponential\"} render.occupancy.resolution=8 \
+                    render.occupancy.warmup=1 render.occupancy.every=1";
 
 /// Words of a command line: those of a text, which spaces separate, or of a list.
 pub trait Words {
@@ -102,8 +89,8 @@ impl Workplace {
 
     /// `infonerf ARGS` with the quick settings but the one of `key`, which `args` set in another way.
     pub fn tiny_without(&self, key: &str, args: impl Words) -> Invocation {
-        let other = |setting: &&&str| setting.split('=').next() != Some(key);
-        let settings: Vec<&str> = TINY.iter().filter(other).flat_map(|setting| ["--set", setting]).collect();
+        let other = |setting: &&str| setting.split('=').next() != Some(key);
+        let settings: Vec<&str> = TINY.split(' ').filter(other).flat_map(|setting| ["--set", setting]).collect();
         let words = args.words();
         let (command, rest) = words.split_at(1);
         self.run(command).args(settings.as_slice()).args(rest)
@@ -128,7 +115,6 @@ impl Invocation {
         self
     }
 
-    /// With an environment variable.
     pub fn env(mut self, name: &str, value: impl Into<OsString>) -> Self {
         self.variables.push((name.to_owned(), value.into()));
         self

@@ -17,7 +17,6 @@ const FPS: f64 = 20.0;
 pub(super) struct Route {
     /// Name of the path's animations.
     pub(super) name: String,
-    /// Frames per second.
     pub(super) fps: f64,
     poses: Poses,
 }
