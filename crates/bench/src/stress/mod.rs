@@ -107,20 +107,18 @@ pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMu
 fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Result<Vec<StressCase>> {
     let rng = &mut Rng::with_seed(SEED);
     let mut rows = Vec::new();
+    // Rays count once, with the first of their quantities.
+    let cases = |quantities: &'static [&str], case, rays, errors: Vec<Errors>| {
+        let case = move |(i, (of, errors))| StressCase::new(name, of, case, if i == 0 { rays } else { 0 }, errors);
+        quantities.iter().copied().zip(errors).enumerate().map(case)
+    };
     for (family, share, draw) in rays::FAMILIES {
         let rays = ((count as f64 * share) as usize).max(1);
-        for (i, errors) in compositing::measure(draw, rays, device, rng).into_iter().enumerate() {
-            // Rays of a family count once.
-            let rays = if i == 0 { rays } else { 0 };
-            rows.push(StressCase::new(name, compositing::QUANTITIES[i], family, rays, errors));
-        }
+        rows.extend(cases(&compositing::QUANTITIES, family, rays, compositing::measure(draw, rays, device, rng)));
     }
     let pairs = count / 4;
     for (relation, draw) in rays::RELATIONS {
-        for (i, errors) in divergence::measure(draw, pairs, device, rng).into_iter().enumerate() {
-            let rays = if i == 0 { 2 * pairs } else { 0 };
-            rows.push(StressCase::new(name, divergence::QUANTITIES[i], relation, rays, errors));
-        }
+        rows.extend(cases(&divergence::QUANTITIES, relation, 2 * pairs, divergence::measure(draw, pairs, device, rng)));
     }
     let few = count / 20;
     for (case, draw) in field::COORDINATES {

@@ -1,4 +1,3 @@
-use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -48,13 +47,10 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let about = &experiment.about;
     outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
     let mut progress = ProgressDisplay::new("pre-training");
-    let mut last = VecDeque::with_capacity(LAST + 1);
+    let mut psnrs = Vec::new();
     let pretrained = pretrain(&session, &experiment, &mut |event| {
         if let RunEvent::Training { event: Event::Step { psnr, .. }, .. } = &event {
-            last.push_back(*psnr);
-            if last.len() > LAST {
-                last.pop_front();
-            }
+            psnrs.push(*psnr);
         }
         progress.watch(event)
     })?;
@@ -62,6 +58,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         outln!("{}: saved; {} continues it", about.name, args.existing.same_command());
         return Ok(interrupt::exit_code());
     }
+    let last = &psnrs[psnrs.len().saturating_sub(LAST)..];
     let mean = last.iter().sum::<f32>() / last.len() as f32;
     let psnr =
         if last.is_empty() { String::new() } else { format!(", PSNR {mean:.2} dB over the last {LAST} steps' rays") };

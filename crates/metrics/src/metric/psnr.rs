@@ -64,6 +64,7 @@ mod tests {
     fn error_of_a_tenth_is_20_decibels() {
         approx::assert_abs_diff_eq!(psnr(&flat(0.1), &flat(0.0)).unwrap(), 20.0, epsilon = 1e-5);
         assert_eq!(psnr(&flat(0.3), &flat(0.3)), Ok(f64::INFINITY));
+        assert!(psnr(&flat(0.3), &flat(0.3).cropped([0..3, 0..1])).is_err());
     }
 
     #[test]
