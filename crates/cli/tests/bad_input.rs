@@ -91,7 +91,7 @@ fn folders() {
         "openai/clip-vit-base-patch32",
         "clip-vit-base-patch32.safetensors: No such",
     ]);
-    let data = |data: &str, scene: &str| place.tiny(&["exp", "fast-losses", "--data", data, "--scene", scene]);
+    let data = |data: &str, scene: &str| place.tiny(format!("exp fast-losses --data {data} --scene {scene}"));
     data("nowhere", "knot").fails_with(&["nowhere"]);
     data("data", "lego").fails_with(&["data/lego", "not found"]);
     data("data", "../data/knot").fails_with(&["../data/knot"]);
@@ -144,7 +144,7 @@ fn config() {
         ("train", &["train"]),
         ("a..b=1", &["a..b"]),
     ] {
-        place.tiny(&["exp", "fast-losses", "--scene", "knot", "--set", setting]).fails_with(parts);
+        place.tiny(format!("exp fast-losses --scene knot --set {setting}")).fails_with(parts);
     }
 }
 
@@ -218,7 +218,7 @@ fn output_that_cannot_be_written() {
         ("checkpoint", "checkpoint"),
     ] {
         place.write(&format!("no-{part}/{run}/{taken}"), "");
-        place.tiny(exp).args(&["--out", &format!("no-{part}")]).fails_with(&[part]);
+        place.tiny(exp).args(format!("--out no-{part}")).fails_with(&[part]);
     }
     place.write("runs/fast-losses/results.json", "no JSON");
     place.tiny(exp).fails_with(&["results.json"]);
@@ -234,17 +234,17 @@ fn folders_that_are_no_run() {
     place.run("view nowhere").fails_with(&["nowhere"]);
     place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
     let run = "runs/fast-losses/knot/factored/seed0";
-    place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
+    place.run(format!("eval {run} --test some")).fails_with(&["--test", "some"]);
     for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
-        place.run(&["eval", run, "--scale", scale]).fails_with(&["--scale", "1/64"]);
+        place.run(format!("eval {run} --scale {scale}")).fails_with(&["--scale", "1/64"]);
     }
-    place.run(&["eval", run, "--device", "vulkan"]).fails_with(&["not built in"]);
+    place.run(format!("eval {run} --device vulkan")).fails_with(&["not built in"]);
     place.write("file", "");
-    place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
-    place.run(&["export", run, "--format", "html", "--out", "file/below"]).fails_with(&["file/below"]);
+    place.run(format!("render {run} --frames 1 --out file")).fails_with(&["file"]);
+    place.run(format!("export {run} --format html --out file/below")).fails_with(&["file/below"]);
     place.run("view file").fails_with(&["file", "folder"]);
     fs::create_dir(place.path("empty")).unwrap();
-    place.run(&["eval", run, "--weights", "empty"]).fails_with(&["--weights empty", "infonerf weights"]);
+    place.run(format!("eval {run} --weights empty")).fails_with(&["--weights empty", "infonerf weights"]);
 
     let model = place.path(run).join("checkpoint/model.bpk");
     let whole = fs::read(&model).unwrap();
@@ -253,18 +253,18 @@ fn folders_that_are_no_run() {
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
     for damaged in [&flipped[..], &whole[..whole.len() - 1], b""] {
         fs::write(&model, damaged).unwrap();
-        place.run(&["eval", run]).fails_with(&["model.bpk", "damaged"]);
+        place.run(format!("eval {run}")).fails_with(&["model.bpk", "damaged"]);
     }
     fs::write(&model, &whole).unwrap();
-    place.run(&["eval", run]).succeeds();
+    place.run(format!("eval {run}")).succeeds();
 
     let config = place.path(run).join("config.toml");
     let text = fs::read_to_string(&config).unwrap();
     fs::write(&config, text.replace("width = 16", "width = 32")).unwrap();
-    place.run(&["eval", run]).fails_with(&["checkpoint"]);
+    place.run(format!("eval {run}")).fails_with(&["checkpoint"]);
     fs::write(&config, text.replace("[config.scene]", "[config.scene]\nlight = 3")).unwrap();
-    place.run(&["eval", run]).fails_with(&["config.toml", "light"]);
+    place.run(format!("eval {run}")).fails_with(&["config.toml", "light"]);
     fs::write(&config, &text).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
-    place.run(&["eval", run]).fails_with(&["checkpoint"]);
+    place.run(format!("eval {run}")).fails_with(&["checkpoint"]);
 }

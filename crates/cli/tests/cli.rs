@@ -87,7 +87,7 @@ fn a_seed_and_a_saved_config_give_the_same_numbers() {
     assert_eq!(without_times(&first), without_times(&records(&place.path("again/fast-losses"))));
 
     let saved = "runs/fast-losses/knot/infonerf/seed0/config.toml";
-    place.run(&["exp", saved, "--out", "saved"]).succeeds();
+    place.run(format!("exp {saved} --out saved")).succeeds();
     let repeated = records(&place.path("saved/fast-losses"));
     let infonerf: Vec<Value> = first.into_iter().filter(|record| record["variant"] == "infonerf").collect();
     assert_eq!(without_times(&infonerf), without_times(&repeated));
@@ -110,7 +110,7 @@ const LONG_RUN: &str = "fast-losses/knot/infonerf/seed0";
 /// Starts a run in the folder `out`, waits until there are two checkpoints in `field` of it, and interrupts it.
 #[cfg(unix)]
 fn interrupted(place: &Workplace, args: &str, out: &str, field: &str) -> std::process::Output {
-    let mut command = place.tiny(args).args(&["--out", out]).into_command();
+    let mut command = place.tiny(args).args(format!("--out {out}")).into_command();
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     wait_for(&place.path(out).join(LONG_RUN).join(field).join("checkpoint.previous/manifest.json"));
     let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
@@ -178,13 +178,13 @@ fn a_run_is_evaluated_again() {
     let run = "runs/fast-losses/crane/infonerf/seed0";
     let record = &records(&place.path("runs/fast-losses"))[0];
 
-    let said = place.run(&["eval", run]).said();
+    let said = place.run(format!("eval {run}")).said();
     let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
     let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
     assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
-    place.run(&["eval", run, "--test", "first-1"]).says(&["1 test views (first-1)"]);
+    place.run(format!("eval {run} --test first-1")).says(&["1 test views (first-1)"]);
     // One row a run: full size is the record's, and the difference is from there.
-    let said = place.run(&["eval", run, run, "--scale", "1/2,1/4"]).said();
+    let said = place.run(format!("eval {run} {run} --scale 1/2,1/4")).said();
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
     assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
     let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
@@ -201,11 +201,11 @@ fn a_run_is_not_tested_by_views_that_it_learned_from() {
     place.run("scene export facade data/facade --format llff --size 24").succeeds();
     place.tiny("exp fast-losses --data data --scene facade --variant factored --set eval.test=split").succeeds();
     let run = "runs/fast-losses/facade/factored/seed0";
-    place.run(&["eval", run, "--test", "training"]).fails_with(&[
+    place.run(format!("eval {run} --test training")).fails_with(&[
         "--test: expected another protocol than training, found training",
         "LLFF photographs are held out only where they are tested",
     ]);
-    place.run(&["eval", run, "--test", "first-1"]).succeeds();
+    place.run(format!("eval {run} --test first-1")).succeeds();
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     // The config of a run on a folder works from anywhere.
     let saved = place.path("loaded/fast-losses/orrery/infonerf/seed0/config.toml");
     fs::create_dir(place.path("elsewhere")).unwrap();
-    place.run(&["exp", saved.to_str().unwrap()]).inside("elsewhere").succeeds();
+    place.run("exp").arg(saved.to_str().unwrap()).inside("elsewhere").succeeds();
     let again = without_times(&records(&place.path("elsewhere/runs/fast-losses")));
     assert_eq!(loaded, again[0]);
 }
@@ -283,8 +283,8 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     // A run holds its own weights.
     fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
     let run = "out/integration-pixelnerf/random-7/pixelnerf/seed0";
-    place.run(&["eval", run]).succeeds();
-    place.run(&["render", run, "--normals"]).fails_with(&["--normals", "ResNet"]);
+    place.run(format!("eval {run}")).succeeds();
+    place.run(format!("render {run} --normals")).fails_with(&["--normals", "ResNet"]);
     pretrain().args("--seed 0..1").fails_with(&["one variant and one seed"]);
 }
 
@@ -334,8 +334,7 @@ fn shells_complete_names_and_keys() {
     place.write("mine.toml", "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n");
     let candidates = |line: &str| -> BTreeSet<String> {
         // A space at the end: the next word begins.
-        let words: Vec<&str> = ["--", "infonerf"].into_iter().chain(line.split(' ')).collect();
-        let said = place.run(words.as_slice()).env("COMPLETE", "fish").said();
+        let said = line.split(' ').fold(place.run("-- infonerf"), Invocation::arg).env("COMPLETE", "fish").said();
         said.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect()
     };
     for (line, expected) in [
@@ -366,7 +365,7 @@ fn shells_complete_names_and_keys() {
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
-    place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
+    place.run("collect results-of-mine/fast-losses --title All of it").succeeds();
     let document = place.read("results.md");
     assert_has(&document, &["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"]);
     assert!(!document.contains("results-of-mine"), "{document}");
@@ -404,17 +403,16 @@ fn output_that_nobody_reads_loses_nothing() {
         let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
         invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
     };
-    let exp = |out: &str| place.tiny("exp fast-losses --scene knot --variant factored").args(&["--out", out]);
+    let exp = |out: &str| place.tiny("exp fast-losses --scene knot --variant factored").args(format!("--out {out}"));
     assert_eq!(unread(exp("lines")), Some(0));
     assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
         assert_eq!(records(&place.path(out).join("fast-losses")).len(), 1);
     }
     let run = "lines/fast-losses/knot/factored/seed0";
-    for args in
-        [&["list"][..], &["--help"], &["list", "fast-losses"], &["eval", run], &["export", run, "--format", "cameras"]]
-    {
-        assert_eq!(unread(place.run(args)), Some(0), "{args:?}");
+    let (eval, export) = (format!("eval {run}"), format!("export {run} --format cameras"));
+    for args in ["list", "--help", "list fast-losses", &eval, &export] {
+        assert_eq!(unread(place.run(args)), Some(0), "{args}");
     }
     assert_eq!(unread(place.run("exp nothing")), Some(2));
     // A full disk is an error, which comes after the run is saved.

@@ -18,7 +18,7 @@ fn with_run() -> Workplace {
 }
 
 fn export(place: &Workplace, format: &str, args: &str) -> Invocation {
-    place.run(&["export", RUN, "--format", format, "--resolution", "16"]).args(args)
+    place.run(format!("export {RUN} --format {format} --resolution 16")).args(args)
 }
 
 #[test]
@@ -68,11 +68,11 @@ fn a_page_of_the_papers_field_is_baked() {
     let small = "exp fast-losses --scene knot --variant factored --preset paper --set scene.size=24 --set train.iterations=2 \
                  --set train.rays=16 --set train.unseen_rays=16 --set render.samples=8 --set render.fine_samples=8 \
                  --set eval.test=first-1 --set eval.information_rays=16";
-    place.run(small).args(&["--set", mlp]).succeeds();
-    place.run(&["render", RUN, "--frames", "1", "--normals"]).succeeds();
+    place.run(small).args(format!("--set {mlp}")).succeeds();
+    place.run(format!("render {RUN} --frames 1 --normals")).succeeds();
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
-    let export = || place.run(&["export", RUN, "--format", "html", "--resolution", "24"]);
+    let export = || place.run(format!("export {RUN} --format html --resolution 24"));
     export().says(&["viewer.html", "read by browsers"]);
     let page = place.read(&format!("{RUN}/viewer.html"));
     assert!(page.contains("baked to 24 voxels along its box") && page.contains("uniform sampler3D opacities"));
@@ -89,7 +89,7 @@ fn cameras_fit_next_to_the_image_files() {
     let exp = "exp fast-losses --variant factored --data data --scene facade --set eval.test=training";
     place.tiny(exp).succeeds();
     let run = "runs/fast-losses/facade/factored/seed0";
-    place.run(&["export", run, "--format", "cameras"]).says(&["its image paths start in", "data/facade"]);
+    place.run(format!("export {run} --format cameras")).says(&["its image paths start in", "data/facade"]);
     let cameras: Value = serde_json::from_str(&place.read(&format!("{run}/export/transforms.json"))).unwrap();
     let strings = |key: &str| -> Vec<String> {
         let list = cameras[key].as_array().unwrap_or_else(|| panic!("{key}: {cameras}"));
@@ -117,13 +117,13 @@ fn cameras_fit_next_to_the_image_files() {
 fn impossible_exports_and_paths_are_refused() {
     let place = with_run();
     let export = |args: &str| export(&place, "ply", args);
-    place.run(&["export", RUN]).fails_with(&["--format"]);
+    place.run(format!("export {RUN}")).fails_with(&["--format"]);
     for resolution in ["0", "513", "-1", "many"] {
         let resolution = format!("--resolution={resolution}");
-        place.run(&["export", RUN, "--format", "ply", &resolution]).fails_with(&["--resolution"]);
+        place.run(format!("export {RUN} --format ply {resolution}")).fails_with(&["--resolution"]);
     }
     export("--triangles 3").fails_with(&["--triangles"]);
-    place.run(&["export", RUN, "--format", "points", "--triangles", "9"]).fails_with(&["--triangles", "expected a"]);
+    place.run(format!("export {RUN} --format points --triangles 9")).fails_with(&["--triangles", "expected a"]);
     place.write("file", "");
     export("--out file/below.ply").fails_with(&["file"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
@@ -132,12 +132,12 @@ fn impossible_exports_and_paths_are_refused() {
     // Nothing is half opaque in a field that has only begun.
     place.tiny("exp fast-losses --scene knot --variant factored --out begun").succeeds();
     let run = "begun/fast-losses/knot/factored/seed0";
-    place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "expected at least 0.5"]);
+    place.run(format!("export {run} --format ply")).fails_with(&["no surface", "expected at least 0.5"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
-    place.run(&["export", run, "--format", "ply"]).fails_with(&["expected a checkpoint"]);
+    place.run(format!("export {run} --format ply")).fails_with(&["expected a checkpoint"]);
 
-    let render = |path: &str| place.run(&["render", RUN, "--path", path]);
+    let render = |path: &str| place.run(format!("render {RUN} --path {path}"));
     render("nowhere.json").fails_with(&["nowhere.json", "not found"]);
     for (text, part) in [
         ("{\"camera_path\": []}", "`camera_path`: expected a list of 1 to 10000 cameras"),
@@ -165,9 +165,9 @@ fn frames(folder: &Path) -> usize {
 #[test]
 fn cameras_follow_every_path() {
     let place = with_run();
-    place.run(&["render", RUN, "--frames", "5", "--normals"]).succeeds();
+    place.run(format!("render {RUN} --frames 5 --normals")).succeeds();
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 5);
-    let render = |path: &str, args: &str| place.run(&["render", RUN, "--path", path]).args(args);
+    let render = |path: &str, args: &str| place.run(format!("render {RUN} --path {path}")).args(args);
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
         render(path, "--frames 3").says(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");

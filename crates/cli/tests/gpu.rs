@@ -14,7 +14,7 @@ const DEVICE: &str = if cfg!(feature = "cuda") {
 #[test]
 fn an_experiment_on_the_gpu_ends_with_a_report() {
     let place = Workplace::new();
-    let output = place.tiny(&["exp", "fast-losses", "--device", DEVICE, "--scene", "knot"]).succeeds();
+    let output = place.tiny(format!("exp fast-losses --device {DEVICE} --scene knot")).succeeds();
     let stderr = text(&output.stderr);
     assert!(stderr.lines().any(|line| line.starts_with(&format!("{DEVICE}: "))), "the adapter is named: {stderr}");
     let records = records(&place.path("runs/fast-losses"));
@@ -29,7 +29,7 @@ fn an_experiment_on_the_gpu_ends_with_a_report() {
 #[test]
 fn the_gpu_agrees_with_the_cpu() {
     let place = Workplace::new();
-    place.run(&["bench", "agreement", "--device", DEVICE]).says(&["agree with flex"]);
+    place.run(format!("bench agreement --device {DEVICE}")).says(&["agree with flex"]);
 }
 
 /// No driver is one line, and not a panic.
@@ -37,7 +37,7 @@ fn the_gpu_agrees_with_the_cpu() {
 #[cfg(not(feature = "cuda"))]
 fn no_adapter_is_a_clear_error() {
     let place = Workplace::new();
-    let mut command = place.tiny(&["exp", "fast-losses", "--device", DEVICE, "--scene", "knot"]).into_command();
+    let mut command = place.tiny(format!("exp fast-losses --device {DEVICE} --scene knot")).into_command();
     for drivers in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "__EGL_VENDOR_LIBRARY_FILENAMES"] {
         command.env(drivers, "/nowhere");
     }

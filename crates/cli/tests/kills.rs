@@ -96,7 +96,7 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
             assert!(stderr.lines().all(|line| line.contains("too large")), "{blocks} blocks: {stderr}");
         }
         assert!(!output.status.success() || blocks == 32, "{blocks} blocks were enough");
-        place.tiny(RUN).args(&["--out", &out]).succeeds();
+        place.tiny(RUN).args(format!("--out {out}")).succeeds();
         assert_eq!(unbroken, numbers(&place, &out), "{blocks} blocks");
     }
 }
@@ -118,8 +118,8 @@ fn two_runs_in_one_folder() {
 fn what_cannot_fit_into_memory_is_refused() {
     let place = Workplace::new();
     let field = "field={kind=\"nerf\",layers=64,width=4096,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
-    let args = ["--set", field, "--set", "train.target_samples=0", "--set", "train.rays=65536"];
-    place.tiny(RUN).args(&args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
+    let args = format!("--set {field} --set train.target_samples=0 --set train.rays=65536");
+    place.tiny(RUN).args(args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
 }
 
 /// Bit equality, not a tolerance: the number of threads changes who computes, not what.
@@ -127,7 +127,7 @@ fn what_cannot_fit_into_memory_is_refused() {
 fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();
     for threads in ["1", "2", "3"] {
-        let run = place.tiny(RUN).args(&["--set", "train.iterations=20", "--out", threads]);
+        let run = place.tiny(RUN).args(format!("--set train.iterations=20 --out {threads}"));
         let output = run.into_command().env("RAYON_NUM_THREADS", threads).output().unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
     }

@@ -27,7 +27,7 @@ impl Cluster {
     }
 
     fn sweep(&self, out: &str) -> Invocation {
-        self.scheduled(self.0.tiny(SWEEP).args(&["--out", out]))
+        self.scheduled(self.0.tiny(SWEEP).args(format!("--out {out}")))
     }
 
     fn slurm(&self) -> Invocation {
@@ -60,9 +60,8 @@ impl Cluster {
 fn array_jobs_give_the_local_table() {
     let cluster = Cluster::new();
     cluster.sweep("local").succeeds();
-    let asked = ["--partition", "gpu", "--memory", "2G", "--cpus", "4", "--jobs", "3", "--timeout", "10m"];
-    let asked = cluster.slurm().args(&asked).args("--submit-option=--account=vision").env("MAX_ARRAY_SIZE", "6");
-    asked.says(&["8 runs submitted as slurm 100, 101, 102"]);
+    let asked = "--partition gpu --memory 2G --cpus 4 --jobs 3 --timeout 10m --submit-option=--account=vision";
+    cluster.slurm().args(asked).env("MAX_ARRAY_SIZE", "6").says(&["8 runs submitted as slurm 100, 101, 102"]);
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
     let logs = cluster.folder("runs").join("launch");
     for line in [

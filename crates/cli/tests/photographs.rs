@@ -94,7 +94,7 @@ fn better_poses_of_two_solvers_are_kept() {
         place.write("model/images.txt", images);
         let _ = fs::remove_dir_all(dir.join("sparse"));
         let path = format!("{}:{}", place.path("").display(), std::env::var("PATH").unwrap_or_default());
-        let said = place.run(&*format!("scene from-images photos {arguments}")).env("PATH", path).said();
+        let said = place.run(format!("scene from-images photos {arguments}")).env("PATH", path).said();
         assert!(!dir.join("colmap.partial").exists());
         assert_eq!(Reconstruction::read(&dir).unwrap().images.len(), expected);
         said

@@ -52,7 +52,7 @@ fn weights_are_listed_and_bad_files_refused() {
     // A backbone measures nothing without its linear heads.
     zero_weights(&place.path("backbone.safetensors"), &LpipsConfig::alex().backbone_tensors());
     zero_weights(&place.path("heads.safetensors"), &LpipsConfig::alex().head_tensors());
-    let import = |file: &str| place.run(&["weights", "import", file]).env("INFONERF_WEIGHTS", "kept").said();
+    let import = |file: &str| place.run(format!("weights import {file}")).env("INFONERF_WEIGHTS", "kept").said();
     let hint = "lpips-alex-heads is missing; `infonerf weights fetch lpips-alex-heads`";
     assert!(import("backbone.safetensors").contains(hint));
     import("heads.safetensors");

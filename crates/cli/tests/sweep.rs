@@ -12,7 +12,7 @@ const RUNS: usize = 8;
 const FOLDER: &str = "sweep-fast-losses";
 
 fn sweep(place: &Workplace, out: &str) -> Invocation {
-    place.tiny(SWEEP).args(&["--out", out])
+    place.tiny(SWEEP).args(format!("--out {out}"))
 }
 
 fn folder(place: &Workplace, out: &str) -> PathBuf {
@@ -63,7 +63,7 @@ fn every_combination_is_run_once() {
     let alone = folder(&place, "items").join("manifest.jsonl");
     fs::create_dir_all(folder(&place, "items")).unwrap();
     fs::copy(whole.join("manifest.jsonl"), &alone).unwrap();
-    let item = |item: usize| place.run(&["sweep-item", alone.to_str().unwrap(), &item.to_string()]);
+    let item = |item: usize| place.run("sweep-item").arg(alone.to_str().unwrap()).arg(&item.to_string());
     (0..RUNS).rev().for_each(|index| drop(item(index).succeeds()));
     item(5).says(&["finished before"]);
     item(8).fails_with(&["manifest.jsonl", "item 8"]);
@@ -87,8 +87,9 @@ fn every_combination_is_run_once() {
 #[test]
 fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
-    let exp =
-        |steps: &str| place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(&["--set", steps]);
+    let exp = |steps: &str| {
+        place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(format!("--set {steps}"))
+    };
     // Its claims are told.
     exp("train.iterations=3").args("--variant infonerf").says(&["the paper's losses improve on RGB alone"]);
     exp("train.iterations=3").args("--json").fails_with(&["--json", "--jobs"]);
@@ -112,7 +113,7 @@ const WEIGHTS: &str = "sweep fast-losses --scene knot --variant infonerf --space
 #[test]
 fn a_sweep_that_was_killed_goes_on() {
     let place = Workplace::new();
-    let weights = |out: &str| place.tiny(WEIGHTS).args(&["--set", "eval.information_rays=0", "--out", out]);
+    let weights = |out: &str| place.tiny(WEIGHTS).args(format!("--set eval.information_rays=0 --out {out}"));
     weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
     let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();

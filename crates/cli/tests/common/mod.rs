@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use std::collections::BTreeSet;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -19,29 +19,6 @@ const TINY: &str = "train.iterations=3 train.rays=32 train.unseen_rays=16 train.
                     render.samples={from=12,to=24,end=0.5,curve=\"exponential\"} render.occupancy.resolution=8 \
                     render.occupancy.warmup=1 render.occupancy.every=1";
 
-/// Words of a command line: those of a text, which spaces separate, or of a list.
-pub trait Words {
-    fn words(self) -> Vec<OsString>;
-}
-
-impl Words for &str {
-    fn words(self) -> Vec<OsString> {
-        self.split_whitespace().map(Into::into).collect()
-    }
-}
-
-impl<S: AsRef<OsStr>> Words for &[S] {
-    fn words(self) -> Vec<OsString> {
-        self.iter().map(Into::into).collect()
-    }
-}
-
-impl<S: AsRef<OsStr>, const N: usize> Words for &[S; N] {
-    fn words(self) -> Vec<OsString> {
-        self.as_slice().words()
-    }
-}
-
 /// A sweep of four values, two seeds, one scene.
 pub const SWEEP: &str = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-3 \
                          --grid loss.kl.weight=0,1e-4 --seed 0..1 --set eval.information_rays=0";
@@ -52,7 +29,7 @@ pub struct Workplace(tempfile::TempDir);
 /// A command line that is about to run.
 pub struct Invocation {
     folder: PathBuf,
-    args: Vec<OsString>,
+    args: Vec<String>,
     variables: Vec<(String, OsString)>,
 }
 
@@ -78,22 +55,21 @@ impl Workplace {
     }
 
     /// `infonerf ARGS`, in this folder.
-    pub fn run(&self, args: impl Words) -> Invocation {
+    pub fn run(&self, args: impl AsRef<str>) -> Invocation {
         Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
     }
 
     /// `infonerf ARGS` in this folder, with settings under which everything is quick; those in `args` win.
-    pub fn tiny(&self, args: impl Words) -> Invocation {
+    pub fn tiny(&self, args: impl AsRef<str>) -> Invocation {
         self.tiny_without("nothing", args)
     }
 
     /// `infonerf ARGS` with the quick settings but the one of `key`, which `args` set in another way.
-    pub fn tiny_without(&self, key: &str, args: impl Words) -> Invocation {
+    pub fn tiny_without(&self, key: &str, args: impl AsRef<str>) -> Invocation {
         let other = |setting: &&str| setting.split('=').next() != Some(key);
-        let settings: Vec<&str> = TINY.split(' ').filter(other).flat_map(|setting| ["--set", setting]).collect();
-        let words = args.words();
-        let (command, rest) = words.split_at(1);
-        self.run(command).args(settings.as_slice()).args(rest)
+        let settings: String = TINY.split(' ').filter(other).map(|setting| format!(" --set {setting}")).collect();
+        let (command, rest) = args.as_ref().split_once(' ').unwrap_or((args.as_ref(), ""));
+        self.run(command).args(settings).args(rest)
     }
 }
 
@@ -110,8 +86,13 @@ impl Invocation {
         said
     }
 
-    pub fn args(mut self, args: impl Words) -> Self {
-        self.args.extend(args.words());
+    /// Adds words, which spaces separate.
+    pub fn args(self, args: impl AsRef<str>) -> Self {
+        args.as_ref().split_whitespace().fold(self, Self::arg)
+    }
+
+    pub fn arg(mut self, arg: &str) -> Self {
+        self.args.push(arg.to_owned());
         self
     }
 
