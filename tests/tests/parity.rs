@@ -97,17 +97,13 @@ fn configured(fixture: &Value, run: &Value) -> Config {
 /// Builds the fixture's data set: four images, their cameras and those of others.
 fn scene(fixture: &Value) -> Scene {
     let size = whole(&fixture["size"]) as u32;
-    let cameras: Vec<Camera> = fixture["poses"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|rows| {
-            let mut pose: Vec<f64> = rows.as_array().unwrap().iter().flat_map(floats).collect();
-            pose.extend([0.0, 0.0, 0.0, 1.0]);
-            let pose = DMat4::from_cols_slice(&pose).transpose();
-            Camera::from_fov(size, size, fixture["fov"].as_f64().unwrap(), pose)
-        })
-        .collect();
+    let camera = |rows: &Value| {
+        let mut pose: Vec<f64> = rows.as_array().unwrap().iter().flat_map(floats).collect();
+        pose.extend([0.0, 0.0, 0.0, 1.0]);
+        let pose = DMat4::from_cols_slice(&pose).transpose();
+        Camera::from_fov(size, size, fixture["fov"].as_f64().unwrap(), pose)
+    };
+    let cameras: Vec<Camera> = fixture["poses"].as_array().unwrap().iter().map(camera).collect();
     let view = |(id, (pixels, camera)): (usize, (&Value, &Camera))| {
         let color = |pixel: &Value| [0, 1, 2].map(|channel| pixel[channel].as_f64().unwrap() as f32 / 255.0);
         let rgb = pixels.as_array().unwrap().iter().map(color).collect();

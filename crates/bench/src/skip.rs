@@ -56,24 +56,17 @@ pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Re
     let factors = TextTable::new(
         &factors(&records),
         &[
-            ("", |factor: &Factor| factor.run.clone()),
-            ("fewer samples", |factor| format!("{:.1}x", factor.fewer_samples)),
-            ("faster", |factor| format!("{:.1}x", factor.less_time)),
+            ("", |(run, _): &(String, [f64; 2])| run.clone()),
+            ("fewer samples", |(_, [fewer_samples, _])| format!("{fewer_samples:.1}x")),
+            ("faster", |(_, [_, less_time])| format!("{less_time:.1}x")),
         ],
     );
     print(&format!("\n{}\n{}", table.to_text(Emphasis::Star), factors.to_text()));
     Ok(())
 }
 
-/// Samples evaluated and training time without skipping, over those of a run.
-struct Factor {
-    run: String,
-    fewer_samples: f64,
-    less_time: f64,
-}
-
-/// Compares the runs of each case with the first case's runs of the same variant.
-fn factors(records: &[Record]) -> Vec<Factor> {
+/// Divides samples evaluated and training time of the first case's runs by those of each case's runs of the same variant.
+fn factors(records: &[Record]) -> Vec<(String, [f64; 2])> {
     let variant = |record: &Record| record.setting.as_ref().map(|setting| setting.variant.clone());
     let factor = |run: String| {
         let own: Vec<&Record> = records.iter().filter(|record| record.variant == run).collect();
@@ -82,11 +75,8 @@ fn factors(records: &[Record]) -> Vec<Factor> {
             let without = records.iter().filter(|record| record.variant == first.variant).map(value).sum::<f64>();
             without / own.iter().map(|record| value(record)).sum::<f64>()
         };
-        Factor {
-            fewer_samples: ratio(|record| record.samples_evaluated as f64),
-            less_time: ratio(|record| record.train_seconds),
-            run,
-        }
+        let factors = [ratio(|record| record.samples_evaluated as f64), ratio(|record| record.train_seconds)];
+        (run, factors)
     };
     distinct(records, |record| record.variant.clone()).into_iter().map(factor).collect()
 }

@@ -68,19 +68,16 @@ impl Descriptor {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    const PSNR: Descriptor = Descriptor { key: "psnr", name: "PSNR", unit: "dB", decimals: 2, better: Better::Higher };
-    const SHARPNESS: Descriptor =
-        Descriptor { key: "sharpness", name: "Sharpness", unit: "", decimals: 2, better: Better::NearOne };
+    use crate::metric::select;
 
     #[test]
     fn values_are_formatted_and_ranked_as_shown() {
-        assert_eq!(SHARPNESS.heading(), "Sharpness → 1");
-        assert_eq!(PSNR.format(19.996), "20.00");
-        assert_eq!(PSNR.rank(20.001), PSNR.rank(20.004));
-        assert!(PSNR.rank(20.01) < PSNR.rank(20.0));
-        assert!(SHARPNESS.rank(0.98) < SHARPNESS.rank(1.03));
-        assert!(SHARPNESS.rank(1.02) < SHARPNESS.rank(0.95));
+        let [psnr, sharpness] = ["psnr", "sharpness"].map(|key| select([key]).unwrap()[0].descriptor);
+        assert_eq!(sharpness.heading(), "Sharpness → 1");
+        assert_eq!(psnr.format(19.996), "20.00");
+        assert_eq!(psnr.rank(20.001), psnr.rank(20.004));
+        assert!(psnr.rank(20.01) < psnr.rank(20.0));
+        assert!(sharpness.rank(0.98) < sharpness.rank(1.03));
+        assert!(sharpness.rank(1.02) < sharpness.rank(0.95));
     }
 }

@@ -51,17 +51,14 @@ fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: us
     (0..layers).map(|index| layer(rng, inputs(index), width)).collect()
 }
 
-fn dense(leaf: &Tensor<1>, outputs: usize) -> Dense {
-    let weights = leaf.dims()[0] - outputs;
-    Dense {
-        weight: leaf.clone().narrow(0, 0, weights).reshape([-1, outputs as i32]),
-        bias: leaf.clone().narrow(0, weights, outputs),
-    }
-}
-
 fn leaves(layers: &[LayerValues], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense>) {
     let leaves: Vec<_> = layers.iter().map(|(_, values)| leaf(values, device)).collect();
-    let dense = leaves.iter().zip(layers).map(|(leaf, (outputs, _))| dense(leaf, *outputs)).collect();
+    let dense = |(leaf, (outputs, _)): (&Tensor<1>, &LayerValues)| {
+        let weights = leaf.dims()[0] - outputs;
+        let weight = leaf.clone().narrow(0, 0, weights).reshape([-1, *outputs as i32]);
+        Dense { weight, bias: leaf.clone().narrow(0, weights, *outputs) }
+    };
+    let dense = leaves.iter().zip(layers).map(dense).collect();
     (leaves, dense)
 }
 

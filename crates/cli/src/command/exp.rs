@@ -87,12 +87,10 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
     let (as_text, as_json) = (!args.quiet && !args.json, args.json);
-    if let Some(live) = &live {
-        match as_json {
-            true => outln!("{}", json!({ "event": "live", "url": live.url() })),
-            false if as_text => outln!("live at {}", live.url()),
-            false => {}
-        }
+    match &live {
+        Some(live) if as_json => outln!("{}", json!({ "event": "live", "url": live.url() })),
+        Some(live) if as_text => outln!("live at {}", live.url()),
+        _ => {}
     }
     let (mut reporter, mut events) =
         (Reporter::new(existing, session.device.name, true, &args.out), JsonEvents::default());

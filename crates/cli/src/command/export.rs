@@ -155,10 +155,8 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surfa
             let (views, splats, fields) = (found.views, found.splats, found.fields);
             format!(", which show {views} test views with {splats:.2} dB PSNR (the field itself: {fields:.2} dB)")
         });
-        return Ok((
-            (ply_splats(&splats, trained.scene().origin), format!("{} gaussians{fidelity}", splats.len())),
-            surface,
-        ));
+        let bytes = ply_splats(&splats, trained.scene().origin);
+        return Ok(((bytes, format!("{} gaussians{fidelity}", splats.len())), surface));
     }
     if let Some(triangles) = args.triangles {
         surface = surface.simplified(triangles as usize);
@@ -171,11 +169,10 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surfa
         _ => ply_mesh(&mesh, scene.origin),
     };
     let Surface { positions, triangles, dropped, .. } = &mesh.surface;
+    let (vertices, triangles) = (positions.len(), triangles.len());
     let summary = match args.format {
-        FormatName::Points => format!("{} points", positions.len()),
-        _ => {
-            format!("{} vertices, {} triangles ({dropped} small components left out)", positions.len(), triangles.len())
-        }
+        FormatName::Points => format!("{vertices} points"),
+        _ => format!("{vertices} vertices, {triangles} triangles ({dropped} small components left out)"),
     };
     Ok(((bytes, summary), mesh.surface))
 }

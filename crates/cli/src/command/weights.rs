@@ -91,13 +91,11 @@ fn import(store: &Store, file: &Path) -> Result<()> {
     for (weights, path) in &imported {
         outln!("{}: {}", weights.name, path.display());
     }
-    let companions =
-        imported.iter().flat_map(|(weights, _)| weights.companions.iter().map(move |name| (weights.name, name)));
-    for (backbone, name) in companions {
-        if KnownWeights::named(name).is_some_and(|weights| store.find(weights).is_none()) {
-            outln!(
-                "{backbone} alone measures nothing: {name} is missing; `infonerf weights fetch {name}` downloads it"
-            );
+    let is_missing = |name: &&&str| KnownWeights::named(name).is_some_and(|weights| store.find(weights).is_none());
+    for (KnownWeights { name: backbone, companions, .. }, _) in &imported {
+        for name in companions.iter().filter(is_missing) {
+            let fetch = format!("`infonerf weights fetch {name}` downloads it");
+            outln!("{backbone} alone measures nothing: {name} is missing; {fetch}");
         }
     }
     Ok(())

@@ -69,10 +69,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
     if args.normals && !plan.config.field.traits().tracks_positions {
-        bail!(
-            "--normals: expected a field whose density has a gradient with respect to positions, found {}",
-            plan.config.field
-        );
+        let expected = "a field whose density has a gradient with respect to positions";
+        bail!("--normals: expected {expected}, found {}", plan.config.field);
     }
     let trained = read_run(plan, &args.run, &open_device(args.device.device)?)?;
     let cameras = route.cameras(trained.scene(), args.frames, args.size);
