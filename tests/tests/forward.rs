@@ -69,48 +69,55 @@ fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value,
     }
 }
 
+/// Returns weight or bias of a layer by a fixture's rule: sines of the phases of output and input, which count from 1.
+fn by_rule(
+    fixture: &Value,
+    layer: usize,
+    shape: &[usize],
+    weight_phase: impl Fn(f64, f64) -> f64,
+    bias_phase: impl Fn(f64) -> f64,
+) -> Vec<f32> {
+    let [gain, bias] = ["gain", "bias0"].map(|key| fixture[key][layer].as_f64().unwrap());
+    match *shape {
+        // Burn keeps weights as [inputs, outputs], PyTorch the other way round.
+        [inputs, outputs] => {
+            let phase = |n: usize| weight_phase((n % outputs + 1) as f64, (n / outputs + 1) as f64);
+            let weight = |n| (gain * (3.0 / inputs as f64).sqrt() * phase(n).sin()) as f32;
+            (0..inputs * outputs).map(weight).collect()
+        }
+        [outputs] => (1..=outputs).map(|o| (bias + 0.1 * bias_phase(o as f64).sin()) as f32).collect(),
+        ref other => panic!("a parameter of shape {other:?}"),
+    }
+}
+
 /// Returns parameter `l` of NeRF's coarse (0) or fine (1) network by the fixture's rule, after a check of a few elements: weight
 /// and bias of each layer in turn.
 fn nerf_rule(fixture: &Value, net: usize, l: usize, shape: &[usize]) -> Vec<f32> {
     let layer = l / 2;
-    let probes = &fixture["weight_probes"][net * LAYERS + layer];
-    let probe = |key: &str, got: f32| {
-        compare_within(&[got], &floats(&probes[key]), |_| WEIGHT_TOLERANCE, &format!("layer {layer}, {key}"));
-    };
-    let [gain, bias] = ["gain", "bias0"].map(|key| fixture[key][layer].as_f64().unwrap());
     let cross = fixture["cross"].as_f64().unwrap();
     let [at_layer, at_net] = [(layer + 1) as f64, net as f64];
-    // Burn keeps weights as [inputs, outputs], PyTorch the other way round.
-    match *shape {
-        [inputs, outputs] => {
-            assert_eq!((l % 2, &probes["shape"]), (0, &json!([outputs, inputs])), "layer {layer}");
-            let weight = |o: usize, i: usize| {
-                // 2^(−k/2) where layers 0 and 5 read frequency k of the encoded position.
-                let scale = match i.checked_sub(3).map(|i| i / 6) {
-                    Some(k) if (layer == 0 || layer == 5) && k < FREQUENCIES => 2f64.powf(-0.5 * k as f64),
-                    _ => 1.0,
-                };
-                let [o, i] = [o + 1, i + 1].map(|n| n as f64);
-                let phase = 1.0 + 12.9898 * o + 78.233 * i + 37.719 * at_layer + 93.989 * at_net + cross * (o * i);
-                let value = (gain * (3.0 / inputs as f64).sqrt() * phase.sin()) as f32;
-                (f64::from(value) * scale) as f32
-            };
-            probe("w_first", weight(0, 0));
-            probe("w_0_last", weight(0, inputs - 1));
-            probe("w_last_0", weight(outputs - 1, 0));
-            probe("w_last", weight(outputs - 1, inputs - 1));
-            (0..inputs * outputs).map(|n| weight(n % outputs, n / outputs)).collect()
+    let weight = |o, i| 1.0 + 12.9898 * o + 78.233 * i + 37.719 * at_layer + 93.989 * at_net + cross * (o * i);
+    let bias = |o| 0.5 + 4.1414 * o + 3.7 * at_layer + 1.9 * at_net;
+    let mut values = by_rule(fixture, layer, shape, weight, bias);
+    let (probes, last) = (&fixture["weight_probes"][net * LAYERS + layer], values.len() - 1);
+    let probed = if let [inputs, outputs] = *shape {
+        assert_eq!((l % 2, &probes["shape"]), (0, &json!([outputs, inputs])), "layer {layer}");
+        // Times 2^(−k/2) where layers 0 and 5 read frequency k of the encoded position.
+        let read = if layer == 0 || layer == 5 { FREQUENCIES } else { 0 };
+        for (n, value) in values.iter_mut().enumerate() {
+            if let Some(k) = (n / outputs).checked_sub(3).map(|i| i / 6).filter(|k| *k < read) {
+                *value = (f64::from(*value) * 2f64.powf(-0.5 * k as f64)) as f32;
+            }
         }
-        [outputs] => {
-            assert_eq!(l % 2, 1, "a weight, then its bias");
-            let phase = |o: usize| 0.5 + 4.1414 * (o + 1) as f64 + 3.7 * at_layer + 1.9 * at_net;
-            let value = |o| (bias + 0.1 * phase(o).sin()) as f32;
-            probe("b_first", value(0));
-            probe("b_last", value(outputs - 1));
-            (0..outputs).map(value).collect()
-        }
-        ref other => panic!("a parameter of shape {other:?}"),
+        vec![("w_first", 0), ("w_0_last", (inputs - 1) * outputs), ("w_last_0", outputs - 1), ("w_last", last)]
+    } else {
+        assert_eq!(l % 2, 1, "a weight, then its bias");
+        vec![("b_first", 0), ("b_last", last)]
+    };
+    for (key, n) in probed {
+        compare_within(&[values[n]], &floats(&probes[key]), |_| WEIGHT_TOLERANCE, &format!("layer {layer}, {key}"));
     }
+    values
 }
 
 /// Compares everything that the fixture of NeRF holds on one device.
@@ -194,25 +201,9 @@ fn frusta_and_their_encoding_agree_with_jax() {
 
 /// Returns parameter `l` of mip-NeRF by the fixture's rule: the weight or bias of layer ⌊l/2⌋.
 fn mip_rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
-    let layer = l / 2;
-    let [gain, bias] = ["gain", "bias0"].map(|key| fixture[key][layer].as_f64().unwrap());
-    let phase = |n: usize, factor: f64| factor * (n + 1) as f64;
-    match *shape {
-        [inputs, outputs] => {
-            let weight = |n: usize| {
-                let (o, i) = (n % outputs, n / outputs);
-                let cross = phase(o, 2.399_963_2) * phase(i, 1.0);
-                let phase = 1.0 + phase(o, 12.9898) + phase(i, 78.233) + phase(layer, 37.719) + cross;
-                (gain * (3.0 / inputs as f64).sqrt() * phase.sin()) as f32
-            };
-            (0..inputs * outputs).map(weight).collect()
-        }
-        [outputs] => {
-            let value = |o| (bias + 0.1 * (0.5 + phase(o, 4.1414) + phase(layer, 3.7)).sin()) as f32;
-            (0..outputs).map(value).collect()
-        }
-        ref other => panic!("a parameter of shape {other:?}"),
-    }
+    let at_layer = (l / 2 + 1) as f64;
+    let weight = |o, i| 1.0 + 12.9898 * o + 78.233 * i + 37.719 * at_layer + 2.399_963_2 * o * i;
+    by_rule(fixture, l / 2, shape, weight, |o| 0.5 + 4.1414 * o + 3.7 * at_layer)
 }
 
 /// Compares everything that the fixture of mip-NeRF holds on one device, with one network for both passes.
