@@ -149,10 +149,7 @@ fn a_run_trains_with_it() {
 fn a_file_without_the_encoder_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other");
-    let fault = |path: &Path| match ClipVision::read(path, ClipConfig::VIT_B_32, &Device::flex()) {
-        Ok(_) => panic!("expected a fault"),
-        Err(cause) => cause,
-    };
+    let fault = |path: &Path| ClipVision::read(path, ClipConfig::VIT_B_32, &Device::flex()).err().unwrap();
     assert!(fault(&path).contains("No such file"));
     write_weights(&path, &[("bias".to_owned(), vec![1])], |_, _, u| u);
     let missing = fault(&path);

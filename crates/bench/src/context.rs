@@ -76,10 +76,7 @@ impl Bench {
             experiment: experiment.about.name,
             preset: first.preset.name(),
             settings: selection.set,
-            data: first
-                .data
-                .as_ref()
-                .map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string()),
+            data: first.data.as_ref().map_or("built-in procedural scenes".into(), |data| data.display().to_string()),
             scenes: distinct(&plans, |plan| plan.scene.clone()),
             variants: distinct(&plans, |plan| plan.variant.clone()),
             seeds: distinct(&plans, |plan| plan.seed),
@@ -134,26 +131,17 @@ fn cpu() -> Option<String> {
 
 impl fmt::Display for Bench {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let about = &self.conditions;
-        let cpu = about.cpu.as_deref().unwrap_or("unknown processor");
-        let size = match about.image_size {
+        let Conditions { benchmark, program, cpu, cores, device, preset, settings, .. } = &self.conditions;
+        let Conditions { data, scenes, variants, seeds, image_size, test_views, .. } = &self.conditions;
+        let cpu = cpu.as_deref().unwrap_or("unknown processor");
+        let size = match image_size {
             0 => "images of their own size".into(),
             size => format!("images of {size} pixels"),
         };
-        let seeds: Vec<String> = about.seeds.iter().map(u64::to_string).collect();
-        writeln!(
-            f,
-            "bench {}: {}, {} cores, {}, device {}",
-            about.benchmark, cpu, about.cores, about.program, about.device
-        )?;
-        writeln!(f, "{} ({}): {}", about.scenes.join(", "), about.data, about.variants.join(", "))?;
-        write!(
-            f,
-            "preset {}, {size}, test views {}, seed {}{}",
-            about.preset,
-            about.test_views,
-            seeds.join(", "),
-            about.settings.iter().map(|setting| format!(", {setting}")).collect::<String>()
-        )
+        let seeds = seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+        let settings: String = settings.iter().map(|setting| format!(", {setting}")).collect();
+        writeln!(f, "bench {benchmark}: {cpu}, {cores} cores, {program}, device {device}")?;
+        writeln!(f, "{} ({data}): {}", scenes.join(", "), variants.join(", "))?;
+        write!(f, "preset {preset}, {size}, test views {test_views}, seed {seeds}{settings}")
     }
 }

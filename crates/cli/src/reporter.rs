@@ -123,11 +123,8 @@ impl Reporter {
         if !missing.is_empty() {
             let named = missing.iter().take(MAX_NAMED).cloned().collect::<Vec<_>>().join(", ");
             let more = if missing.len() > MAX_NAMED { ", ..." } else { "" };
-            let (name, count, all) = (&sweep.about.name, missing.len(), sweep.len());
-            errln!(
-                "{name}: {count} of {all} runs are not finished: {named}{more}; {} tries them again",
-                self.same_command
-            );
+            let (name, count, all, again) = (&sweep.about.name, missing.len(), sweep.len(), self.same_command);
+            errln!("{name}: {count} of {all} runs are not finished: {named}{more}; {again} tries them again");
         }
     }
 }
@@ -136,14 +133,10 @@ impl Reporter {
 pub(crate) fn summary(record: &Record) -> String {
     let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
     let on = if record.test_views.protocol == "training" { " on training views" } else { "" };
-    format!(
-        "PSNR {} dB{on}, SSIM {}, {} steps in {:.1} s{}",
-        shown(Quantity::PSNR),
-        shown(Quantity::SSIM),
-        record.iterations,
-        record.train_seconds,
-        if record.collapsed { ", COLLAPSED" } else { "" }
-    )
+    let collapsed = if record.collapsed { ", COLLAPSED" } else { "" };
+    let [psnr, ssim] = [Quantity::PSNR, Quantity::SSIM].map(shown);
+    let (steps, seconds) = (record.iterations, record.train_seconds);
+    format!("PSNR {psnr} dB{on}, SSIM {ssim}, {steps} steps in {seconds:.1} s{collapsed}")
 }
 
 /// Prints which statements on the order of variants hold, if the experiment has some.

@@ -110,11 +110,9 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let page = folder.join(VIEWER_PAGE);
     outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());
     let out = args.out.display().to_string();
+    let out = shlex::try_quote(&out)?;
     let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
-    outln!(
-        "next: `infonerf view {}`, or the same command with --budget {longer} for a better scene",
-        shlex::try_quote(&out)?
-    );
+    outln!("next: `infonerf view {out}`, or the same command with --budget {longer} for a better scene");
     Ok(ExitCode::SUCCESS)
 }
 
@@ -145,16 +143,11 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
         0 => "none to find".to_owned(),
         _ => format!("{} to {}", time(quick), time(slow)),
     };
-    outln!(
-        "{}: {count} photographs, about {} to {} in all:\n  poses            {poses}\n  check            seconds\n  \
-         training         {}, and about {} before and afterwards\n  orbit and page   {}",
-        args.path.display(),
-        time(quick + budget + orbit + around),
-        time(slow + budget + orbit + around),
-        time(budget),
-        time(around),
-        time(orbit)
-    );
+    let [least, most] = [quick, slow].map(|poses| time(poses + budget + orbit + around));
+    let [budget, around, orbit] = [budget, around, orbit].map(time);
+    outln!("{}: {count} photographs, about {least} to {most} in all:", args.path.display());
+    outln!("  poses            {poses}\n  check            seconds");
+    outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
 
 /// Plans what `exp capture --variant infonerf+` runs on the scene in `dir`, of `count` photographs: with few, none is held
