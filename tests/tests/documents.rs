@@ -62,10 +62,8 @@ fn links(text: &str) -> impl Iterator<Item = (&str, &str)> {
 fn anchors(text: &str) -> Vec<String> {
     let heading = |line: &str| Some(line.strip_prefix('#')?.trim_start_matches('#').trim().to_lowercase());
     let kept = |c: &char| c.is_alphanumeric() || matches!(c, '-' | '_' | ' ');
-    text.lines()
-        .filter_map(heading)
-        .map(|text| text.chars().filter(kept).collect::<String>().replace(' ', "-"))
-        .collect()
+    let anchor = |text: String| text.chars().filter(kept).collect::<String>().replace(' ', "-");
+    text.lines().filter_map(heading).map(anchor).collect()
 }
 
 #[test]

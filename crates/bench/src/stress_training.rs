@@ -221,8 +221,7 @@ fn scale(scene: &mut Scene, factor: f32) {
     let views = scene.train.iter_mut().chain(&mut scene.test).map(|view| &mut view.camera);
     for camera in views.chain(&mut scene.all_train_cameras) {
         let position = &mut camera.to_world.w_axis;
-        (position.x, position.y, position.z) =
-            (position.x * f64::from(factor), position.y * f64::from(factor), position.z * f64::from(factor));
+        *position = (position.truncate() * f64::from(factor)).extend(position.w);
     }
     scene.train.iter_mut().chain(&mut scene.test).for_each(|view| view.depth = None);
     let space = &mut scene.space;

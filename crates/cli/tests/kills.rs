@@ -81,13 +81,9 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
         let out = format!("full{blocks}");
         let run = command(&place, &format!("--out {out}"));
         let limits = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
-        let output = Command::new("bash")
-            .args(["-c", &limits, "bash"])
-            .arg(run.get_program())
-            .args(run.get_args())
-            .current_dir(run.get_current_dir().unwrap())
-            .output()
-            .unwrap();
+        let mut bash = Command::new("bash");
+        bash.args(["-c", &limits, "bash"]).arg(run.get_program()).args(run.get_args());
+        let output = bash.current_dir(run.get_current_dir().unwrap()).output().unwrap();
         let stderr = text(&output.stderr);
         if !output.status.success() {
             assert_eq!(output.status.code(), Some(2), "{blocks} blocks: {stderr}");
@@ -128,8 +124,7 @@ fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();
     for threads in ["1", "2", "3"] {
         let run = place.tiny(RUN).args(format!("--set train.iterations=20 --out {threads}"));
-        let output = run.into_command().env("RAYON_NUM_THREADS", threads).output().unwrap();
-        assert!(output.status.success(), "{}", text(&output.stderr));
+        run.env("RAYON_NUM_THREADS", threads).succeeds();
     }
     assert_eq!(numbers(&place, "1"), numbers(&place, "2"));
     assert_eq!(numbers(&place, "1"), numbers(&place, "3"));

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
-use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, without_times};
+use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, wait_until, without_times};
 
 const RUNS: usize = 8;
 const FOLDER: &str = "sweep-fast-losses";
@@ -117,11 +117,7 @@ fn a_sweep_that_was_killed_goes_on() {
     weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
     let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let patience = Instant::now();
-    while finished(&killed).len() < 5 {
-        assert!(patience.elapsed() < Duration::from_secs(60), "no five runs in a minute");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until("five runs", || finished(&killed).len() >= 5);
     child.kill().unwrap();
     child.wait().unwrap();
     let before = finished(&killed);

@@ -100,10 +100,8 @@ impl<'a> Evaluator<'a> {
                 Measure::View(_) | Measure::Distance(..) | Measure::Values(..) => self.mean(metric.key()),
                 Measure::Set(network, measure) => {
                     let features = self.features[network].as_ref().map_err(MetricError::clone);
-                    match features.and_then(|[renders, truths]| measure(renders, truths)) {
-                        Ok(value) => (Some(value), None),
-                        Err(reason) => (None, Some(reason.to_string())),
-                    }
+                    let value = features.and_then(|[renders, truths]| measure(renders, truths));
+                    (value.as_ref().ok().copied(), value.err().map(|reason| reason.to_string()))
                 }
             };
             set.insert(metric.key().to_owned(), value);

@@ -65,11 +65,10 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         }
         interrupt::control()
     };
-    match execute(&[sweep], &session.out, &Executor::InProcess(&session), &mut watch)? {
-        Executed::Ended { .. } => Ok(ExitCode::SUCCESS),
-        _ => {
-            outln!("stopped");
-            Ok(interrupt::exit_code())
-        }
+    let executed = execute(&[sweep], &session.out, &Executor::InProcess(&session), &mut watch)?;
+    if matches!(executed, Executed::Ended { .. }) {
+        return Ok(ExitCode::SUCCESS);
     }
+    outln!("stopped");
+    Ok(interrupt::exit_code())
 }

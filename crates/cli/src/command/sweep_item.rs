@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
+use infonerf_experiment::Finished;
 use infonerf_experiment::execute::STOPPED;
 use infonerf_experiment::sweep::run_item;
-use infonerf_experiment::{Finished, RunEvent};
 
 use crate::interrupt;
 use crate::print::{errln, outln};
@@ -47,9 +47,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
         std::thread::spawn(move || end_after(timeout));
     }
     let mut progress = ProgressDisplay::new("");
-    let watch = &mut |event: RunEvent<'_>| progress.watch(event);
-    let finished = run_item(&args.manifest, args.item, device, networks, watch)?;
-    match finished {
+    match run_item(&args.manifest, args.item, device, networks, &mut |event| progress.watch(event))? {
         Finished::Record(record, _) => outln!("{}", summary(&record)),
         Finished::Kept(_) => outln!("finished before and kept"),
         Finished::Stopped => return Ok(interrupt::exit_code()),

@@ -1,7 +1,5 @@
 //! Running the program in a folder of its own.
 
-#![allow(dead_code, reason = "each test binary uses its own part")]
-
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs;
@@ -146,9 +144,14 @@ pub fn assert_has(text: &str, parts: &[&str]) {
 
 /// Waits until there is a file at `path`.
 pub fn wait_for(path: &Path) {
+    wait_until(&path.display().to_string(), || path.exists());
+}
+
+/// Waits for `what`, which has come when `is_there`.
+pub fn wait_until(what: &str, is_there: impl Fn() -> bool) {
     let patience = Instant::now();
-    while !path.exists() {
-        assert!(patience.elapsed() < Duration::from_secs(60), "{}: not within a minute", path.display());
+    while !is_there() {
+        assert!(patience.elapsed() < Duration::from_secs(60), "{what}: not within a minute");
         sleep(Duration::from_millis(3));
     }
 }
