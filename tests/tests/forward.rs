@@ -120,7 +120,6 @@ fn nerf_rule(fixture: &Value, net: usize, l: usize, shape: &[usize]) -> Vec<f32>
     values
 }
 
-/// Compares everything that the fixture of NeRF holds on one device.
 fn check_nerf(device: &Device) {
     let fixture = &fixture("nerf_forward");
     let network = |net| network(&config(&[]), device, |l, shape| nerf_rule(fixture, net, l, shape));

@@ -37,7 +37,6 @@ fn config(fixture: &Value) -> NeuralBodyConfig {
     }
 }
 
-/// Returns a parameter by the fixture's rule.
 fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
     match (shape, l) {
         ([_], _) => 0.4 + 0.1 * u,

@@ -15,6 +15,7 @@ const DEFAULT_VARIANT: &str = "infonerf";
 
 /// Benchmark with the runs that it measures; displayed as program, machine and runs.
 pub struct Bench {
+    /// Runs to measure, at least one.
     pub(crate) plans: Vec<RunPlan>,
     /// Runs that are trained and evaluated are in `runs` below the folder of results.
     pub(crate) session: Session,
@@ -96,11 +97,6 @@ impl Bench {
 
     pub(crate) fn device(&self) -> &Device {
         &self.session.device.device
-    }
-
-    /// Returns the first run; there is always one.
-    pub(crate) fn first_plan(&self) -> &RunPlan {
-        &self.plans[0]
     }
 }
 

@@ -38,7 +38,7 @@ fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
 pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut records: Vec<Record> = Vec::new();
-    for (case, settings) in cases(&bench.first_plan().config) {
+    for (case, settings) in cases(&bench.plans[0].config) {
         for plan in &bench.plans {
             let iterations = steps.map_or(plan.config.train.iterations, |steps| steps as usize);
             let mut all = vec![FIXED_RAYS.to_owned(), format!("train.iterations={iterations}")];

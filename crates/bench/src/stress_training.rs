@@ -34,51 +34,42 @@ const NERF: &str = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequ
 
 type Change = fn(&mut Scene);
 
-struct StressSetting {
-    name: &'static str,
-    field: &'static str,
-    settings: &'static [&'static str],
-    change: Change,
-}
+/// Name, settings of the field, further settings, and a change of the scene.
+type StressSetting = (&'static str, &'static str, &'static [&'static str], Change);
 
-const fn fast(name: &'static str, settings: &'static [&'static str], change: Change) -> StressSetting {
-    StressSetting { name, field: FACTORED, settings, change }
-}
-
-const fn nerf(name: &'static str, settings: &'static [&'static str]) -> StressSetting {
-    StressSetting { name, field: NERF, settings, change: keep }
-}
-
-const SETTINGS: [StressSetting; 27] = [
-    fast("as configured", &[], keep),
-    fast("lambda1 = 0", &["loss.entropy.weight=0"], keep),
-    fast("lambda1 = 0.1", &["loss.entropy.weight=0.1"], keep),
-    fast("lambda1 = 1", &["loss.entropy.weight=1"], keep),
-    fast("lambda1 = 10", &["loss.entropy.weight=10"], keep),
-    fast("lambda2 = 1e-5", &["loss.kl.weight=1e-5"], keep),
-    fast("lambda2 = 0.1", &["loss.kl.weight=0.1"], keep),
-    fast("lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"], keep),
-    fast("lambda2 = 10", &["loss.kl.weight=10"], keep),
-    fast("lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"], keep),
-    fast("learning rate x 100", &["train.lr=0.2"], keep),
-    fast("learning rate x 100, both losses at 1", &["train.lr=0.2", "loss.entropy.weight=1", "loss.kl.weight=1"], keep),
-    fast("one view", &["scene.views={kind=\"seed\",count=1}"], keep),
-    fast("identical views", &[], identical),
-    fast("views that look away", &[], looking_away),
-    fast("black images", &[], |scene| paint(scene, |_| [0.0; 3])),
-    fast("white images", &[], |scene| paint(scene, |_| [1.0; 3])),
-    fast("noise images", &[], |scene| paint(scene, noise)),
-    fast("noise images, both losses at 1", &["loss.entropy.weight=1", "loss.kl.weight=1"], |scene| {
+const FAST: [(&str, &[&str], Change); 22] = [
+    ("as configured", &[], keep),
+    ("lambda1 = 0", &["loss.entropy.weight=0"], keep),
+    ("lambda1 = 0.1", &["loss.entropy.weight=0.1"], keep),
+    ("lambda1 = 1", &["loss.entropy.weight=1"], keep),
+    ("lambda1 = 10", &["loss.entropy.weight=10"], keep),
+    ("lambda2 = 1e-5", &["loss.kl.weight=1e-5"], keep),
+    ("lambda2 = 0.1", &["loss.kl.weight=0.1"], keep),
+    ("lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"], keep),
+    ("lambda2 = 10", &["loss.kl.weight=10"], keep),
+    ("lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"], keep),
+    ("learning rate x 100", &["train.lr=0.2"], keep),
+    ("learning rate x 100, both losses at 1", &["train.lr=0.2", "loss.entropy.weight=1", "loss.kl.weight=1"], keep),
+    ("one view", &["scene.views={kind=\"seed\",count=1}"], keep),
+    ("identical views", &[], identical),
+    ("views that look away", &[], looking_away),
+    ("black images", &[], |scene| paint(scene, |_| [0.0; 3])),
+    ("white images", &[], |scene| paint(scene, |_| [1.0; 3])),
+    ("noise images", &[], |scene| paint(scene, noise)),
+    ("noise images, both losses at 1", &["loss.entropy.weight=1", "loss.kl.weight=1"], |scene| {
         paint(scene, noise);
     }),
-    fast("a scene of 1e-3 units", &[], |scene| scale(scene, 1e-3)),
-    fast("a scene of 1e3 units", &[], |scene| scale(scene, 1e3)),
-    fast("silhouette of 1", &["loss.silhouette.weight=1.0"], keep),
-    nerf("NeRF MLP", &[]),
-    nerf("NeRF MLP, lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"]),
-    nerf("NeRF MLP, lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"]),
-    nerf("NeRF MLP, learning rate x 100", &["train.lr=0.05"]),
-    nerf(
+    ("a scene of 1e-3 units", &[], |scene| scale(scene, 1e-3)),
+    ("a scene of 1e3 units", &[], |scene| scale(scene, 1e3)),
+    ("silhouette of 1", &["loss.silhouette.weight=1.0"], keep),
+];
+
+const MLP: [(&str, &[&str]); 5] = [
+    ("NeRF MLP", &[]),
+    ("NeRF MLP, lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"]),
+    ("NeRF MLP, lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"]),
+    ("NeRF MLP, learning rate x 100", &["train.lr=0.05"]),
+    (
         "NeRF MLP, last interval 1e10, lambda1 = 1",
         &["render.last_interval=infinite", "render.placement=left", "loss.entropy.weight=1"],
     ),
@@ -105,7 +96,9 @@ struct SettingOutcome {
 /// Trains tiny runs that are made to diverge or collapse; returns whether all losses, weights and renders were finite.
 pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
     let mut rows = Vec::new();
-    for setting in &SETTINGS {
+    let fast = FAST.map(|(name, settings, change)| (name, FACTORED, settings, change));
+    let mlp = MLP.map(|(name, settings)| (name, NERF, settings, keep as Change));
+    for setting in fast.into_iter().chain(mlp) {
         rows.push(measure(bench, setting, seeds, steps)?);
         // Results so far stay if the rest is interrupted.
         bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;
@@ -129,17 +122,18 @@ pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -
     Ok(rows.iter().all(|row| row.stopped == 0 && row.not_finite == 0))
 }
 
-fn measure(bench: &Bench, setting: &StressSetting, seeds: u32, steps: u32) -> Result<SettingOutcome> {
+fn measure(bench: &Bench, setting: StressSetting, seeds: u32, steps: u32) -> Result<SettingOutcome> {
+    let (name, field, settings, change) = setting;
     let iterations = format!("train.iterations={steps}");
-    let fixed = TINY.split(' ').chain(setting.field.split(' '));
-    let settings: Vec<&str> = fixed.chain(setting.settings.iter().copied()).chain([iterations.as_str()]).collect();
-    let plan = with_settings(bench.first_plan(), &settings).with_context(|| setting.name)?;
-    let mut outcome = SettingOutcome { setting: setting.name, ..SettingOutcome::default() };
+    let fixed = TINY.split(' ').chain(field.split(' '));
+    let settings: Vec<&str> = fixed.chain(settings.iter().copied()).chain([iterations.as_str()]).collect();
+    let plan = with_settings(&bench.plans[0], &settings).context(name)?;
+    let mut outcome = SettingOutcome { setting: name, ..SettingOutcome::default() };
     let mut psnrs = Vec::new();
     for seed in (0..seeds).map(u64::from) {
         let plan = RunPlan { seed, ..plan.clone() };
         let mut scene = plan.load()?;
-        (setting.change)(&mut scene);
+        change(&mut scene);
         let mut trainer = Trainer::new(&plan.config, scene, seed, None, bench.device())?;
         psnrs.extend(outcome.count(&mut trainer)?);
     }

@@ -28,7 +28,6 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     bar
 }
 
-/// Shows the events of a run.
 pub(crate) struct ProgressDisplay {
     bar: ProgressBar,
     label: String,

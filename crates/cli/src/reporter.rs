@@ -20,7 +20,6 @@ use crate::{command_line, interrupt};
 /// Unfinished runs that are named, at most.
 const MAX_NAMED: usize = 8;
 
-/// Prints the events of experiments.
 pub(crate) struct Reporter {
     same_command: &'static str,
     device: DeviceName,
@@ -71,7 +70,6 @@ impl Reporter {
         interrupt::control()
     }
 
-    /// Prints what there is to do.
     fn started(&mut self, sweep: &Sweep, prepared: &Prepared) {
         let (about, kept, todo) = (&sweep.about, prepared.kept, prepared.missing.len());
         if self.runs > 0 {

@@ -35,7 +35,7 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
         tested.name != flex.name,
         "--device {device}: agreement is with flex; expected another device that is built in"
     );
-    let plan = bench.first_plan();
+    let plan = &bench.plans[0];
     // Results so far stay if the rest is interrupted.
     let save = |rows: &[DeviceComparison]| {
         let more = json!({ "against": flex.name.name(), "adapter": tested.adapter });

@@ -137,7 +137,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
     for (case, truth) in field::COLORS {
         rows.push(StressCase::new(name, "L_RGB", case, 0, field::photometric(truth, few, device, rng)));
     }
-    let plan = bench.first_plan();
+    let plan = &bench.plans[0];
     for scale in geometry::SCALES {
         for (way, draw) in geometry::WAYS {
             let case = format!("{way}, scale {scale:e}");

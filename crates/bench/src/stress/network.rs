@@ -1,9 +1,9 @@
 //! NeRF's network with matrix products in bfloat16.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
 use infonerf_ops::mlp::{Dense, Precision, RadianceMlp, radiance_mlp};
-use infonerf_ops::to_host;
+use infonerf_ops::{from_host, to_host};
 
 use super::errors::Errors;
 use crate::values::{gradient_of, wide};
@@ -26,10 +26,7 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let sizes: Vec<[usize; 2]> = (0..=LAYERS).map(|l| [inputs(l), if l < LAYERS { WIDTH } else { 1 }]).collect();
     let weights: Vec<Vec<f32>> = sizes.iter().map(|[i, o]| uniform(i * o, (6.0 / *i as f32).sqrt())).collect();
     let (encoded, upstream) = (uniform(count * ENCODED, 1.0), uniform(count, 1.0));
-    let matrix = |values: &[f32], columns: usize| {
-        let rows = values.len() / columns;
-        Tensor::<2>::from_data(TensorData::new(values.to_vec(), [rows, columns]), &device)
-    };
+    let matrix = |values: &[f32], columns: usize| from_host(values, columns, &device);
     let run = |precision| {
         let layer = |(values, [_, outputs]): (&Vec<f32>, &[usize; 2])| Dense {
             weight: matrix(values, *outputs).require_grad(),

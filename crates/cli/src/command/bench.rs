@@ -101,7 +101,6 @@ enum BenchCommand {
     },
 }
 
-/// Function that shows text.
 type Print<'a> = &'a mut dyn FnMut(&str);
 
 /// Runs to measure, and the folder of results.

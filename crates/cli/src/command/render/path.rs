@@ -13,7 +13,6 @@ use infonerf_scene::{
 pub(super) const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
-/// Path of the camera.
 pub(super) struct Route {
     /// Name of the path's animations.
     pub(super) name: String,
