@@ -53,6 +53,31 @@ mod tests {
         assert_eq!(moments(0.0, 0.0, 0.1), [0.0; 3]);
     }
 
+    #[test]
+    fn gradients_are_differences_of_the_exact_moments() {
+        let weighted = |[mean, along, across]: [f64; 3]| 0.7 * mean - 1.3 * along + 0.4 * across;
+        let exact = |[t, delta, radius]: [f64; 3]| {
+            weighted(infonerf_oracle::frustum_moments(t - 0.5 * delta, t + 0.5 * delta, radius))
+        };
+        for x in [[0.5, 0.8, 0.1], [2.0, 0.1, 0.5], [4.0, 1.0, 0.02], [1.0, 2.0, 0.3]] {
+            let device = Device::flex().autodiff();
+            let inputs = x.map(|value: f64| Tensor::<1>::from_floats([value], &device).require_grad());
+            let [t, delta, radius] = inputs.clone();
+            let RayGaussians { mean, along, across } = frustum_gaussians(t, delta, radius);
+            let gradients = (mean * 0.7 - along * 1.3 + across * 0.4).backward();
+            for (which, input) in inputs.iter().enumerate() {
+                let moved = |by: f64| {
+                    let mut x = x;
+                    x[which] += by;
+                    exact(x)
+                };
+                let want = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                let got = f64::from(to_host(input.grad(&gradients).unwrap())[0]);
+                assert!((got - want).abs() <= 2e-5 * (1.0 + want.abs()), "{x:?}, input {which}: {got} against {want}");
+            }
+        }
+    }
+
     proptest! {
         #[test]
         fn gaussian_has_the_moments_of_the_frustum(near in 0f32..10.0, length in 0.01f32..10.0, radius in 1e-4f32..0.1) {

@@ -84,7 +84,7 @@ mod tests {
             let near = near_pose_about(&pose, centre, &mut ChaCha8Rng::seed_from_u64(seed), 5.0);
             let local = |pose: &DMat4| pose.inverse().transform_point3(centre);
             assert!((local(&near) - local(&pose)).length() < 1e-9);
-            assert!((near.w_axis.truncate() - centre).length() - 4.0 < 1e-9);
+            assert!(((near.w_axis.truncate() - centre).length() - 4.0).abs() < 1e-9);
             let origin = near_pose_about(&pose, DVec3::ZERO, &mut ChaCha8Rng::seed_from_u64(seed), 5.0);
             assert_eq!(origin, near_pose(&pose, &mut ChaCha8Rng::seed_from_u64(seed), 5.0));
         }
