@@ -365,9 +365,9 @@ fn shells_complete_names_and_keys() {
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
     place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
-    place.run("collect results-of-mine/fast-losses --title All of it").succeeds();
+    place.run("collect results-of-mine/fast-losses --title All").succeeds();
     let document = place.read("results.md");
-    assert_has(&document, &["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"]);
+    assert_has(&document, &["# All", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"]);
     assert!(!document.contains("results-of-mine"), "{document}");
     // A sweep, and an experiment of one's own.
     place.write("mine.toml", "base = \"fast-losses\"\ntitle = \"mine\"\n");

@@ -156,7 +156,7 @@ mod tests {
     struct Case {
         case: String,
         scenes: Vec<Vec<f64>>,
-        /// Its `mean`, `low` and `high`.
+        /// Mean, low end and high end of an interval.
         these: Option<HashMap<String, f64>>,
         alike: Option<HashMap<String, f64>>,
     }

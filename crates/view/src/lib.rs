@@ -56,7 +56,7 @@ use infonerf_experiment::Trained;
 /// # Errors
 /// If an image cannot be encoded.
 pub fn page(run: &Trained, folder: &Path, voxels: Option<usize>) -> Result<String> {
-    let trained = run.trainers[0].trained();
+    let trained = run.fields().swap_remove(0);
     let voxels = voxels.unwrap_or_else(|| baked::resolution(&run.plan.config.field));
     Ok(page::of_package(&package::of_run(run, folder, &trained, voxels)?, &package::poster(run, &trained)?))
 }

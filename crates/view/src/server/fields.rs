@@ -104,7 +104,7 @@ impl Fields {
         let field = &trained.plan.config.field;
         doing(if holds(field) { "Packing the field" } else { "Baking the field to voxels" });
         let voxels = if version.finished { baked::resolution(field) } else { baked::live_resolution(field) };
-        let package = package::of_run(&trained, run, &trained.trainers[0].trained(), voxels)?;
+        let package = package::of_run(&trained, run, &trained.fields().swap_remove(0), voxels)?;
         Ok(Made { version, scene, package: package.to_string().into() })
     }
 }
