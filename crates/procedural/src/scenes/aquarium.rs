@@ -20,8 +20,7 @@ pub(super) fn aquarium(scene: &mut Builder) {
 }
 
 fn stand(scene: &mut Builder) {
-    let wood = Planks(rgb(0x966238), rgb(0x5c361c), 0.13, 0.8);
-    scene.block(v(0.0, 0.0, BASE - 0.16), v(1.78, 1.06, 0.30), satin(wood));
+    scene.block(v(0.0, 0.0, BASE - 0.16), v(1.78, 1.06, 0.30), satin(Planks(rgb(0x966238), rgb(0x5c361c), 0.13, 0.8)));
     scene.block(v(0.0, 0.0, BASE - 0.34), v(1.66, 0.94, 0.06), matt(0x322218));
     let knob = metal(0xc8c8c8);
     for x in [-0.44, 0.44] {
@@ -29,8 +28,7 @@ fn stand(scene: &mut Builder) {
     }
     for x in [-1.0, 0.0, 1.0] {
         for y in [-0.531, 0.531] {
-            let gap = matt(0x2e1e14);
-            scene.block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28), gap);
+            scene.block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28), matt(0x2e1e14));
         }
     }
 }
@@ -65,9 +63,8 @@ fn tank(scene: &mut Builder) {
 
 /// Adds sand, rocks, an arch, weeds and corals.
 fn bottom(scene: &mut Builder) {
-    let sand = Patches(rgb(0xecce96), rgb(0xc8a46c), 14.0, 9.0);
     let size = v(2.0 * HALF.x - 0.03, 2.0 * HALF.y - 0.03, SAND - BASE);
-    scene.block(v(0.0, 0.0, 0.5 * (BASE + SAND)), size, matt(sand));
+    scene.block(v(0.0, 0.0, 0.5 * (BASE + SAND)), size, matt(Patches(rgb(0xecce96), rgb(0xc8a46c), 14.0, 9.0)));
     let brick = Bricks(rgb(0xa8968a), rgb(0x544e4c), 0.09, 0.05, false);
     let arch = v(0.28, 0.12, SAND + 0.18);
     let hole = vec![
@@ -94,8 +91,7 @@ fn bottom(scene: &mut Builder) {
         let angle = f64::from(k) * 51.0;
         let foot = v(-0.34, -0.30, SAND - 0.02);
         let tip = foot + polar(0.14, angle, 0.20 + 0.03 * f64::from(k % 3));
-        let pink = matt(0xec5a82);
-        scene.solid(Convex::taper(foot, tip, 0.034, 0.020), pink);
+        scene.solid(Convex::taper(foot, tip, 0.034, 0.020), matt(0xec5a82));
         scene.sphere(tip, 0.032, matt(0xfcb4be));
     }
     let bubble = glass(0xe6faff, 0.22);

@@ -87,9 +87,8 @@ fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half:
         let lean = if rng.random_range(0..9) == 0 { 7.0 } else { 0.0 };
         let lean = |c: Convex| c.swung(v(x, 0.0, z), DVec3::Y, lean);
         scene.solid(lean(Convex::block(centre, v(thick - 0.005, depth, tall))), satin(cover));
-        let paper = matt(Stripes(rgb(0xf0e8d4), rgb(0xcec4ac), v(60.0, 0.0, 0.0)));
         let part = lean(Convex::block(centre + v(0.0, -side * 0.004, 0.004), v(thick - 0.016, depth - 0.012, tall)));
-        scene.solid(part, paper);
+        scene.solid(part, matt(Stripes(rgb(0xf0e8d4), rgb(0xcec4ac), v(60.0, 0.0, 0.0))));
         // A label and two bands on the spine.
         let spine = centre + v(0.0, side * 0.5 * depth, 0.0);
         let label = satin(b);

@@ -31,10 +31,8 @@ fn roof(colour: u32) -> Material {
 }
 
 fn island(scene: &mut Builder) {
-    let grass = Patches(rgb(0x60963e), rgb(0x46702e), 6.0, 9.0);
-    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, matt(grass));
-    let cobble = Checker(rgb(0x968c7c), rgb(0x686058), v(9.0, 9.0, 0.1));
-    scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), matt(cobble));
+    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, matt(Patches(rgb(0x60963e), rgb(0x46702e), 6.0, 9.0)));
+    scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), matt(Checker(rgb(0x968c7c), rgb(0x686058), v(9.0, 9.0, 0.1))));
 }
 
 /// Adds a round tower with arrow slits, battlements and a pointed roof with a flag.
@@ -44,8 +42,7 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
     let mut cuts = vec![Convex::cylinder(foot + DVec3::Z * 0.05, radius - 0.05, height - 0.12)];
     for k in 0..4 {
         let angle = f64::from(k) * 90.0 + 45.0;
-        let z = height * 0.62;
-        let window = foot + polar(0.2, angle, z);
+        let window = foot + polar(0.2, angle, height * 0.62);
         cuts.push(Convex::block(window, v(0.30, 0.05, 0.14)).turned(angle));
     }
     scene.carved(Convex::cylinder(foot, radius, height), cuts, stone(true));
@@ -113,8 +110,7 @@ fn keep(scene: &mut Builder) {
         }
     }
     let size = v(2.0 * half, 2.0 * half, height);
-    let warm = Bricks(rgb(0xcea070), rgb(0x786450), 0.12, 0.06, false);
-    scene.carved(Convex::block(centre, size), cuts, matt(warm));
+    scene.carved(Convex::block(centre, size), cuts, matt(Bricks(rgb(0xcea070), rgb(0x786450), 0.12, 0.06, false)));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let at = foot + v(half * x, half * y, height - 0.20);
         scene.cone(at, 0.05, 0.09, 0.10, stone(true));

@@ -22,21 +22,18 @@ fn base(scene: &mut Builder) {
     let mut cuts = Vec::new();
     for axis in [DVec3::X, DVec3::Y] {
         let across = DVec3::ONE - axis - DVec3::Z;
-        let size = axis * 2.0 + across * 0.36 + DVec3::Z * 0.24;
-        cuts.push(Convex::block(centre - DVec3::Z * 0.13, size));
+        cuts.push(Convex::block(centre - DVec3::Z * 0.13, axis * 2.0 + across * 0.36 + DVec3::Z * 0.24));
         let crown = centre - DVec3::Z * 0.01;
         cuts.push(Convex::rod(crown - axis, crown + axis, 0.18));
     }
     scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, matt(brick));
-    let slab = Checker(rgb(0x787c80), rgb(0xb0b2b4), v(5.0, 5.0, 0.1));
-    scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), matt(slab));
+    scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), matt(Checker(rgb(0x787c80), rgb(0xb0b2b4), v(5.0, 5.0, 0.1))));
 
     let plank = Stripes(rgb(0x966030), rgb(0x6c401e), v(0.0, 0.0, 14.0));
     scene.solid(Convex::block(v(0.62, -0.35, -0.96), v(0.28, 0.28, 0.28)).turned(20.0), matt(plank));
     scene.solid(Convex::block(v(0.62, -0.33, -0.73), v(0.18, 0.18, 0.18)).turned(50.0), matt(plank));
     for (place, colour) in [(v(0.75, 0.30, -1.10), rgb(0x1e60aa)), (v(0.45, 0.42, -1.10), rgb(0x288c50))] {
-        let hoops = Stripes(colour, rgb(0xe2e2e2), v(0.0, 0.0, 7.0));
-        scene.cylinder(place, 0.115, 0.30, glossy(hoops));
+        scene.cylinder(place, 0.115, 0.30, glossy(Stripes(colour, rgb(0xe2e2e2), v(0.0, 0.0, 7.0))));
     }
 }
 
@@ -92,12 +89,11 @@ fn jib(scene: &mut Builder, paint: Material) {
 /// Adds the driver's cabin, with windows cut out, next to the mast.
 fn cabin(scene: &mut Builder) {
     let centre = v(-0.03, -0.21, 0.47);
-    let red = glossy(0xc82420);
     let cuts = vec![
         Convex::block(centre + v(0.0, 0.0, 0.03), v(0.20, 0.5, 0.12)),
         Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
     ];
-    scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, red);
+    scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, glossy(0xc82420));
     let seat = matt(0x1e3c6e);
     scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
 }
@@ -106,8 +102,7 @@ fn cabin(scene: &mut Builder) {
 fn load(scene: &mut Builder) {
     let steel = metal(0xbec4cc);
     let x = 0.72;
-    let dark = matt(0x32343a);
-    scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), dark);
+    scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), matt(0x32343a));
     scene.each([-0.04, 0.04], |side| Convex::rod(v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008), steel);
     scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
     let globe = Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95);

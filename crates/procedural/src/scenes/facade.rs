@@ -18,8 +18,6 @@ pub(super) fn facade(scene: &mut Builder) {
 }
 
 fn body(scene: &mut Builder) {
-    let brick = Bricks(rgb(0xc4684e), rgb(0xdaccb8), 0.13, 0.06, false);
-    let rustic = Bricks(rgb(0xcebea0), rgb(0x786a58), 0.34, 0.14, false);
     let storeys = |from: f64, to: f64| {
         let (low, high) = (LOW + from * STOREY, LOW + to * STOREY);
         Convex::block(v(0.0, 0.0, 0.5 * (low + high)), v(2.0 * HALF, 2.0 * HALF, high - low))
@@ -31,15 +29,13 @@ fn body(scene: &mut Builder) {
         let turn = f64::from(side) * 90.0;
         for column in -2..=2 {
             for floor in 1..=2 {
-                let centre = window(side, column, floor);
-                cuts.push(Convex::block(centre, v(0.24, 0.20, 0.36)).turned(turn));
+                cuts.push(Convex::block(window(side, column, floor), v(0.24, 0.20, 0.36)).turned(turn));
             }
-            let centre = window(side, column, 0);
-            doors.push(Convex::block(centre - DVec3::Z * 0.03, v(0.28, 0.22, 0.40)).turned(turn));
+            doors.push(Convex::block(window(side, column, 0) - DVec3::Z * 0.03, v(0.28, 0.22, 0.40)).turned(turn));
         }
     }
-    scene.carved(storeys(0.0, 1.0), doors, matt(rustic));
-    scene.carved(storeys(1.0, 3.0), cuts, matt(brick));
+    scene.carved(storeys(0.0, 1.0), doors, matt(Bricks(rgb(0xcebea0), rgb(0x786a58), 0.34, 0.14, false)));
+    scene.carved(storeys(1.0, 3.0), cuts, matt(Bricks(rgb(0xc4684e), rgb(0xdaccb8), 0.13, 0.06, false)));
 }
 
 /// Returns the middle of a window on the wall.
@@ -129,8 +125,7 @@ fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     let block = |centre: DVec3, x: f64, y: f64, z: f64| Convex::block(centre, v(x, y, z)).turned(turn);
     let c = window(side, column, 0) - DVec3::Z * 0.03;
     if column == 0 {
-        let door = Planks(colour, colour * 0.5, 0.06, 2.0);
-        scene.solid(block(c - out * 0.06, 0.28, 0.02, 0.42), satin(door));
+        scene.solid(block(c - out * 0.06, 0.28, 0.02, 0.42), satin(Planks(colour, colour * 0.5, 0.06, 2.0)));
         scene.sphere(c - out * 0.045 + along * 0.09, 0.018, metal(0xe2ba5a));
         for x in [-0.19, 0.19] {
             let foot = c + along * x + out * 0.06 - DVec3::Z * 0.235;
@@ -196,12 +191,9 @@ fn terrace(scene: &mut Builder, z: f64) {
     for y in [-0.15, 0.02, 0.18, 0.35] {
         scene.each([-0.25, 0.15], |x| Convex::rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012), white);
     }
-    let shade = Shingles(rgb(0xce2c32), rgb(0xf0dcb4), 12.0, 3.0);
-    scene.cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10, matt(shade));
+    scene.cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10, matt(Shingles(rgb(0xce2c32), rgb(0xf0dcb4), 12.0, 3.0)));
     scene.cylinder(v(-0.45, -0.42, z + 0.24), 0.012, 0.22, white);
     scene.cylinder(v(-0.45, -0.42, z + 0.31), 0.10, 0.015, white);
-    let herbs = Patches(rgb(0x82b446), rgb(0x3c6e32), 22.0, 9.0);
-    let wood = Plain(rgb(0x78502e));
-    scene.block(v(0.60, 0.40, z + 0.27), v(0.16, 0.52, 0.07), matt(wood));
-    scene.block(v(0.60, 0.40, z + 0.31), v(0.13, 0.49, 0.03), matt(herbs));
+    scene.block(v(0.60, 0.40, z + 0.27), v(0.16, 0.52, 0.07), matt(Plain(rgb(0x78502e))));
+    scene.block(v(0.60, 0.40, z + 0.31), v(0.13, 0.49, 0.03), matt(Patches(rgb(0x82b446), rgb(0x3c6e32), 22.0, 9.0)));
 }

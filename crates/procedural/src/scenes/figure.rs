@@ -49,8 +49,7 @@ pub(super) fn figure(scene: &mut Builder) {
         limb(scene, knee, ankle, 0.074, 0.052, jeans);
         limb(scene, ankle - DVec3::Z * 0.04, toe, 0.056, 0.048, shoe);
     }
-    let disc = Checker(rgb(0x3c404c), rgb(0x545a68), v(8.0, 8.0, 0.1));
-    scene.cylinder(v(0.0, 0.0, -1.20), 0.50, 0.06, satin(disc));
+    scene.cylinder(v(0.0, 0.0, -1.20), 0.50, 0.06, satin(Checker(rgb(0x3c404c), rgb(0x545a68), v(8.0, 8.0, 0.1))));
 }
 
 /// Adds a tapered rod with balls at its ends.

@@ -44,8 +44,7 @@ fn body(scene: &mut Builder) {
     };
     scene.closed_tube(arch, 30, 0.028, mirror(STEEL));
     let grip = |s: f64| arch(0.30 + 0.40 * s);
-    let cane = Stripes(rgb(0x783c1e), rgb(0x462012), v(20.0, 0.0, 0.0));
-    scene.closed_tube(grip, 16, 0.048, glossy(cane));
+    scene.closed_tube(grip, 16, 0.048, glossy(Stripes(rgb(0x783c1e), rgb(0x462012), v(20.0, 0.0, 0.0))));
     scene.each([0.0, 0.30, 0.70, 1.0], |s| Convex::sphere(arch(s), 0.062), mirror(GOLD));
     let band = Stripes(rgb(0xe8be5a), rgb(0x96641e), v(0.0, 12.0, 0.0));
     scene.ring(at(0.0, 0.30), 0.605, 0.014, Material { texture: band, ..mirror(GOLD) });

@@ -14,16 +14,14 @@ pub(super) fn knot(scene: &mut Builder) {
         v(r * (2.0 * a).cos(), r * (2.0 * a).sin(), 0.25 + 0.36 * (3.0 * a).sin())
     };
     // (length along the tube, angle about it): eight strands of cells that twist around.
-    let scales = Checker(rgb(0xd63e28), rgb(0xfac442), v(7.0, 8.0 / TAU, 1.0));
-    scene.closed_tube(trefoil, PIECES, 0.155, glossy(scales));
+    scene.closed_tube(trefoil, PIECES, 0.155, glossy(Checker(rgb(0xd63e28), rgb(0xfac442), v(7.0, 8.0 / TAU, 1.0))));
     scene.sphere(v(0.0, 0.0, 0.25), 0.24, metal(0xe1e6ee));
     scene.ring(LocalFrame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, metal(BRASS));
 
     plinth(scene);
     for i in 0..12 {
         let angle = f64::from(i) * 30.0 + 15.0;
-        let colour = if i % 2 == 0 { rgb(0x2078be) } else { rgb(0xf0f0e6) };
-        let bead = glossy(colour);
+        let bead = glossy(if i % 2 == 0 { rgb(0x2078be) } else { rgb(0xf0f0e6) });
         scene.sphere(polar(0.86, angle, -0.56), 0.075, bead);
     }
 }
@@ -38,8 +36,7 @@ fn plinth(scene: &mut Builder) {
         cuts.push(Convex::rod(inner, outer, 0.10));
     }
     scene.carved(Convex::cylinder(v(0.0, 0.0, -0.98), 0.95, 0.36), cuts, satin(marble));
-    let steps = Checker(rgb(0x282e3c), rgb(0xb0aa96), v(6.0, 6.0, 0.1));
-    scene.cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12, matt(steps));
+    scene.cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12, matt(Checker(rgb(0x282e3c), rgb(0xb0aa96), v(6.0, 6.0, 0.1))));
     for i in 0..3 {
         let angle = f64::from(i) * 120.0 + 30.0;
         scene.rod(polar(0.5, angle, -1.0), polar(0.72, angle, 0.1), 0.022, metal(BRASS));

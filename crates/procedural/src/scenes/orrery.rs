@@ -15,8 +15,7 @@ pub(super) fn orrery(scene: &mut Builder) {
 
 /// Adds a wooden foot, a toothed wheel with round holes, and the column.
 fn stand(scene: &mut Builder) {
-    let wood = Bands(rgb(0x7e4a26), rgb(0x542c16), rgb(0x966036), 9.0);
-    scene.cone(v(0.0, 0.0, -1.12), 0.74, 0.62, 0.14, glossy(wood));
+    scene.cone(v(0.0, 0.0, -1.12), 0.74, 0.62, 0.14, glossy(Bands(rgb(0x7e4a26), rgb(0x542c16), rgb(0x966036), 9.0)));
     scene.each(0..6, |k| Convex::sphere(polar(0.72, f64::from(k) * 60.0, -1.12), 0.07), metal(COPPER));
     let wheel = v(0.0, 0.0, -0.86);
     let holes = (0..6).map(|k| Convex::cylinder(polar(0.42, f64::from(k) * 60.0 + 30.0, -1.0), 0.145, 0.3)).collect();
@@ -46,22 +45,19 @@ fn arm(scene: &mut Builder, height: f64, at: DVec3) {
 fn planets(scene: &mut Builder) {
     let ocean = polar(0.72, -35.0, 0.20);
     arm(scene, -0.30, ocean);
-    let earth = Patches(rgb(0x468c3c), rgb(0x184eaa), 8.0, 0.92);
-    scene.sphere(ocean, 0.15, glossy(earth));
+    scene.sphere(ocean, 0.15, glossy(Patches(rgb(0x468c3c), rgb(0x184eaa), 8.0, 0.92)));
     let moon = ocean + v(0.16, -0.14, 0.12);
     scene.rod(ocean, moon, 0.008, metal(BRASS));
     scene.sphere(moon, 0.05, matt(Patches(rgb(0xc8c8c4), rgb(0x8c8c8a), 30.0, 9.0)));
 
     let giant = polar(0.80, 100.0, 0.02);
     arm(scene, -0.22, giant);
-    let bands = Bands(rgb(0xdeba8c), rgb(0xa86842), rgb(0xf6e8ce), 9.0);
-    scene.sphere(giant, 0.22, glossy(bands));
+    scene.sphere(giant, 0.22, glossy(Bands(rgb(0xdeba8c), rgb(0xa86842), rgb(0xf6e8ce), 9.0)));
 
     let ringed = polar(0.84, 205.0, 0.24);
     arm(scene, -0.36, ringed);
     let tilt = v(0.35, -0.2, 1.0).normalize();
-    let stripes = Bands(rgb(0xe6d096), rgb(0xbea064), rgb(0xf4eac8), 12.0);
-    scene.sphere(ringed, 0.15, glossy(stripes));
+    scene.sphere(ringed, 0.15, glossy(Bands(rgb(0xe6d096), rgb(0xbea064), rgb(0xf4eac8), 12.0)));
     for (inner, outer, colour) in [(0.19, 0.235, rgb(0xceb896)), (0.25, 0.285, rgb(0x96826e))] {
         let half = tilt * 0.006;
         let cut = vec![Convex::rod(ringed - tilt * 0.1, ringed + tilt * 0.1, inner)];
@@ -70,8 +66,7 @@ fn planets(scene: &mut Builder) {
 
     let red = polar(0.52, 30.0, 0.42);
     arm(scene, -0.14, red);
-    let rust = Patches(rgb(0xd86e3e), rgb(0x923a22), 11.0, 0.98);
-    scene.sphere(red, 0.10, glossy(rust));
+    scene.sphere(red, 0.10, glossy(Patches(rgb(0xd86e3e), rgb(0x923a22), 11.0, 0.98)));
 
     let mirror = polar(0.46, 265.0, 0.12);
     arm(scene, -0.08, mirror);

@@ -6,8 +6,7 @@ const TOP: f64 = -0.10;
 const RUG: f64 = -0.98;
 
 pub(super) fn piano(scene: &mut Builder) {
-    let rug = Flowers(rgb(0x24161e), rgb(0x4a1e22), 4.2, false);
-    scene.cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05, matt(rug));
+    scene.cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05, matt(Flowers(rgb(0x24161e), rgb(0x4a1e22), 4.2, false)));
     scene.ring(v(0.0, 0.0, RUG - 0.02), 0.98, 0.026, matt(0x342a1c));
     case(scene);
     keyboard(scene);
@@ -58,8 +57,7 @@ fn keyboard(scene: &mut Builder) {
     scene.block(v(0.0, -0.60, key - 0.09), v(1.36, 0.26, 0.12), lacquer());
     scene.each([-0.645, 0.645], |x| Convex::block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16)), lacquer());
     let ivory = glossy(0xe2dccc);
-    let felt = matt(0x6e1016);
-    scene.block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05), felt);
+    scene.block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05), matt(0x6e1016));
     for k in 0..28 {
         let x = -0.594 + 0.044 * f64::from(k);
         scene.block(v(x, -0.615, key - 0.01), v(0.039, 0.21, 0.04), ivory);

@@ -16,14 +16,12 @@ pub(super) fn porcelain(scene: &mut Builder) {
 }
 
 fn sprigged() -> Material {
-    let sprigs = Flowers(rgb(0xeaeaea), rgb(0x96b2da), 7.5, true);
-    glossy(sprigs)
+    glossy(Flowers(rgb(0xeaeaea), rgb(0x96b2da), 7.5, true))
 }
 
 /// Adds a scalloped board.
 fn plate(scene: &mut Builder) {
-    let veins = Marble(rgb(0xc8c9cc), rgb(0xa8aeb8), 2.2);
-    scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, satin(veins));
+    scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, satin(Marble(rgb(0xc8c9cc), rgb(0xa8aeb8), 2.2)));
     scene.each(0..24, |k| Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), glossy(WHITE));
 }
 

@@ -36,8 +36,7 @@ fn shell(scene: &mut Builder) {
     }
     scene.block(v(0.0, WALL - 0.01, 0.07), v(2.0 * SIDE, 0.03, 0.14), white);
     scene.block(v(0.0, WALL - 0.03, HIGH - 0.05), v(2.0 * SIDE, 0.07, 0.09), white);
-    let rug = Flowers(rgb(0x96242c), rgb(0xecc478), 4.5, false);
-    scene.block(v(0.0, 2.35, 0.006), v(2.3, 1.7, 0.012), matt(rug));
+    scene.block(v(0.0, 2.35, 0.006), v(2.3, 1.7, 0.012), matt(Flowers(rgb(0x96242c), rgb(0xecc478), 4.5, false)));
     let border = Stripes(rgb(0x1e2850), rgb(0xe2c482), v(9.0, 9.0, 0.0));
     scene.block(v(0.0, 2.35, 0.004), v(2.5, 1.9, 0.010), matt(border));
 }
@@ -49,13 +48,10 @@ fn on_the_walls(scene: &mut Builder) {
         scene.block(at - DVec3::Y * 0.035, v(wide - 0.10, 0.03, high - 0.10), matt(0xf0eadc));
         scene.block(at - DVec3::Y * 0.04, v(wide - 0.24, 0.03, high - 0.24), satin(picture));
     };
-    let sea = Bands(rgb(0x1e508c), rgb(0xf0aa5a), rgb(0xfae2aa), 3.0);
-    frame(scene, v(-0.1, WALL, 1.72), 1.05, 0.75, sea);
-    let isles = Patches(rgb(0xc8783c), rgb(0x3c6e78), 7.0, 9.0);
-    frame(scene, v(-1.15, WALL, 1.78), 0.55, 0.70, isles);
+    frame(scene, v(-0.1, WALL, 1.72), 1.05, 0.75, Bands(rgb(0x1e508c), rgb(0xf0aa5a), rgb(0xfae2aa), 3.0));
+    frame(scene, v(-1.15, WALL, 1.78), 0.55, 0.70, Patches(rgb(0xc8783c), rgb(0x3c6e78), 7.0, 9.0));
     // A window in the right wall, with curtains, and a mirror on the left one.
-    let sky = Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2, 9.0);
-    scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(sky));
+    scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2, 9.0)));
     let white = satin(0xf6f2e8);
     for (dy, dz, y, z) in [(0.0, 0.66, 1.24, 0.08), (0.0, -0.66, 1.3, 0.10), (0.0, 0.1, 1.1, 0.05)] {
         scene.block(v(SIDE - 0.03, 2.7 + dy, 1.55 + dz), v(0.08, y, z), white);
@@ -67,10 +63,9 @@ fn on_the_walls(scene: &mut Builder) {
         scene.cylinder(v(SIDE - 0.08, y, 0.35), 0.045, 1.98, cloth);
     }
     scene.rod(v(SIDE - 0.08, 1.75, 2.36), v(SIDE - 0.08, 3.65, 2.36), 0.022, gold);
-    let glass = mirror(0xe2e8ec);
     let at = v(-SIDE, 2.9, 1.6);
     scene.rod(at, at + DVec3::X * 0.03, 0.42, gold);
-    scene.rod(at, at + DVec3::X * 0.04, 0.36, glass);
+    scene.rod(at, at + DVec3::X * 0.04, 0.36, mirror(0xe2e8ec));
 }
 
 fn sofa(scene: &mut Builder) {
@@ -86,14 +81,12 @@ fn sofa(scene: &mut Builder) {
         scene.block(v(x + side * 0.44, y - 0.06, 0.44), v(0.86, 0.70, 0.14), cloth);
         scene.each([-0.34, 0.34], |dy| Convex::cylinder(v(x + side * 0.9, y + dy, 0.0), 0.03, 0.15), matt(0x462816));
     }
-    let gold = matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false));
-    let red = matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0)));
     let part =
         Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40)).swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0);
-    scene.solid(part, gold);
+    scene.solid(part, matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false)));
     let part =
         Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38)).swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0);
-    scene.solid(part, red);
+    scene.solid(part, matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0))));
 }
 
 fn low_table(scene: &mut Builder) {
@@ -113,8 +106,7 @@ fn low_table(scene: &mut Builder) {
         let start = vase + DVec3::Z * 0.3;
         let tip = start + polar(0.10 + 0.02 * f64::from(k % 3), angle, 0.20 + 0.05 * f64::from(k * 3 % 4));
         scene.rod(start, tip, 0.008, matt(0x3c7832));
-        let petal = [rgb(0xf65a6e), rgb(0xfcce50), rgb(0xfaf6f0)][k as usize % 3];
-        scene.sphere(tip, 0.042, matt(petal));
+        scene.sphere(tip, 0.042, matt([rgb(0xf65a6e), rgb(0xfcce50), rgb(0xfaf6f0)][k as usize % 3]));
     }
     for (k, colour) in [rgb(0x1e6042), rgb(0xe2d8be), rgb(0x961e24)].into_iter().enumerate() {
         let at = c + v(0.20, 0.04, top + 0.022 + 0.042 * k as f64);

@@ -6,8 +6,7 @@ const TOP: f64 = -0.72;
 
 pub(super) fn table(scene: &mut Builder) {
     scene.backdrop(true);
-    let boards = Planks(rgb(0x96643c), rgb(0x603a20), 0.26, 2.6);
-    scene.block(v(0.0, -0.2, TOP - 0.1), v(8.2, 5.6, 0.2), satin(boards));
+    scene.block(v(0.0, -0.2, TOP - 0.1), v(8.2, 5.6, 0.2), satin(Planks(rgb(0x96643c), rgb(0x603a20), 0.26, 2.6)));
     let cloth = Checker(rgb(0xe2dece), rgb(0x8caab0), v(7.0, 7.0, 0.1));
     scene.solid(Convex::block(v(0.0, 0.0, TOP + 0.003), v(1.9, 1.5, 0.008)).turned(14.0), matt(cloth));
     let paper = Flowers(rgb(0xd6be8c), rgb(0x966046), 2.2, false);
@@ -84,8 +83,7 @@ fn radio(scene: &mut Builder) {
         scene.solid(book, satin(colour));
     }
     let c = at + DVec3::Z * 0.345;
-    let wood = Bands(rgb(0xa05428), rgb(0x6e3418), rgb(0xbe743c), 7.0);
-    scene.solid(block(c, 0.64, 0.26, 0.42), glossy(wood));
+    scene.solid(block(c, 0.64, 0.26, 0.42), glossy(Bands(rgb(0xa05428), rgb(0x6e3418), rgb(0xbe743c), 7.0)));
     let face = c + out * 0.13;
     let grille = Checker(rgb(0xd6b478), rgb(0x6e5432), v(26.0, 1.0, 26.0));
     scene.solid(block(face - along * 0.13, 0.30, 0.02, 0.32), matt(grille));
