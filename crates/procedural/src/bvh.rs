@@ -12,26 +12,23 @@ const MAX_DEPTH: usize = 48;
 /// The empty box.
 const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
-#[derive(Clone, Debug)]
 struct BvhNode {
     min: DVec3,
     max: DVec3,
-    /// Leaves: the first of `count` entries of `order`. Inner nodes (`count` 0): the second child;
-    /// the first follows the node itself.
+    /// Leaves: the first of `count` entries of `order`. Inner nodes (`count` 0): the second child; the first follows the
+    /// node itself.
     start: usize,
     count: usize,
 }
 
 /// Shapes sorted into nested boxes: finds the nearest hit in logarithmic time.
-#[derive(Clone, Debug)]
 pub(super) struct Bvh {
     nodes: Vec<BvhNode>,
     order: Vec<usize>,
 }
 
 impl Bvh {
-    /// Splits at the least sum of the boxes' areas times their numbers of shapes (surface-area
-    /// heuristic).
+    /// Splits at the least sum of the boxes' areas times their numbers of shapes (surface-area heuristic).
     pub fn new(shapes: &[&Shape]) -> Self {
         let bounds: Vec<_> = shapes.iter().map(|s| s.bounds()).collect();
         let mut bvh = Self { nodes: Vec::new(), order: (0..shapes.len()).collect() };
@@ -94,7 +91,6 @@ impl Bvh {
         best
     }
 
-    /// Returns whether anything is hit.
     pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &HalfLine) -> bool {
         self.meet(line, &mut |i, reach| hit(i, *reach).is_some())
     }
@@ -145,7 +141,7 @@ impl BvhNode {
     }
 }
 
-fn join(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+pub(super) fn join(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
     (a.0.min(b.0), a.1.max(b.1))
 }
 

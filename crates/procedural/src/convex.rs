@@ -110,9 +110,7 @@ impl Convex {
 
     /// Returns a cylinder from `a` to `b` with flat ends.
     pub fn rod(a: DVec3, b: DVec3, radius: f64) -> Self {
-        let half = 0.5 * a.distance(b);
-        let kind = Kind::Cone { bottom: radius, top: radius, half };
-        Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind }
+        Self::taper(a, b, radius, radius)
     }
 
     /// Returns a rod with a round end at `a`.
@@ -146,15 +144,13 @@ impl Convex {
         if self.passes_by(line) {
             return None;
         }
-        let local = self.frame.to_local(line);
-        let mut span = self.kind.span(&local)?;
-        span.enter_normal = self.frame.rotation * span.enter_normal;
-        span.exit_normal = self.frame.rotation * span.exit_normal;
-        Some(span)
+        let Span { enter, enter_normal, exit, exit_normal } = self.kind.span(&self.frame.to_local(line))?;
+        let rotation = self.frame.rotation;
+        Some(Span { enter, enter_normal: rotation * enter_normal, exit, exit_normal: rotation * exit_normal })
     }
 
-    /// Returns whether the line stays farther from the axis of a round solid than its radius: a cheap test
-    /// that avoids the exact one for most lines.
+    /// Returns whether the line stays farther from the axis of a round solid than its radius: a cheap test that avoids the
+    /// exact one for most lines.
     fn passes_by(&self, line: &HalfLine) -> bool {
         let radius = match self.kind {
             Kind::Cone { bottom, top, .. } => bottom.max(top),
@@ -191,8 +187,7 @@ impl Kind {
             Self::Cone { bottom, top, half } => cone(line, bottom, top, half),
             Self::Bullet { radius, half } => {
                 // The union is convex: its span is the hull of the spans.
-                let ball = sphere(line, DVec3::Z * -half, radius);
-                let parts = [ball, cone(line, radius, radius, half)];
+                let parts = [sphere(line, DVec3::Z * -half, radius), cone(line, radius, radius, half)];
                 parts.into_iter().flatten().reduce(hull)
             }
         }
@@ -261,8 +256,7 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
     let mut span = slab(line, half)?;
     let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
-    // Shift the origin to where the line is nearest to the solid's middle: keeps the quadratic well
-    // conditioned.
+    // Shift the origin to where the line is nearest to the solid's middle: keeps the quadratic well conditioned.
     let shift = -o.dot(d);
     let p = o + shift * d;
     let (ro, rd) = (m + k * p.z, k * d.z);
@@ -289,8 +283,8 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
         let root = disc.sqrt();
         return clip(&mut span, shift, (true, (-b - root) / a), (true, (-b + root) / a), &normal);
     }
-    // a < 0: inside the double cone before the first and after the second root; inside the slab only
-    // one of its halves exists (the radius is never negative there).
+    // a < 0: inside the double cone before the first and after the second root; inside the slab only one of its halves
+    // exists (the radius is never negative there).
     if disc <= 0.0 {
         return (c <= 0.0).then_some(span);
     }

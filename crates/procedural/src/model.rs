@@ -62,8 +62,6 @@ pub(super) fn glass(colour: impl Into<Texture>, opacity: f64) -> Material {
     Material { opacity, ..opaque(colour, 0.05, 300.0, false) }
 }
 
-/// A shape and its material.
-#[derive(Clone, Debug)]
 pub(super) struct SceneObject {
     pub shape: Shape,
     pub material: Material,
@@ -73,7 +71,6 @@ pub(super) struct SceneObject {
 }
 
 /// A homogeneous, uniformly lit medium in a solid: water, mist. The volumes of a scene do not overlap.
-#[derive(Clone, Copy, Debug)]
 pub(super) struct Medium {
     pub solid: Convex,
     /// Linear colour where it is optically thick.
@@ -83,7 +80,7 @@ pub(super) struct Medium {
 }
 
 /// Collects the objects of a scene.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub(super) struct Builder {
     objects: Vec<SceneObject>,
     volumes: Vec<Medium>,
@@ -91,9 +88,8 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    /// Adds a convex solid.
-    pub fn solid(&mut self, base: Convex, material: Material) -> &mut Self {
-        self.carved(base, Vec::new(), material)
+    pub fn solid(&mut self, base: Convex, material: Material) {
+        self.carved(base, Vec::new(), material);
     }
 
     /// Adds a convex solid for each of some values.
@@ -104,48 +100,41 @@ impl Builder {
     }
 
     /// Adds a convex solid with others cut out of it.
-    pub fn carved(&mut self, base: Convex, cuts: Vec<Convex>, material: Material) -> &mut Self {
-        self.push(Shape::Solid { base, cuts }, material)
+    pub fn carved(&mut self, base: Convex, cuts: Vec<Convex>, material: Material) {
+        self.push(Shape::Solid { base, cuts }, material);
     }
 
     /// Adds an axis-aligned block with edges `size`.
-    pub fn block(&mut self, centre: DVec3, size: DVec3, material: Material) -> &mut Self {
-        self.solid(Convex::block(centre, size), material)
+    pub fn block(&mut self, centre: DVec3, size: DVec3, material: Material) {
+        self.solid(Convex::block(centre, size), material);
     }
 
-    /// Adds a ball.
-    pub fn sphere(&mut self, centre: DVec3, radius: f64, material: Material) -> &mut Self {
-        self.solid(Convex::sphere(centre, radius), material)
+    pub fn sphere(&mut self, centre: DVec3, radius: f64, material: Material) {
+        self.solid(Convex::sphere(centre, radius), material);
     }
 
     /// Adds a cylinder from `a` to `b` with flat ends.
-    pub fn rod(&mut self, a: DVec3, b: DVec3, radius: f64, material: Material) -> &mut Self {
-        self.solid(Convex::rod(a, b, radius), material)
+    pub fn rod(&mut self, a: DVec3, b: DVec3, radius: f64, material: Material) {
+        self.solid(Convex::rod(a, b, radius), material);
     }
 
     /// Adds an upright cylinder that stands on `foot`.
-    pub fn cylinder(&mut self, foot: DVec3, radius: f64, height: f64, material: Material) -> &mut Self {
-        self.solid(Convex::cylinder(foot, radius, height), material)
+    pub fn cylinder(&mut self, foot: DVec3, radius: f64, height: f64, material: Material) {
+        self.solid(Convex::cylinder(foot, radius, height), material);
     }
 
     /// Adds an upright frustum that stands on `foot`.
-    pub fn cone(&mut self, foot: DVec3, bottom: f64, top: f64, height: f64, material: Material) -> &mut Self {
-        self.solid(Convex::cone(foot, bottom, top, height), material)
+    pub fn cone(&mut self, foot: DVec3, bottom: f64, top: f64, height: f64, material: Material) {
+        self.solid(Convex::cone(foot, bottom, top, height), material);
     }
 
     /// Adds a torus about the z axis of `frame`.
-    pub fn ring(&mut self, frame: impl Into<LocalFrame>, radius: f64, tube: f64, material: Material) -> &mut Self {
-        self.push(Shape::Ring { frame: frame.into(), radius, tube }, material)
+    pub fn ring(&mut self, frame: impl Into<LocalFrame>, radius: f64, tube: f64, material: Material) {
+        self.push(Shape::Ring { frame: frame.into(), radius, tube }, material);
     }
 
     /// Adds a tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
-    pub fn closed_tube(
-        &mut self,
-        curve: impl Fn(f64) -> DVec3,
-        pieces: usize,
-        tube: f64,
-        material: Material,
-    ) -> &mut Self {
+    pub fn closed_tube(&mut self, curve: impl Fn(f64) -> DVec3, pieces: usize, tube: f64, material: Material) {
         let mut knots: Vec<Knot> = Vec::with_capacity(pieces + 1);
         for i in 0..=pieces {
             let s = i as f64 / pieces as f64;
@@ -163,12 +152,11 @@ impl Builder {
             let rod = Convex::bullet(from.point, to.point, tube);
             self.push(Shape::Piece { rod, from, to, tube }, material);
         }
-        self
     }
 
     /// Adds a solid of revolution about the z axis of `frame` whose outline is a smooth curve through points, from the
     /// lowest to the highest. `outline` has the radius and the height of each.
-    pub fn lathe(&mut self, frame: impl Into<LocalFrame>, outline: &[f64], material: Material) -> &mut Self {
+    pub fn lathe(&mut self, frame: impl Into<LocalFrame>, outline: &[f64], material: Material) {
         let frame = frame.into();
         let outline: Vec<(f64, f64)> = outline.chunks_exact(2).map(|point| (point[0], point[1])).collect();
         let slants = slants(&outline);
@@ -194,28 +182,22 @@ impl Builder {
                 self.push(Shape::Slice { cone, lower, upper, height }, material);
             }
         }
-        self
     }
 
-    /// Fills `solid` with a medium.
-    pub fn fill(&mut self, solid: Convex, colour: DVec3, density: f64) -> &mut Self {
+    pub fn fill(&mut self, solid: Convex, colour: DVec3, density: f64) {
         self.volumes.push(Medium { solid, colour, density });
-        self
     }
 
     /// Sets whether objects added from here on belong to the surroundings.
-    pub fn backdrop(&mut self, backdrop: bool) -> &mut Self {
+    pub fn backdrop(&mut self, backdrop: bool) {
         self.backdrop = backdrop;
-        self
     }
 
-    fn push(&mut self, shape: Shape, material: Material) -> &mut Self {
+    fn push(&mut self, shape: Shape, material: Material) {
         self.objects.push(SceneObject { shape, material, backdrop: self.backdrop });
-        self
     }
 
-    /// Sorts the objects for rays and places them: scaled by `scale`, then raised by `rise`, so that
-    /// every camera sees all of them.
+    /// Sorts the objects for rays and places them: scaled by `scale`, then raised by `rise`, so that every camera sees all.
     pub fn build(self, scale: f64, rise: f64) -> SceneModel {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
@@ -238,7 +220,6 @@ fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
 }
 
 /// Objects sorted for rays.
-#[derive(Clone, Debug)]
 pub(super) struct SceneModel {
     objects: Vec<SceneObject>,
     pub volumes: Vec<Medium>,
@@ -251,13 +232,11 @@ pub(super) struct SceneModel {
 }
 
 impl SceneModel {
-    /// Maps a line of the world to the coordinates that the objects were put together in. Distances
-    /// along it are `scale` times smaller.
+    /// Maps a line of the world to the coordinates of the objects. Distances along it are `scale` times smaller.
     pub fn line(&self, origin: DVec3, direction: DVec3) -> HalfLine {
         HalfLine { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
     }
 
-    /// Finds the nearest hit and its object.
     pub fn nearest(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
         let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line)?;
         Some((hit, &self.objects[i]))
@@ -278,12 +257,8 @@ impl SceneModel {
 
     /// Returns a box around all objects, in the world.
     #[cfg(test)]
-    pub fn bounds(&self) -> (DVec3, DVec3) {
-        let (lo, hi) = self
-            .objects
-            .iter()
-            .map(|o| o.shape.bounds())
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), (a, b)| (lo.min(a), hi.max(b)));
-        (lo * self.scale + DVec3::Z * self.rise, hi * self.scale + DVec3::Z * self.rise)
+    pub fn bounds(&self) -> [DVec3; 2] {
+        let corners = self.objects.iter().map(|object| object.shape.bounds()).reduce(super::bvh::join);
+        corners.map_or([DVec3::ZERO; 2], |(lo, hi)| [lo, hi].map(|corner| corner * self.scale + DVec3::Z * self.rise))
     }
 }

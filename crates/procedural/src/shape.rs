@@ -20,7 +20,6 @@ pub(super) struct Hit {
 }
 
 /// A surface that rays can hit.
-#[derive(Clone, Debug)]
 pub(super) enum Shape {
     /// `base` with every one of `cuts` taken away.
     Solid { base: Convex, cuts: Vec<Convex> },
@@ -62,14 +61,12 @@ impl Shape {
 
     /// Returns the nearest hit in `(NEAREST, farthest)`.
     pub fn hit(&self, line: &HalfLine, farthest: f64) -> Option<Hit> {
+        let first = |base, cuts: &[Convex]| carve(base, cuts, line, farthest).filter(|&(t, _)| t < farthest);
         match self {
             Self::Solid { base, cuts } => {
-                let (t, normal) = carve(base, cuts, line, farthest)?;
-                (t < farthest).then(|| {
-                    let texture_point = base.frame.point_to_local(line.at(t));
-                    let texture_normal = base.frame.rotation.transpose() * normal;
-                    Hit { t, normal, texture_point, texture_normal }
-                })
+                let (t, normal) = first(base, cuts)?;
+                let texture_point = base.frame.point_to_local(line.at(t));
+                Some(Hit { t, normal, texture_point, texture_normal: base.frame.rotation.transpose() * normal })
             }
             Self::Ring { frame, radius, tube } => {
                 let local = frame.to_local(line);
@@ -83,17 +80,12 @@ impl Shape {
                 Some(Hit { t, normal: frame.rotation * normal, texture_point, texture_normal: DVec3::Z })
             }
             Self::Piece { rod, from, to, tube } => {
-                let span = rod.span(line)?;
-                let t = if span.enter > NEAREST { span.enter } else { span.exit };
-                (t > NEAREST && t < farthest).then(|| piece_hit(line.at(t), t, from, to, *tube))
+                let (t, _) = first(rod, &[])?;
+                Some(piece_hit(line.at(t), t, from, to, *tube))
             }
             Self::Slice { cone, lower, upper, height } => {
-                let span = cone.span(line)?;
-                let (t, flat) = match span.enter > NEAREST {
-                    true => (span.enter, span.enter_normal),
-                    false => (span.exit, span.exit_normal),
-                };
-                (t > NEAREST && t < farthest).then(|| slice_hit(line.at(t), t, flat, cone, (*lower, *upper), *height))
+                let (t, flat) = first(cone, &[])?;
+                Some(slice_hit(line.at(t), t, flat, cone, (*lower, *upper), *height))
             }
         }
     }
@@ -176,10 +168,7 @@ fn piece_hit(p: DVec3, t: f64, from: &Knot, to: &Knot, tube: f64) -> Hit {
 
 fn slice_hit(p: DVec3, t: f64, flat: DVec3, cone: &Convex, (lower, upper): (DVec2, DVec2), height: f64) -> Hit {
     let p = cone.frame.point_to_local(p);
-    let half = match cone.kind {
-        Kind::Cone { half, .. } => half,
-        _ => f64::INFINITY,
-    };
+    let half = if let Kind::Cone { half, .. } = cone.kind { half } else { f64::INFINITY };
     let on_cap = half - p.z.abs() < 1e-9;
     let local = if on_cap {
         cone.frame.rotation.transpose() * flat
