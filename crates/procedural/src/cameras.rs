@@ -4,9 +4,8 @@ use std::f64::consts::{PI, TAU};
 use std::hash::Hasher;
 
 use fnv::FnvHasher;
-use glam::{DVec3, Vec3};
-use infonerf_scene::look_along;
-use infonerf_scene::{Aabb, Camera};
+use glam::DVec3;
+use infonerf_scene::{Aabb, Camera, look_along};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -68,7 +67,6 @@ fn camera(size: u32, azimuth: f64, elevation: f64) -> Camera {
 }
 
 /// The cameras of a scene, and its extent.
-#[derive(Clone, Debug)]
 pub(super) struct SceneCameras {
     pub train: Vec<Camera>,
     pub test: Vec<Camera>,
@@ -79,20 +77,18 @@ pub(super) struct SceneCameras {
 
 /// Returns the cameras of the scene `name`, which exists, for `size`² images.
 pub(super) fn layout(name: &str, size: u32) -> SceneCameras {
-    let capture = |(train, test), near, far, lo: [f32; 3], hi: [f32; 3]| {
-        let bounds = Aabb { min: Vec3::from(lo), max: Vec3::from(hi) };
-        SceneCameras { train, test, near, far, bounds }
+    let capture = |near, far, min: [f32; 3], max: [f32; 3]| {
+        let (train, test) = divided(hand_held(name, size, CAPTURED));
+        SceneCameras { train, test, near, far, bounds: Aabb { min: min.into(), max: max.into() } }
     };
-    match name {
-        "room" => capture(divided(hand_held(name, size, CAPTURED)), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
-        "table" => capture(divided(hand_held(name, size, CAPTURED)), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
-        "figure" => capture(ring(size), NEAR, FAR, [-1.3; 3], [1.3; 3]),
-        _ => {
-            let first = CLASSICS.contains(&name) || name.starts_with("random-");
-            let train = hemisphere(if first { SEED } else { seed(name) }, size);
-            SceneCameras { train, test: test_cameras(size), near: NEAR, far: FAR, bounds: BOUNDS }
-        }
-    }
+    let (train, test) = match name {
+        "room" => return capture(0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
+        "table" => return capture(1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
+        "figure" => ring(size),
+        _ if CLASSICS.contains(&name) || name.starts_with("random-") => (train_cameras(size), test_cameras(size)),
+        _ => (hemisphere(fingerprint(name.as_bytes()), size), test_cameras(size)),
+    };
+    SceneCameras { train, test, near: NEAR, far: FAR, bounds: BOUNDS }
 }
 
 /// Returns at most `count` cameras of the scene `name`, which exists, for `size`² images, as for a set of photographs:
@@ -109,13 +105,8 @@ pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// Returns the seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that it was
-/// not picked by hand.
-fn seed(name: &str) -> u64 {
-    fingerprint(name.as_bytes())
-}
-
-/// Returns the 64-bit FNV-1a hash of `bytes`.
+/// Returns the 64-bit FNV-1a hash of `bytes`. That of a scene's name is the seed of its cameras, which was so not picked
+/// by hand.
 pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
     let mut hash = FnvHasher::default();
     hash.write(bytes);
@@ -131,7 +122,7 @@ fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
 
 /// Returns `count` hand-held cameras: in `room` at one end, which look at the other; before `table` in an arc of 130°.
 fn hand_held(name: &str, size: u32, count: usize) -> Vec<Camera> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed(name));
+    let mut rng = ChaCha8Rng::seed_from_u64(fingerprint(name.as_bytes()));
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
     let camera = |_| {
         let (at, target) = if name == "room" {

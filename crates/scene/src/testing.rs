@@ -2,11 +2,21 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{Camera, look_along};
+use crate::camera::{Camera, look_along};
+
+/// Returns a camera at `position` that looks along `forward`, held level.
+pub fn level_camera(position: DVec3, forward: DVec3) -> Camera {
+    Camera::from_fov(8, 8, 0.7, look_along(position, forward, DVec3::Z))
+}
+
+/// Whether the camera at a pose looks at the origin.
+pub fn looks_at_origin(pose: &DMat4) -> bool {
+    pose.z_axis.truncate().dot(pose.w_axis.truncate().normalize()) > 1.0 - 1e-6
+}
 
 /// Returns a hundred cameras for `size`² images, at random on the upper hemisphere about the origin, which they look
 /// at.

@@ -9,7 +9,7 @@ use ::image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Im
 
 use super::RgbaImage;
 use super::exif::{is_sideways, orientation};
-use crate::SceneError;
+use crate::error::SceneError;
 
 /// Longest side that is read, in pixels.
 const MAX_SIDE: u32 = 16_384;
@@ -26,7 +26,8 @@ pub fn is_image_name(path: &Path) -> bool {
     has_extension(path, &EXTENSIONS)
 }
 
-fn has_extension(path: &Path, known: &[&str]) -> bool {
+/// Whether the file's name has one of the `known` extensions, in any case.
+pub(super) fn has_extension(path: &Path, known: &[&str]) -> bool {
     path.extension().is_some_and(|e| known.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
@@ -36,14 +37,10 @@ fn has_extension(path: &Path, known: &[&str]) -> bool {
 /// The folder cannot be read.
 pub fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let io = |e| SceneError::io(folder, e);
-    let mut images = Vec::new();
-    for entry in fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !hidden && is_image_name(&path) && path.is_file() {
-            images.push(path);
-        }
-    }
+    let entries = fs::read_dir(folder).map_err(io)?.map(|entry| Ok(entry.map_err(io)?.path()));
+    let mut images = entries.collect::<Result<Vec<_>, SceneError>>()?;
+    let hidden = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    images.retain(|path| !hidden(path) && is_image_name(path) && path.is_file());
     images.sort();
     Ok(images)
 }
@@ -54,15 +51,10 @@ pub fn find_image(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());
     }
-    let name = path.file_name()?.to_str()?;
-    let stem = if has_extension(path, &EXTENSIONS) || has_extension(path, &UNREAD) {
-        path.file_stem()?.to_str()?
-    } else {
-        name
-    };
+    let is_image = has_extension(path, &EXTENSIONS) || has_extension(path, &UNREAD);
+    let stem = if is_image { path.file_stem() } else { path.file_name() }?.to_str()?;
     let with = |extension: &str| path.with_file_name(format!("{stem}.{extension}"));
-    let candidates = EXTENSIONS.iter().flat_map(|e| [with(e), with(&e.to_ascii_uppercase())]);
-    candidates.into_iter().find(|candidate| candidate.is_file())
+    EXTENSIONS.iter().flat_map(|e| [with(e), with(&e.to_ascii_uppercase())]).find(|candidate| candidate.is_file())
 }
 
 /// Returns the `(width, height)` of the image in a file as it is shown, turned as its EXIF data state.
@@ -129,10 +121,7 @@ fn decode(
 /// # Errors
 /// The bytes are not an image, or larger than this crate reads.
 pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
-    let reader = || {
-        let guessed = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
-        guessed.map_err(|source| SceneError::io(path, source))
-    };
+    let reader = || guessed(path, Cursor::new(bytes));
     let size = checked_dimensions(path, reader()?)?;
     decode(path, reader()?, size, Orientation::NoTransforms)
 }
@@ -140,13 +129,10 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
 /// Returns the error about a photograph in a format that is not read, HEIC or AVIF; `None` for other files.
 pub fn unread_format(path: &Path) -> Option<SceneError> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-    UNREAD.contains(&extension.as_str()).then(|| {
-        let name = extension.to_ascii_uppercase();
-        let reason = format!(
-            "{name} is not read; convert it, such as with ImageMagick: `magick mogrify -format jpg *.{extension}`"
-        );
-        SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason)
-    })
+    let convert = format!("such as with ImageMagick: `magick mogrify -format jpg *.{extension}`");
+    let reason = format!("{} is not read; convert it, {convert}", extension.to_ascii_uppercase());
+    let is_unread = UNREAD.contains(&extension.as_str());
+    is_unread.then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
 }
 
 fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
@@ -161,8 +147,12 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     if let Some(error) = unread_format(path) {
         return Err(error);
     }
-    let file = File::open(path).map_err(fault)?;
-    ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|source| SceneError::io(path, source))
+    guessed(path, BufReader::new(File::open(path).map_err(fault)?))
+}
+
+/// Makes a reader of the format that the first bytes of `source` tell.
+fn guessed<R: BufRead + Seek>(path: &Path, source: R) -> Result<ImageReader<R>, SceneError> {
+    ImageReader::new(source).with_guessed_format().map_err(|error| SceneError::io(path, error))
 }
 
 /// Returns the `(width, height)` that the header of an image states, which is refused if a side is too long.
@@ -226,9 +216,8 @@ mod tests {
         }
         let phone = dir.path().join("IMG_1.HEIC");
         fs::write(&phone, "ftypheic").unwrap();
-        assert!(
-            refusal(&phone).contains("IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it")
-        );
+        let expected = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
+        assert!(refusal(&phone).contains(expected));
     }
 
     #[test]
@@ -243,10 +232,8 @@ mod tests {
 
         write_png(&path, 1, 1, &[51], ColorType::L8).unwrap();
         let grey = read_rgba(&path).unwrap();
-        assert!(!grey.has_alpha);
-        for (found, expected) in grey.pixels[0].into_iter().zip([0.2, 0.2, 0.2, 1.0]) {
-            assert!((found - expected).abs() < 1e-6, "{found}");
-        }
+        let [r, g, b, a] = grey.pixels[0];
+        assert!(!grey.has_alpha && (r - 0.2).abs() < 1e-6 && (r, r, 1.0) == (g, b, a), "{:?}", grey.pixels);
     }
 
     /// A baseline JPEG of 2 × 1 blocks (16 × 8 pixels), black on the left, with orientation 6: shown upright it is 8 × 16
@@ -258,7 +245,12 @@ mod tests {
         let pixels: Vec<u8> = (0..16 * 8).map(|i| if i % 16 < 8 { 0 } else { 255 }).collect();
         ::image::save_buffer(&path, &pixels, 16, 8, ColorType::L8).unwrap();
         assert_eq!(dimensions(&path).unwrap(), (16, 8));
-        super::super::testing::set_orientation(&path, 6);
+        // An EXIF segment with the orientation, directly after the first marker.
+        let mut bytes = fs::read(&path).unwrap();
+        let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+        segment.extend([6, 0, 0, 0, 0, 0, 0, 0]);
+        bytes.splice(2..2, segment);
+        fs::write(&path, bytes).unwrap();
         assert_eq!((dimensions(&path).unwrap(), stored_dimensions(&path).unwrap()), ((8, 16), (16, 8)));
         let image = read_rgba(&path).unwrap();
         assert_eq!((image.width, image.height), (8, 16));
@@ -273,11 +265,8 @@ mod tests {
             fs::write(at(name), "").unwrap();
         }
         let found = |name: &str| find_image(&at(name)).map(|path| path.file_name().unwrap().to_owned());
-        for (name, file) in
-            [("a.jpg", "a.JPG"), ("a", "a.JPG"), ("b.jpg", "b.png"), ("r_0.5", "r_0.5.png"), ("w", "w.webp")]
-        {
-            assert_eq!(found(name).unwrap(), file);
-        }
+        let files = [("a.jpg", "a.JPG"), ("a", "a.JPG"), ("b.jpg", "b.png"), ("r_0.5", "r_0.5.png"), ("w", "w.webp")];
+        files.iter().for_each(|(name, file)| assert_eq!(found(name).unwrap(), *file));
         assert_eq!(found("none.png"), None);
         let listed = list_images(dir.path()).unwrap();
         assert_eq!(listed, ["a.JPG", "b.png", "r_0.5.png", "w.webp"].map(at));

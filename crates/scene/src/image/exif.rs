@@ -5,7 +5,9 @@ use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 
 use ::image::metadata::Orientation;
-use exif::{Exif, In, Reader, Tag, Value};
+use exif::{In, Reader, Tag, Value};
+
+use super::codec::has_extension;
 
 /// Width of 35 mm film in millimetres.
 const FILM_WIDTH: f64 = 36.0;
@@ -14,13 +16,12 @@ const WITH_EXIF: [&str; 5] = ["jpg", "jpeg", "tif", "tiff", "webp"];
 
 /// Returns how the image in `path` is to be turned before it is shown; not at all if the file has no such data.
 pub fn orientation(path: &Path) -> Orientation {
-    let has_exif = path.extension().is_some_and(|e| WITH_EXIF.iter().any(|known| e.eq_ignore_ascii_case(known)));
     let stated = || {
         let data = Reader::new().read_from_container(&mut BufReader::new(File::open(path).ok()?)).ok()?;
         let value = data.get_field(Tag::Orientation, In::PRIMARY)?.value.get_uint(0)?;
         Orientation::from_exif(u8::try_from(value).ok()?)
     };
-    has_exif.then(stated).flatten().unwrap_or(Orientation::NoTransforms)
+    has_extension(path, &WITH_EXIF).then(stated).flatten().unwrap_or(Orientation::NoTransforms)
 }
 
 /// Returns the number of clockwise quarter turns of `orientation`; `None` if it mirrors.
@@ -43,10 +44,7 @@ pub(super) fn is_sideways(orientation: Orientation) -> bool {
 /// Returns the focal length of a JPEG, PNG, TIFF, WebP or HEIF over the longer side of the image: from
 /// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` if the file has no such data.
 pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
-    over_longer_side(&Reader::new().read_from_container(file).ok()?)
-}
-
-fn over_longer_side(data: &Exif) -> Option<f64> {
+    let data = Reader::new().read_from_container(file).ok()?;
     let number = |tag: Tag| match &data.get_field(tag, In::PRIMARY)?.value {
         Value::Rational(v) => v.first().map(|r| r.to_f64()),
         value => value.get_uint(0).map(f64::from),
@@ -70,8 +68,8 @@ mod tests {
     use super::*;
 
     fn stated(fields: &[(Tag, Value)]) -> Option<f64> {
-        let fields: Vec<Field> =
-            fields.iter().map(|(tag, value)| Field { tag: *tag, ifd_num: In::PRIMARY, value: value.clone() }).collect();
+        let field = |(tag, value): &(Tag, Value)| Field { tag: *tag, ifd_num: In::PRIMARY, value: value.clone() };
+        let fields: Vec<Field> = fields.iter().map(field).collect();
         let mut writer = Writer::new();
         fields.iter().for_each(|field| writer.push_field(field));
         let mut file = Cursor::new(Vec::new());

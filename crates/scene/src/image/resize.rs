@@ -16,22 +16,15 @@ pub fn resized_dimensions(width: u32, height: u32, longest: u32) -> (u32, u32) {
 /// than `from` count as 0.
 pub(super) fn box_filter<const C: usize>(pixels: &[[f32; C]], from: (u32, u32), to: (u32, u32)) -> Vec<[f32; C]> {
     let (w, h) = (from.0 as usize, from.1 as usize);
-    let columns = spans(from.0, to.0);
-    let rows = spans(from.1, to.1);
-    let narrow: Vec<Vec<[f64; C]>> = (0..h)
-        .map(|y| {
-            columns
-                .iter()
-                .map(|span| span.mean(|x| pixels.get(y * w + x).map_or([0.0; C], |p| p.map(f64::from))))
-                .collect()
-        })
-        .collect();
-    rows.iter()
-        .flat_map(|span| {
-            let narrow = &narrow;
-            (0..columns.len()).map(move |x| span.mean(|y| narrow[y][x]).map(|v| v as f32))
-        })
-        .collect()
+    let (columns, rows) = (spans(from.0, to.0), spans(from.1, to.1));
+    let pixel = |x: usize, y: usize| pixels.get(y * w + x).map_or([0.0; C], |p| p.map(f64::from));
+    let narrow_row = |y: usize| columns.iter().map(|span| span.mean(|x| pixel(x, y))).collect();
+    let narrow: Vec<Vec<[f64; C]>> = (0..h).map(narrow_row).collect();
+    let row = |span: &FilterSpan| {
+        let means = (0..columns.len()).map(|x| span.mean(|y| narrow[y][x]).map(|v| v as f32));
+        means.collect::<Vec<_>>()
+    };
+    rows.iter().flat_map(row).collect()
 }
 
 /// The input pixels `first..first + weights.len()` under one output pixel; weights sum to 1.

@@ -52,13 +52,11 @@ fn compose(
     background: [f32; 3],
     has_alpha: bool,
 ) -> Image {
-    let (rgb, alpha): (Vec<_>, Vec<_>) = premultiplied
-        .map(|[r, g, b, a]| {
-            let over = |c: f32, k: f32| c + k * (1.0 - a);
-            let [kr, kg, kb] = background;
-            ([over(r, kr), over(g, kg), over(b, kb)], a)
-        })
-        .unzip();
+    let over = |[r, g, b, a]: [f32; 4]| {
+        let [kr, kg, kb] = background.map(|k| k * (1.0 - a));
+        ([r + kr, g + kg, b + kb], a)
+    };
+    let (rgb, alpha): (Vec<_>, Vec<_>) = premultiplied.map(over).unzip();
     Image { width, height, rgb, alpha: has_alpha.then_some(alpha) }
 }
 
@@ -104,8 +102,7 @@ mod tests {
     #[test]
     fn composite_by_hand() {
         let image = two_by_two().composite([1.0, 1.0, 0.0]);
-        let expected = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.5, 0.5, 0.5], [1.0; 3]];
-        assert_eq!(image.rgb, expected);
+        assert_eq!(image.rgb, [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.5, 0.5, 0.5], [1.0; 3]]);
         assert_eq!(image.alpha, Some(vec![1.0, 0.0, 0.5, 1.0]));
     }
 

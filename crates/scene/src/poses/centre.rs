@@ -117,11 +117,7 @@ pub fn up_direction(cameras: &[Camera]) -> DVec3 {
 mod tests {
     use super::*;
     use crate::camera::look_along;
-    use crate::testing::train_cameras;
-
-    fn camera(position: DVec3, forward: DVec3) -> Camera {
-        Camera::from_fov(8, 8, 0.7, look_along(position, forward, DVec3::Z))
-    }
+    use crate::testing::{level_camera as camera, train_cameras};
 
     #[test]
     fn object_cameras_meet_at_the_origin_with_z_up() {

@@ -34,14 +34,13 @@ pub fn spiral(cameras: &[Camera], range: (f64, f64), n: usize) -> Vec<DMat4> {
         let depth = 1.0 / ((1.0 - FAR_SHARE) / (0.9 * near.max(1e-6)) + FAR_SHARE / (5.0 * far));
         let place = cameras.iter().map(Camera::position_f64).sum::<DVec3>() / cameras.len() as f64;
         let forward = cameras.iter().map(Camera::forward_f64).sum::<DVec3>();
-        (look_along(place, forward, region.up()), depth)
+        (look_along(place, forward, region.up), depth)
     } else {
         let radius = 0.5 * (least + greatest);
-        (region.pose(region.cap().0, radius), radius)
+        (region.pose(region.cap.axis, radius), radius)
     };
-    let offsets = cameras.iter().map(|camera| mean.inverse().transform_point3(camera.position_f64()).abs());
-    let offsets: Vec<DVec3> = offsets.collect();
-    let reach = DVec3::from_array([0, 1, 2].map(|axis| percentile(offsets.iter().map(|offset| offset[axis]))));
+    let offsets = || cameras.iter().map(|camera| mean.inverse().transform_point3(camera.position_f64()).abs());
+    let reach = DVec3::from_array([0, 1, 2].map(|axis| percentile(offsets().map(|offset| offset[axis]))));
     let reach = reach.min(DVec3::splat(WIDEST * focus));
     let target = mean.transform_point3(DVec3::NEG_Z * focus);
     let up = mean.y_axis.truncate();
@@ -68,7 +67,7 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::train_cameras;
+    use crate::testing::{looks_at_origin, train_cameras};
 
     #[test]
     fn a_forward_facing_spiral_stays_among_the_cameras_and_looks_at_one_point() {
@@ -83,10 +82,8 @@ mod tests {
         let depth = 1.0 / (0.25 / (0.9 * near) + 0.75 / (5.0 * far));
         for pose in &path {
             let (position, forward) = (pose.w_axis.truncate(), -pose.z_axis.truncate());
-            let within = DVec3::new(1.0, 0.5, 0.0) + 1e-9;
-            assert!(position.abs().cmple(within).all(), "{position}");
-            let target = DVec3::NEG_Z * depth;
-            assert!(forward.dot((target - position).normalize()) > 1.0 - 1e-9);
+            assert!(position.abs().cmple(DVec3::new(1.0, 0.5, 0.0) + 1e-9).all(), "{position}");
+            assert!(forward.dot((DVec3::NEG_Z * depth - position).normalize()) > 1.0 - 1e-9);
         }
         // Two turns: the second passes the same places.
         assert!((path[0].w_axis - path[12].w_axis).length() < 1e-9);
@@ -97,14 +94,11 @@ mod tests {
         let cameras = train_cameras(8);
         for set in [&cameras[..], &cameras[..1], &[]] {
             let path = spiral(set, (2.0, 6.0), 10);
-            assert_eq!(path.len(), 10);
-            assert!(path.iter().all(|pose| pose.is_finite()));
+            assert!(path.len() == 10 && path.iter().all(|pose| pose.is_finite()));
         }
         // From around an object it keeps looking at the centre, from no nearer than three quarters of the way.
         for pose in spiral(&cameras, (2.0, 6.0), 10) {
-            let position = pose.w_axis.truncate();
-            assert!(position.length() > 3.0);
-            assert!((-pose.z_axis.truncate()).dot(-position.normalize()) > 1.0 - 1e-6);
+            assert!(pose.w_axis.truncate().length() > 3.0 && looks_at_origin(&pose));
         }
     }
 }

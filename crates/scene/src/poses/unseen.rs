@@ -29,12 +29,15 @@ const TRIES: usize = 64;
 /// the up direction that the cameras share.
 #[derive(Clone, Debug)]
 pub struct ViewRegion {
-    focus: Focus,
-    up: DVec3,
+    pub(super) focus: Focus,
+    /// The up direction that the cameras share, unit length.
+    pub(super) up: DVec3,
     /// Whether there is more than one camera.
     several: bool,
-    directions: Vec<DVec3>,
-    cap: Cap,
+    /// The distinct directions of the cameras from the centre, unit vectors.
+    pub(super) directions: Vec<DVec3>,
+    /// The smallest cap that holds the directions.
+    pub(super) cap: Cap,
     radii: (f64, f64),
     lowest: f64,
 }
@@ -53,12 +56,8 @@ impl ViewRegion {
         if directions.is_empty() {
             directions.push(up);
         }
-        let radii = cameras
-            .iter()
-            .map(|c| c.position_f64().distance(focus.centre))
-            .map(|r| (r, r))
-            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
-            .unwrap_or((1.0, 1.0));
+        let distances = cameras.iter().map(|c| c.position_f64().distance(focus.centre));
+        let radii = distances.map(|r| (r, r)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((1.0, 1.0));
         let lowest = directions.iter().map(|d| d.dot(up)).fold(f64::INFINITY, f64::min);
         let cap = Cap::enclosing(&directions, up);
         Self { focus, up, several: cameras.len() > 1, directions, cap, radii, lowest }
@@ -67,22 +66,6 @@ impl ViewRegion {
     /// Returns the point nearest to all optical axes.
     pub fn centre(&self) -> DVec3 {
         self.focus.centre
-    }
-
-    /// Returns the up direction that the cameras share, unit length.
-    pub fn up(&self) -> DVec3 {
-        self.up
-    }
-
-    /// Returns the axis (unit length) and half-angle (radians) of the smallest cap that holds the cameras'
-    /// directions from the centre.
-    pub fn cap(&self) -> (DVec3, f64) {
-        (self.cap.axis, self.cap.half_angle)
-    }
-
-    /// Whether the cameras look towards the centre, as around an object, and not away from it, as in a room.
-    pub fn looks_inward(&self) -> bool {
-        self.focus.inward
     }
 
     /// Whether there are several cameras that all face one way, as in a forward-facing capture.
@@ -107,11 +90,6 @@ impl ViewRegion {
     pub(crate) fn pose(&self, direction: DVec3, radius: f64) -> DMat4 {
         let forward = if self.focus.inward { -direction } else { direction };
         look_along(self.focus.centre + radius * direction, forward, self.up)
-    }
-
-    /// Returns the distinct directions of the cameras from the centre, unit vectors.
-    pub(crate) fn directions(&self) -> &[DVec3] {
-        &self.directions
     }
 
     fn sample_direction(&self, rng: &mut impl Rng) -> DVec3 {
@@ -141,20 +119,15 @@ fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::train_cameras;
+    use crate::testing::{level_camera as camera, train_cameras};
     use glam::DMat3;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn camera(position: DVec3, forward: DVec3) -> Camera {
-        Camera::from_fov(8, 8, 0.7, look_along(position, forward, DVec3::Z))
-    }
-
     fn assert_rigid(pose: DMat4) {
         let r = DMat3::from_mat4(pose);
-        assert!(pose.is_finite(), "{pose}");
-        assert!((r.determinant() - 1.0).abs() < 1e-9);
+        assert!(pose.is_finite() && (r.determinant() - 1.0).abs() < 1e-9, "{pose}");
         assert!((r * r.transpose() - DMat3::IDENTITY).abs_diff_eq(DMat3::ZERO, 1e-9));
     }
 
@@ -172,8 +145,7 @@ mod tests {
                 let camera = all[0].with_pose(pose);
                 let to_centre = (region.centre() - camera.position_f64()).normalize();
                 assert!(angle(to_centre, camera.forward_f64()) < 1e-6);
-                let (axis, half) = region.cap();
-                assert!(angle(axis, -to_centre) <= half + 1e-9);
+                assert!(angle(region.cap.axis, -to_centre) <= region.cap.half_angle + 1e-9);
                 assert!(camera.position().z >= lowest - 1e-3);
                 assert!((camera.position_f64().length() - 4.0311).abs() < 1e-3);
                 assert!(pose.y_axis.z >= -1e-3, "upright");
