@@ -1,5 +1,6 @@
 //! Errors, each of one line that names the file, the field and what was expected.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// Error of loading a scene, selecting views from it, or writing it.
@@ -85,31 +86,25 @@ impl SceneError {
     }
 
     /// Returns a [`SceneError::Malformed`], with its reason in one line.
-    pub fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {
+    pub fn malformed(path: &Path, expected: impl Into<String>, reason: impl Display) -> Self {
         Self::Malformed { path: path.into(), expected: expected.into(), reason: one_line(&reason) }
     }
 
     /// Returns a [`SceneError::Field`], with what was found in one line.
-    pub fn field(
-        path: &Path,
-        field: impl Into<String>,
-        expected: impl Into<String>,
-        found: impl std::fmt::Display,
-    ) -> Self {
+    pub fn field(path: &Path, field: impl Into<String>, expected: impl Into<String>, found: impl Display) -> Self {
         Self::Field { path: path.into(), field: field.into(), expected: expected.into(), found: one_line(&found) }
     }
 
     /// Returns a [`SceneError::Request`], with what was found in one line.
-    pub fn request(field: &'static str, expected: impl Into<String>, found: impl std::fmt::Display) -> Self {
+    pub fn request(field: &'static str, expected: impl Into<String>, found: impl Display) -> Self {
         Self::Request { field, expected: expected.into(), found: one_line(&found) }
     }
 }
 
 /// Returns the text of `value` with line breaks replaced and cut to a readable length.
-fn one_line(value: &impl std::fmt::Display) -> String {
+fn one_line(value: &impl Display) -> String {
     const LONGEST: usize = 300;
-    let text = value.to_string();
-    let mut line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut line = value.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
     if line.chars().count() > LONGEST {
         line = line.chars().take(LONGEST).collect::<String>() + "…";
     }

@@ -69,7 +69,7 @@ impl Lens {
     pub fn new(model: LensModel) -> Self {
         match model {
             LensModel::Perspective => Self::PERSPECTIVE,
-            LensModel::RadialTangential { k, q, p } if [&k[..], &q, &p].iter().all(|v| v.iter().all(|&c| c == 0.0)) => {
+            LensModel::RadialTangential { k, q, p } if k.iter().chain(&q).chain(&p).all(|&c| c == 0.0) => {
                 Self::PERSPECTIVE
             }
             LensModel::RadialTangential { .. } | LensModel::Fov { .. } => Self { model, reach: model.reach(WIDEST) },
@@ -174,9 +174,7 @@ impl Lens {
                 let (sin, cos) = angle.sin_cos();
                 Some((if radius > 0.0 { image * (sin / radius) } else { DVec2::ZERO }).extend(cos))
             }
-            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
-                Some(self.unbend(image)?.extend(1.0).normalize())
-            }
+            _ => Some(self.unbend(image)?.extend(1.0).normalize()),
         }
     }
 
@@ -185,11 +183,7 @@ impl Lens {
         if let Some(direction) = self.unproject(image) {
             return direction;
         }
-        let (mut inside, mut outside) = (0.0, 1.0);
-        for _ in 0..48 {
-            let middle = 0.5 * (inside + outside);
-            if self.unproject(image * middle).is_some() { inside = middle } else { outside = middle }
-        }
+        let inside = last_where((0.0, 1.0), 48, |share| self.unproject(image * share).is_some());
         self.unproject(image * inside).unwrap_or(DVec3::Z)
     }
 
@@ -224,11 +218,7 @@ impl Lens {
         for _ in 0..100 {
             let (found, derivative) = self.model.profile(r);
             let rest = found - value;
-            if rest > 0.0 {
-                high = r
-            } else {
-                low = r
-            }
+            (low, high) = if rest > 0.0 { (low, r) } else { (r, high) };
             let next = r - rest / derivative;
             let next = if next > low && next < high { next } else { 0.5 * (low + high) };
             if (next - r).abs() <= 1e-16 * r.max(1e-3) || rest == 0.0 {
@@ -376,16 +366,17 @@ impl LensModel {
         // Finer near the axis: quadratic steps.
         let at = |i: usize| end * (i as f64 / STEPS as f64).powi(2);
         let Some(first) = (0..=STEPS).find(|&i| !grows(at(i))) else { return end };
-        if first == 0 {
-            return 0.0;
-        }
-        let (mut low, mut high) = (at(first - 1), at(first));
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if grows(middle) { low = middle } else { high = middle }
-        }
-        low
+        if first == 0 { 0.0 } else { last_where((at(first - 1), at(first)), 60, grows) }
     }
+}
+
+/// Returns about the last value between `low`, where `holds` is true, and `high`, where it is not: by `steps` bisections.
+fn last_where((mut low, mut high): (f64, f64), steps: usize, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..steps {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    low
 }
 
 #[cfg(test)]
@@ -435,9 +426,8 @@ mod tests {
         assert_eq!(lens.distort(DVec2::new(1.2, 0.0)), None);
         let edge = lens.nearest_direction(DVec2::new(0.9, 0.0));
         assert!((edge.x / edge.z - 1.0910895).abs() < 1e-4, "{edge}");
-        for bad in [f64::NAN, f64::INFINITY] {
-            assert_eq!(lens.undistort(DVec2::new(bad, 0.0)), None);
-            assert_eq!(lens.distort(DVec2::new(bad, 0.0)), None);
+        for bad in [f64::NAN, f64::INFINITY].map(|x| DVec2::new(x, 0.0)) {
+            assert_eq!((lens.undistort(bad), lens.distort(bad)), (None, None));
         }
         // A fisheye sees beyond 90°.
         let fisheye = Lens::fisheye([0.0; 4]);
@@ -460,10 +450,9 @@ mod tests {
             assert!((found - DVec2::new(0.6, -0.8) * image).length() < 1e-12, "{lens}: {found}");
             let back = lens.undistort(DVec2::new(0.0, image)).unwrap().y;
             assert!((back - (image * omega).tan() / (2.0 * (omega / 2.0).tan())).abs() < 1e-12, "{lens}: {back}");
-            let step = 1e-5;
-            let difference =
-                lens.distort(DVec2::new(r + step, 0.0)).unwrap() - lens.distort(DVec2::new(r - step, 0.0)).unwrap();
-            assert!((lens.jacobian(DVec2::new(r, 0.0)).x_axis.x - difference.x / (2.0 * step)).abs() < 1e-6, "{lens}");
+            let (step, at) = (1e-5, |r: f64| lens.distort(DVec2::X * r).unwrap().x);
+            let derivative = (at(r + step) - at(r - step)) / (2.0 * step);
+            assert!((lens.jacobian(DVec2::X * r).x_axis.x - derivative).abs() < 1e-6, "{lens}");
         }
         let lens = Lens::radial_tangential([0.1, 0.0, 0.0, 0.0], [0.01, 0.02]);
         let found = lens.distort(DVec2::new(0.5, 0.25)).unwrap();

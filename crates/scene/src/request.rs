@@ -59,11 +59,8 @@ impl SceneRequest {
     /// # Errors
     /// An image size of 0 or beyond the largest, or a background outside `[0, 1]`.
     pub fn check(&self) -> Result<(), SceneError> {
-        if let Some(size) = self.image_size
-            && (size == 0 || size > MAX_SIZE)
-        {
-            let expected = format!("a size from 1 to {MAX_SIZE} pixels");
-            return Err(SceneError::request("image_size", expected, size));
+        if let Some(size) = self.image_size.filter(|size| !(1..=MAX_SIZE).contains(size)) {
+            return Err(SceneError::request("image_size", format!("a size from 1 to {MAX_SIZE} pixels"), size));
         }
         if !self.background.iter().all(|v| (0.0..=1.0).contains(v)) {
             let found = format!("{:?}", self.background);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::{Backdrop, Camera, Format, Image, Ray, Space, resized_dimensions};
 
@@ -162,15 +162,15 @@ impl Scene {
 
 /// Returns the mean colour of all valid pixels of `views`; white if there are none.
 fn mean_color(views: &[View]) -> [f32; 3] {
-    let mut sum = [0.0f64; 3];
-    let mut count = 0usize;
-    let pixels =
-        views.iter().flat_map(|view| view.image.rgb.iter().enumerate().map(move |(i, pixel)| (view, i, pixel)));
-    for (_, _, pixel) in pixels.filter(|(view, i, _)| view.valid.as_ref().is_none_or(|valid| valid[*i])) {
-        count += 1;
-        sum.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += f64::from(*value));
+    let (mut sum, mut count) = (DVec3::ZERO, 0usize);
+    for view in views {
+        let is_valid = |i: usize| view.valid.as_ref().is_none_or(|valid| valid[i]);
+        for (_, &pixel) in view.image.rgb.iter().enumerate().filter(|(i, _)| is_valid(*i)) {
+            count += 1;
+            sum += Vec3::from(pixel).as_dvec3();
+        }
     }
-    if count == 0 { [1.0; 3] } else { sum.map(|sum| (sum / count as f64) as f32) }
+    if count == 0 { [1.0; 3] } else { (sum / count as f64).as_vec3().to_array() }
 }
 
 /// Numbers of chosen views and of their pixels, which decide how much memory a scene takes.

@@ -21,16 +21,10 @@ impl Cap {
     /// iteration: step towards the farthest point by 1/(k+1)). Where that is the sphere's centre,
     /// the directions surround it and `fallback` is the axis of a cap that is most of the sphere.
     pub fn enclosing(directions: &[DVec3], fallback: DVec3) -> Self {
-        let Some(&first) = directions.first() else {
-            return Self { axis: fallback, half_angle: 0.0 };
-        };
-        let mut centre = first;
+        let mut centre = directions.first().copied().unwrap_or(fallback);
         for k in 1..=STEPS {
-            let farthest = directions
-                .iter()
-                .copied()
-                .max_by(|a, b| a.distance_squared(centre).total_cmp(&b.distance_squared(centre)))
-                .unwrap_or(first);
+            let nearer = |a: &&DVec3, b: &&DVec3| a.distance_squared(centre).total_cmp(&b.distance_squared(centre));
+            let farthest = directions.iter().max_by(nearer).copied().unwrap_or(centre);
             centre += (farthest - centre) / (k + 1) as f64;
         }
         let axis = if centre.length() > 0.02 { centre.normalize_or(fallback) } else { fallback };

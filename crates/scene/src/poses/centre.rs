@@ -49,15 +49,10 @@ pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
         cameras.iter().map(|c| (c.position_f64(), c.forward_f64().normalize_or(DVec3::NEG_Z))).collect();
     let mean = axes.iter().map(|a| a.0).sum::<DVec3>() / n;
     let spread = (axes.iter().map(|a| a.0.distance_squared(mean)).sum::<f64>() / n).sqrt();
-    let ahead = |p: DVec3, d: DVec3| {
-        let to_origin = -p.dot(d);
-        if to_origin > spread.max(1e-9) {
-            to_origin
-        } else if spread > 1e-9 {
-            2.0 * spread
-        } else {
-            1.0
-        }
+    let ahead = |p: DVec3, d: DVec3| match -p.dot(d) {
+        to_origin if to_origin > spread.max(1e-9) => to_origin,
+        _ if spread > 1e-9 => 2.0 * spread,
+        _ => 1.0,
     };
     let prior = axes.iter().map(|&(p, d)| p + ahead(p, d) * d).sum::<DVec3>() / n;
 
@@ -155,13 +150,8 @@ mod tests {
 
     #[test]
     fn room_cameras_look_outward() {
-        let cameras: Vec<_> = (0..6)
-            .map(|i| {
-                let d = DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.0);
-                camera(DVec3::Z + 0.5 * d, d)
-            })
-            .collect();
-        let focus = scene_focus(&cameras);
+        let outward = (0..6).map(|i| DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.0));
+        let focus = scene_focus(&outward.map(|d| camera(DVec3::Z + 0.5 * d, d)).collect::<Vec<_>>());
         assert!(!focus.inward && (focus.centre - DVec3::Z).length() < 0.05);
     }
 }

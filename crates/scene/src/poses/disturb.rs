@@ -41,13 +41,11 @@ mod tests {
 
     #[test]
     fn each_training_camera_is_turned_and_moved_by_as_much() {
-        let views = train_cameras(8).into_iter().enumerate();
-        let train: Vec<View> =
-            views.map(|(id, camera)| View::new(id, "a", camera, Image::filled(1, 1, [0.0; 3]))).collect();
-        let scene = Scene { train, ..Scene::default() };
+        let exact = train_cameras(8);
+        let view = |camera: &Camera| View::new(0, "a", camera.clone(), Image::filled(1, 1, [0.0; 3]));
+        let scene = Scene { train: exact.iter().map(view).collect(), ..Scene::default() };
         let disturbed = scene.clone().disturbed(2.0, 0.03, 7);
-        assert_eq!(disturbed, scene.clone().disturbed(2.0, 0.03, 7));
-        let exact: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        assert_eq!(disturbed, scene.disturbed(2.0, 0.03, 7));
         assert_eq!(disturbed.exact_cameras.as_ref(), Some(&exact));
         for (view, exact) in disturbed.train.iter().zip(&exact) {
             let turn = view.camera.rotation() * exact.rotation().transpose();

@@ -77,33 +77,31 @@ impl ViewSelection {
     /// within it; a published selection, which only the scene that it belongs to can tell.
     pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
         let n = cameras.len();
+        let random = |seed: &u64| ChaCha8Rng::seed_from_u64(*seed);
         match self {
             _ if n == 0 => Err(error("a scene with at least one training view", "none")),
             Self::Ids(ids) => check_ids("train", ids, n).map(|()| ids.clone()),
             Self::All => Ok((0..n).collect()),
             Self::Named(name) => Err(error("a selection that this scene knows", format!("`{name}`"))),
+            Self::Seed { count, .. }
+            | Self::FarthestPoint { count, .. }
+            | Self::Wide { count, .. }
+            | Self::Narrow { count, .. }
+                if !(1..=n).contains(count) =>
+            {
+                Err(error(format!("a number of views from 1 to {n}"), count))
+            }
             Self::Seed { seed, count } => {
-                check_count(*count, n)?;
                 let seed = u32::try_from(*seed).map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
-                let mut order = numpy_permutation(seed, n);
-                order.truncate(*count);
-                Ok(order)
+                Ok(numpy_permutation(seed, n)[..*count].to_vec())
             }
-            Self::FarthestPoint { count, seed } => {
-                check_count(*count, n)?;
-                Ok(spread::farthest_point(cameras, *count, &mut ChaCha8Rng::seed_from_u64(*seed)))
-            }
-            Self::Wide { count, seed } => {
-                check_count(*count, n)?;
-                Ok(spread::wide(cameras, *count, &mut ChaCha8Rng::seed_from_u64(*seed)))
+            Self::FarthestPoint { count, seed } => Ok(spread::farthest_point(cameras, *count, &mut random(seed))),
+            Self::Wide { count, seed } => Ok(spread::wide(cameras, *count, &mut random(seed))),
+            Self::Narrow { angle_deg, .. } if !(angle_deg.is_finite() && *angle_deg > 0.0) => {
+                Err(error("a positive angle in degrees", angle_deg))
             }
             Self::Narrow { count, angle_deg, seed } => {
-                check_count(*count, n)?;
-                if !(angle_deg.is_finite() && *angle_deg > 0.0) {
-                    return Err(error("a positive angle in degrees", angle_deg));
-                }
-                let mut rng = ChaCha8Rng::seed_from_u64(*seed);
-                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut rng)
+                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut random(seed))
                     .ok_or_else(|| error(format!("{count} views within {angle_deg}° of each other"), "fewer"))
             }
         }
@@ -141,13 +139,6 @@ pub(crate) fn check_ids(field: &'static str, ids: &[usize], n: usize) -> Result<
     Ok(())
 }
 
-fn check_count(count: usize, n: usize) -> Result<(), SceneError> {
-    if count == 0 || count > n {
-        return Err(error(format!("a number of views from 1 to {n}"), count));
-    }
-    Ok(())
-}
-
 fn error(expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
     SceneError::request("train", expected, found)
 }
@@ -156,14 +147,6 @@ fn error(expected: impl Into<String>, found: impl std::fmt::Display) -> SceneErr
 mod tests {
     use super::*;
     use crate::testing::train_cameras;
-
-    fn cameras() -> Vec<Camera> {
-        train_cameras(8)
-    }
-
-    fn message(selection: ViewSelection) -> String {
-        selection.select(&cameras()).unwrap_err().to_string()
-    }
 
     #[test]
     fn seeds_repeat_numpy() {
@@ -182,15 +165,20 @@ mod tests {
 
     #[test]
     fn bad_requests_say_what_is_wrong() {
-        assert!(message(ViewSelection::Ids(vec![])).contains("at least one view id"));
-        assert!(message(ViewSelection::Ids(vec![1, 100])).contains("0 to 99, found 100"));
-        assert!(message(ViewSelection::Ids(vec![1, 2, 1])).contains("1 twice"));
-        assert!(message(ViewSelection::Seed { seed: 0, count: 101 }).contains("found 101"));
-        assert!(message(ViewSelection::Seed { seed: 0, count: 0 }).contains("found 0"));
-        assert!(message(ViewSelection::Seed { seed: 1 << 32, count: 1 }).contains("NumPy seed"));
         let narrow = |angle_deg| ViewSelection::Narrow { count: 4, angle_deg, seed: 0 };
-        assert!(message(narrow(f64::NAN)).contains("positive angle"));
-        assert!(message(narrow(1e-6)).contains("within 0.000001°"));
+        for (selection, expected) in [
+            (ViewSelection::Ids(vec![]), "at least one view id"),
+            (ViewSelection::Ids(vec![1, 100]), "0 to 99, found 100"),
+            (ViewSelection::Ids(vec![1, 2, 1]), "1 twice"),
+            (ViewSelection::Seed { seed: 0, count: 101 }, "found 101"),
+            (ViewSelection::Seed { seed: 0, count: 0 }, "found 0"),
+            (ViewSelection::Seed { seed: 1 << 32, count: 1 }, "NumPy seed"),
+            (narrow(f64::NAN), "positive angle"),
+            (narrow(1e-6), "within 0.000001°"),
+        ] {
+            let message = selection.select(&train_cameras(8)).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
         assert!(ViewSelection::All.select(&[]).is_err());
     }
 
@@ -204,9 +192,9 @@ mod tests {
             ViewSelection::All,
         ];
         for rule in rules {
-            let ids = rule.select(&cameras()).unwrap();
+            let ids = rule.select(&train_cameras(8)).unwrap();
             check_ids("train", &ids, 100).unwrap();
-            assert_eq!(ids, rule.select(&cameras()).unwrap());
+            assert_eq!(ids, rule.select(&train_cameras(8)).unwrap());
         }
     }
 }

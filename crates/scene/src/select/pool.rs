@@ -43,29 +43,24 @@ pub fn test(
 }
 
 fn by_name<'a>(field: &'static str, name: &str, named: &'a Named) -> Result<&'a [usize], SceneError> {
-    let found = named.iter().find(|(known, _)| known == name);
-    found.map(|(_, ids)| ids.as_slice()).ok_or_else(|| {
-        let known = named.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
-        let expected =
-            if known.is_empty() { "no name (this scene knows none)".into() } else { format!("one of {known}") };
-        SceneError::request(field, expected, format!("`{name}`"))
-    })
+    if let Some((_, ids)) = named.iter().find(|(known, _)| known == name) {
+        return Ok(ids);
+    }
+    let known = named.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+    let expected = if known.is_empty() { "no name (this scene knows none)".into() } else { format!("one of {known}") };
+    Err(SceneError::request(field, expected, format!("`{name}`")))
 }
 
 /// Returns the position in `ids` of each of `wanted`.
 fn positions(field: &'static str, wanted: &[usize], ids: &[usize]) -> Result<Vec<usize>, SceneError> {
-    if ids.iter().enumerate().all(|(i, &id)| i == id) {
-        return super::check_ids(field, wanted, ids.len()).map(|()| wanted.to_vec());
-    }
-    let found: Vec<usize> = wanted
-        .iter()
-        .map(|id| {
-            ids.iter().position(|known| known == id).ok_or_else(|| {
-                let known = ids.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
-                SceneError::request(field, format!("view ids among {known}"), id)
-            })
-        })
-        .collect::<Result<_, _>>()?;
+    let unknown = |id: &usize| {
+        let known = ids.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
+        SceneError::request(field, format!("view ids among {known}"), id)
+    };
+    let position = |id: &usize| ids.iter().position(|known| known == id).ok_or_else(|| unknown(id));
+    let are_positions = ids.iter().enumerate().all(|(i, &id)| i == id);
+    let found =
+        if are_positions { wanted.to_vec() } else { wanted.iter().map(position).collect::<Result<Vec<_>, _>>()? };
     super::check_ids(field, &found, ids.len()).map(|()| found)
 }
 

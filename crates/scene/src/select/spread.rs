@@ -9,11 +9,8 @@ use crate::poses::view_directions;
 /// Random sets that [`wide`] tries.
 const TRIES: usize = 256;
 
-/// Selects views by greedy farthest-point sampling of camera positions. `count ≤ cameras.len()`.
+/// Selects views by greedy farthest-point sampling of camera positions. `1 ≤ count ≤ cameras.len()`.
 pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
-    if cameras.is_empty() || count == 0 {
-        return Vec::new();
-    }
     let mut chosen = vec![rng.random_range(0..cameras.len())];
     let mut nearest = vec![f64::INFINITY; cameras.len()];
     while chosen.len() < count {
@@ -21,12 +18,8 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
         for (distance, camera) in nearest.iter_mut().zip(cameras) {
             *distance = distance.min(camera.position_f64().distance_squared(last));
         }
-        let farthest =
-            (0..cameras.len()).filter(|i| !chosen.contains(i)).max_by(|&i, &j| nearest[i].total_cmp(&nearest[j]));
-        match farthest {
-            Some(i) => chosen.push(i),
-            None => break,
-        }
+        let left = (0..cameras.len()).filter(|i| !chosen.contains(i));
+        chosen.extend(left.max_by(|&i, &j| nearest[i].total_cmp(&nearest[j])));
     }
     chosen
 }
@@ -39,7 +32,7 @@ pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<
         pairs.map(|(i, j)| directions[i].dot(directions[j])).fold(-1.0, f64::max)
     };
     (0..TRIES)
-        .map(|_| index::sample(rng, cameras.len(), count.min(cameras.len())).into_vec())
+        .map(|_| index::sample(rng, cameras.len(), count).into_vec())
         .min_by(|a, b| greatest_cosine(a).total_cmp(&greatest_cosine(b)))
         .unwrap_or_default()
 }
@@ -87,14 +80,9 @@ mod tests {
 
     fn widest_and_closest(cameras: &[Camera], ids: &[usize]) -> (f64, f64) {
         let d = view_directions(cameras);
-        let mut angles = Vec::new();
-        for (k, &i) in ids.iter().enumerate() {
-            for &j in &ids[..k] {
-                angles.push(d[i].dot(d[j]).clamp(-1.0, 1.0).acos().to_degrees());
-            }
-        }
-        let most = angles.iter().copied().fold(0.0, f64::max);
-        (most, angles.iter().copied().fold(180.0, f64::min))
+        let pairs = ids.iter().enumerate().flat_map(|(k, &i)| ids[..k].iter().map(move |&j| (i, j)));
+        let angles = pairs.map(|(i, j)| d[i].dot(d[j]).clamp(-1.0, 1.0).acos().to_degrees());
+        angles.fold((0.0, 180.0), |(most, least), angle| (angle.max(most), angle.min(least)))
     }
 
     #[test]

@@ -40,10 +40,10 @@ impl TestProtocol {
         match self {
             _ if n == 0 => Err(error("a scene with at least one test view", "none")),
             Self::Every(0) => Err(error("a positive step", "0")),
-            Self::First(count) if !(1..=n).contains(count) => Err(error(
-                &format!("a number of the first test views from 1 to {n}, as many as there are"),
-                &count.to_string(),
-            )),
+            Self::First(count) if !(1..=n).contains(count) => {
+                let expected = format!("a number of the first test views from 1 to {n}, as many as there are");
+                Err(SceneError::request("test", expected, count))
+            }
             Self::All | Self::Split => Ok((0..n).collect()),
             Self::Every(step) => Ok((0..n).step_by(*step).collect()),
             Self::First(count) => Ok((0..*count).collect()),
@@ -61,18 +61,13 @@ mod tests {
     #[test]
     fn test_protocols() {
         use TestProtocol::{All, Every, First, Ids, Published, Split, Training};
-        let few = [
-            (All, vec![0, 1, 2]),
-            (Split, vec![0, 1, 2]),
-            (First(2), vec![0, 1]),
-            (Ids(vec![2, 0]), vec![2, 0]),
-            (Every(2), vec![0, 2]),
-        ];
+        let ids = |ids: &[usize]| Ids(ids.to_vec());
+        let few: [(_, &[usize]); 5] =
+            [(All, &[0, 1, 2]), (Split, &[0, 1, 2]), (First(2), &[0, 1]), (ids(&[2, 0]), &[2, 0]), (Every(2), &[0, 2])];
         for (protocol, expected) in few {
             assert_eq!(protocol.select(3).unwrap(), expected);
         }
         assert_eq!(Every(8).select(200).unwrap().len(), 25);
-        let ids = |ids: &[usize]| Ids(ids.to_vec());
         for bad in [Every(0), First(0), First(4), ids(&[3]), ids(&[1, 1]), ids(&[]), Published("x".into()), Training] {
             assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
         }
