@@ -23,11 +23,8 @@ impl Window {
 
     /// Returns the size of the output for an input of `size`, or `None` if no window fits.
     pub(crate) fn output(self, size: [usize; 2]) -> Option<[usize; 2]> {
-        let side = |axis: usize| {
-            let free = (size[axis] + 2 * self.padding[axis]).checked_sub(self.kernel[axis])?;
-            Some(free / self.stride + 1)
-        };
-        Some([side(0)?, side(1)?])
+        let free = |axis: usize| (size[axis] + 2 * self.padding[axis]).checked_sub(self.kernel[axis]);
+        Some([free(0)?, free(1)?].map(|free| free / self.stride + 1))
     }
 }
 

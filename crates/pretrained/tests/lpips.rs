@@ -33,17 +33,13 @@ fn agrees_with_pytorch_on_every_device() {
         for (name, config) in [("alex", LpipsConfig::alex()), ("vgg", LpipsConfig::vgg())] {
             let lpips = narrow(config, &device);
             let side = |case: &Value, key: &str| case[key].as_u64().unwrap() as usize;
-            let pictures: Vec<[Picture; 2]> = cases
-                .iter()
-                .map(|case| [0, 1].map(|index| picture(index, side(case, "height"), side(case, "width"))))
-                .collect();
+            let two = |case| [0, 1].map(|index| picture(index, side(case, "height"), side(case, "width")));
+            let pictures: Vec<[Picture; 2]> = cases.iter().map(two).collect();
             let pairs: Vec<(&Picture, &Picture)> = pictures.iter().map(|[x, y]| (x, y)).collect();
-            for (key, input) in
-                [(name.to_owned(), LpipsInput::Signed), (format!("{name}_unsigned"), LpipsInput::Unsigned)]
-            {
+            for (suffix, input) in [("", LpipsInput::Signed), ("_unsigned", LpipsInput::Unsigned)] {
                 let found = lpips.distances(&pairs, input).unwrap();
                 for (found, case) in found.into_iter().zip(&cases) {
-                    assert_relative_eq!(found, case[&key].as_f64().unwrap(), max_relative = 1e-5);
+                    assert_relative_eq!(found, case[format!("{name}{suffix}")].as_f64().unwrap(), max_relative = 1e-5);
                 }
             }
         }

@@ -18,11 +18,9 @@ fn errors_of_broken_files_are_one_line() {
     let fault = |bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
         // A PyTorch file is read when a tensor is requested.
-        let read = |file: WeightFile| {
-            let tensors = LpipsConfig::alex().head_tensors();
-            tensors.iter().try_for_each(|(name, shape)| file.floats(name, shape).map(|_| ()))
-        };
-        WeightFile::read(&path).and_then(read)
+        let file = WeightFile::read(&path)?;
+        let tensors = LpipsConfig::alex().head_tensors();
+        tensors.iter().try_for_each(|(name, shape)| file.floats(name, shape).map(drop))
     };
     for bytes in [&safetensors[..], HEADS[0].1, HEADS[1].1] {
         assert_eq!(fault(bytes), Ok(()));
@@ -46,8 +44,7 @@ fn errors_of_broken_files_are_one_line() {
 fn values_that_are_not_finite_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
-    let tensors = [("a".to_owned(), vec![4])];
-    write_weights(&path, &tensors);
+    write_weights(&path, &[("a".to_owned(), vec![4])]);
     let mut bytes = std::fs::read(&path).unwrap();
     let end = bytes.len();
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -83,9 +80,8 @@ fn import_recognises_weights_by_their_tensors() {
 fn import_keeps_only_needed_tensors_and_needs_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let (path, store) = (folder.path().join("all"), Store::in_folder(folder.path()));
-    let mut tensors = LpipsConfig::vgg().head_tensors();
-    tensors.push(("classifier.weight".to_owned(), vec![10, 3]));
-    write_weights(&path, &tensors);
+    let other = ("classifier.weight".to_owned(), vec![10, 3]);
+    write_weights(&path, &[LpipsConfig::vgg().head_tensors(), vec![other]].concat());
     // A file stands where the folder should be.
     let error = Store::in_folder(&path).import(&path).unwrap_err().to_string();
     assert!(error.starts_with(&format!("{}: ", path.display())), "{error}");
@@ -131,10 +127,8 @@ fn networks_are_read_if_needed_and_present() {
     assert_eq!(names(&all), "{}", "the heads are missing");
     let networks = store.networks(METRICS, &device).unwrap();
     let fault = networks.distance("lpips-alex").err().unwrap().to_string();
-    assert!(
-        fault.starts_with("no weights of lpips-alex-heads;") && fault.ends_with("fetch lpips-alex-heads`"),
-        "{fault}"
-    );
+    assert!(fault.starts_with("no weights of lpips-alex-heads;"), "{fault}");
+    assert!(fault.ends_with("fetch lpips-alex-heads`"), "{fault}");
     write("lpips-alex-heads", &LpipsConfig::alex().head_tensors());
     write("inception-fid", &InceptionConfig::FULL.tensors());
     assert_eq!(names(&["psnr", "lpips_alex_masked"]), r#"{"lpips-alex"}"#);
@@ -152,13 +146,10 @@ fn explicit_files_and_folders_are_searched() {
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
     write_weights(&path, &LpipsConfig::alex().head_tensors());
     assert_eq!(Store::new(Some(&path)).unwrap().find(heads), Some(path.clone()));
-    assert_ne!(
-        Store::new(Some(folder.path())).unwrap().find(heads),
-        Some(path.clone()),
-        "folders are searched by name"
-    );
+    let in_folder = Store::new(Some(folder.path())).unwrap();
+    assert_ne!(in_folder.find(heads), Some(path.clone()), "folders are searched by name");
     let published = folder.path().join(heads.published_file());
     std::fs::rename(&path, &published).unwrap();
-    assert_eq!(Store::new(Some(folder.path())).unwrap().find(heads), Some(published));
+    assert_eq!(in_folder.find(heads), Some(published));
     assert!(Store::new(Some(&path)).unwrap_err().to_string().contains("anything.bin: No such file"));
 }

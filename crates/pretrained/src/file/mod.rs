@@ -7,6 +7,11 @@ use std::path::{Path, PathBuf};
 /// Name and shape of a tensor.
 pub type TensorShape = (String, Vec<usize>);
 
+/// Returns names and shapes of γ, β, mean and variance of the batch normalisation `name`, as in PyTorch.
+pub(crate) fn normalisation(name: &str, channels: usize) -> [TensorShape; 4] {
+    ["weight", "bias", "running_mean", "running_var"].map(|part| (format!("{name}.{part}"), vec![channels]))
+}
+
 /// File of named tensors: safetensors, or PyTorch's (`.pth`, `.pt`, `.bin`, of any version), whose pickles are not executed.
 /// Errors are one line each that begins with the file's path, but for those of [`WeightFile::check`].
 pub struct WeightFile {
@@ -49,14 +54,12 @@ impl WeightFile {
     /// # Errors
     /// As [`Self::check`], or if a value is not finite.
     pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
-        let read = || {
-            let values = (self.entry(name, shape)?.read)()?;
-            match values.iter().position(|value| !value.is_finite()) {
-                Some(index) => Err(format!("`{name}` is not finite at index {index}")),
-                None => Ok(values),
-            }
-        };
-        read().map_err(|cause: String| format!("{}: {cause}", self.path.display()))
+        let values = self.entry(name, shape).and_then(|entry| (entry.read)());
+        let finite = values.and_then(|values| match values.iter().position(|value| !value.is_finite()) {
+            Some(index) => Err(format!("`{name}` is not finite at index {index}")),
+            None => Ok(values),
+        });
+        finite.map_err(|cause| format!("{}: {cause}", self.path.display()))
     }
 
     /// Reads a convolution with the batch normalisation after it, of γ, β, μ and σ²: weights s W and biases β − s μ with

@@ -1,6 +1,6 @@
 use InceptionLayer::{Branches, MaxPool, MeanPool, Unit};
 
-use crate::file::TensorShape;
+use crate::file::{TensorShape, normalisation};
 use crate::layers::Window;
 
 pub(super) enum InceptionLayer {
@@ -25,21 +25,18 @@ impl UnitShape {
         (format!("{}.conv.weight", self.name), vec![outputs, inputs, height, width])
     }
 
-    /// Returns the name and shape of γ, β, mean and variance of the normalisation.
     pub(super) fn normalisation(&self) -> [TensorShape; 4] {
-        let part = |part: &str| (format!("{}.bn.{part}", self.name), vec![self.channels[1]]);
-        ["weight", "bias", "running_mean", "running_var"].map(part)
+        normalisation(&format!("{}.bn", self.name), self.channels[1])
     }
 }
 
 /// Builds Inception v3 as in pytorch-fid with channels divided by `divisor`.
 pub(super) fn inception(divisor: usize) -> Vec<InceptionLayer> {
-    let mut channels = 3;
-    let connected = |(block, mut layers): (&str, Vec<InceptionLayer>)| {
-        connect(block, &mut layers, &mut channels, divisor);
-        layers
-    };
-    blocks().into_iter().flat_map(connected).collect()
+    let (mut channels, mut blocks) = (3, blocks());
+    for (block, layers) in &mut blocks {
+        connect(block, layers, &mut channels, divisor);
+    }
+    blocks.into_iter().flat_map(|(_, layers)| layers).collect()
 }
 
 /// Completes the names and channels of the units of `layers`; `channels` goes from those of the input to those of the output.
@@ -66,15 +63,12 @@ fn connect(block: &str, layers: &mut [InceptionLayer], channels: &mut usize, div
 }
 
 pub(super) fn units(layers: &[InceptionLayer]) -> Vec<&UnitShape> {
-    let mut all = Vec::new();
-    for layer in layers {
-        match layer {
-            Unit(unit) => all.push(unit),
-            MaxPool(_) | MeanPool(_) => {}
-            Branches(branches) => all.extend(branches.iter().flat_map(|branch| units(branch))),
-        }
-    }
-    all
+    let within = layers.iter().map(|layer| match layer {
+        Unit(unit) => vec![unit],
+        MaxPool(_) | MeanPool(_) => vec![],
+        Branches(branches) => branches.iter().flat_map(|branch| units(branch)).collect(),
+    });
+    within.flatten().collect()
 }
 
 /// Creates a unit that is not connected yet.

@@ -1,4 +1,4 @@
-use crate::file::TensorShape;
+use crate::file::{TensorShape, normalisation};
 
 /// Returns names and shapes of torchvision's `resnet34` without its classifier: convolutions and batch normalisations.
 pub(super) fn tensors() -> Vec<TensorShape> {
@@ -18,11 +18,9 @@ pub(super) fn tensors() -> Vec<TensorShape> {
     tensors
 }
 
-fn layer(convolution: &str, normalisation: &str, [inputs, outputs]: [usize; 2], kernel: usize) -> Vec<TensorShape> {
-    let statistics = ["weight", "bias", "running_mean", "running_var"];
+fn layer(convolution: &str, normalised: &str, [inputs, outputs]: [usize; 2], kernel: usize) -> Vec<TensorShape> {
     let weight = (format!("{convolution}.weight"), vec![outputs, inputs, kernel, kernel]);
-    let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![outputs]));
-    [weight].into_iter().chain(statistics).collect()
+    [weight].into_iter().chain(normalisation(normalised, outputs)).collect()
 }
 
 #[cfg(test)]

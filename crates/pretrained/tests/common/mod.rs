@@ -39,10 +39,8 @@ pub fn values_of(name: &str, shape: &[usize]) -> Vec<f32> {
 
 /// Writes a safetensors file of `tensors`.
 pub fn write_weights(path: &Path, tensors: &[TensorShape]) {
-    let bytes: Vec<Vec<u8>> = tensors
-        .iter()
-        .map(|(name, shape)| values_of(name, shape).iter().flat_map(|number| number.to_le_bytes()).collect())
-        .collect();
+    let bytes = |(name, shape): &TensorShape| values_of(name, shape).into_iter().flat_map(f32::to_le_bytes).collect();
+    let bytes: Vec<Vec<u8>> = tensors.iter().map(bytes).collect();
     let views = tensors
         .iter()
         .zip(&bytes)

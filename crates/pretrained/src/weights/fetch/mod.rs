@@ -88,8 +88,7 @@ fn download(
     // A partial file that is too long belongs to another download.
     let (response, mut done) = open(url, if kept < total { kept } else { 0 })?;
     if let Some(found) = response.body().content_length().map(|rest| done + rest).filter(|all| *all != total) {
-        let fault = format!("{url}: the server offers {found} bytes, expected {total}");
-        return Err(WeightsError(fault));
+        return Err(WeightsError(format!("{url}: the server offers {found} bytes, expected {total}")));
     }
 
     let file = OpenOptions::new().create(true).write(true).append(done > 0).truncate(done == 0).open(part);
@@ -101,10 +100,8 @@ fn download(
         // A broken connection counts as one that ends early: the partial file stays, and the next attempt resumes there.
         let count = body.read(&mut chunk).unwrap_or(0);
         if count == 0 {
-            let fault = format!(
-                "{url}: the connection ended after {done} of {total} bytes; what has arrived is kept; try again to resume"
-            );
-            return Err(WeightsError(fault));
+            let kept = format!("{done} of {total} bytes; what has arrived is kept; try again to resume");
+            return Err(WeightsError(format!("{url}: the connection ended after {kept}")));
         }
         file.write_all(&chunk[..count]).map_err(|error| WeightsError::io(part, &error))?;
         done += count as u64;
@@ -134,10 +131,7 @@ fn open(url: &str, start: u64) -> Result<(Response<Body>, u64), WeightsError> {
         StatusCode::OK => Ok((response, 0)),
         StatusCode::PARTIAL_CONTENT if goes_on => Ok((response, start)),
         _ if start > 0 => open(url, 0),
-        status => {
-            let fault = format!("{url}: the server answered with HTTP status {}", status.as_u16());
-            Err(WeightsError(fault))
-        }
+        status => Err(WeightsError(format!("{url}: the server answered with HTTP status {}", status.as_u16()))),
     }
 }
 
@@ -145,7 +139,11 @@ fn sha256(path: &Path) -> Result<String, WeightsError> {
     let mut sum = Sha256::new();
     let copied = File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut sum));
     copied.map_err(|error| WeightsError::io(path, &error))?;
-    Ok(sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hex(&sum.finalize()))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn remove(path: &Path) -> Result<(), WeightsError> {

@@ -36,35 +36,26 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
             let range = format!("Content-Range: bytes {start}-{}/{}", FILE.len() - 1, FILE.len());
             (format!("206 Partial Content\r\nContent-Length: {}\r\n{range}", rest.len()), rest)
         };
+        let kept = if let Answer::Cut(count) = answer { count } else { usize::MAX };
         let (head, body) = match answer {
-            Answer::File if start == 0 => ok(FILE),
-            Answer::File => rest(start),
-            Answer::Cut(count) => {
-                let (head, mut body) = if start == 0 { ok(FILE) } else { rest(start) };
-                body.truncate(count);
-                (head, body)
-            }
-            Answer::Whole => ok(FILE),
+            Answer::File | Answer::Cut(_) if start > 0 => rest(start),
+            Answer::File | Answer::Cut(_) | Answer::Whole => ok(FILE),
             Answer::Elsewhere => rest(start + 1),
             Answer::Other(body) => ok(body),
             Answer::Status(status) => (format!("{status}\r\nContent-Length: 0"), vec![]),
         };
         write!(stream, "HTTP/1.1 {head}\r\nConnection: close\r\n\r\n").unwrap();
         // The client may have turned away already.
-        let _ = stream.write_all(&body);
+        let _ = stream.write_all(&body[..kept.min(body.len())]);
         range
     };
     (url, std::thread::spawn(move || answers.into_iter().map(answer).collect()))
 }
 
-fn sum(file: &[u8]) -> String {
-    Sha256::digest(file).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// Describes the heads of LPIPS as if `file` were published at `url`.
 fn published(url: String, file: &[u8]) -> KnownWeights {
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
-    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(sum(file).into_boxed_str()));
+    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(hex(&Sha256::digest(file)).into_boxed_str()));
     KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
 }
 
@@ -111,11 +102,8 @@ fn interrupted_downloads_resume() {
     let (url, server) = serve(vec![Answer::Cut(1000), Answer::Cut(2000), Answer::File]);
     let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
     for done in [1000, 3000] {
-        let expected = format!(
-            "{url}: the connection ended after {done} of {} bytes; what has arrived is kept; try again to resume",
-            FILE.len()
-        );
-        assert_eq!(folder.fetch(&weights), Err(expected));
+        let kept = format!("{done} of {} bytes; what has arrived is kept; try again to resume", FILE.len());
+        assert_eq!(folder.fetch(&weights), Err(format!("{url}: the connection ended after {kept}")));
         assert_eq!(std::fs::read(folder.part()).unwrap(), FILE[..done]);
     }
     folder.fetch(&weights).unwrap();
@@ -147,7 +135,8 @@ fn partial_files_are_completed_or_replaced() {
 #[test]
 fn refusals_are_one_line_and_keep_nothing() {
     let length = FILE.len();
-    let checksum = format!("wrong checksum: SHA-256 is {}, expected 00ff; nothing was kept", sum(FILE));
+    let checksum =
+        format!("wrong checksum: SHA-256 is {}, expected 00ff; nothing was kept", hex(&Sha256::digest(FILE)));
     for (answer, expected) in [
         (Answer::File, checksum),
         (Answer::Status("404 Not Found"), "the server answered with HTTP status 404".to_owned()),
@@ -167,11 +156,8 @@ fn missing_connection_is_one_line_that_names_import() {
     let url = format!("http://{}/heads-12345678.pth", listener.local_addr().unwrap());
     drop(listener);
     let error = WeightFolder::new().fetch(&published(url.clone(), FILE)).unwrap_err();
-    assert!(
-        error.starts_with(&format!("no connection to {url}: ")) && error.contains("weights import FILE"),
-        "{error}"
-    );
-    assert!(!error.contains('\n'));
+    assert!(error.starts_with(&format!("no connection to {url}: ")), "{error}");
+    assert!(error.contains("weights import FILE") && !error.contains('\n'), "{error}");
 }
 
 #[test]
