@@ -33,11 +33,10 @@ fn names_are_those_that_load() {
     }
     assert_eq!(NAMES[..4], CLASSICS, "the first come first");
     for name in ["tree", "random", "random-", "random-x", "random--1", "random-01", "random-99999999999999999999"] {
-        let error = load(name, &request(8)).unwrap_err().to_string();
         let known = "castle, crane, knot, orrery, aquarium, birdcage, bookshelf, chessman, facade, kettle, piano, \
                      porcelain, room, table, figure, random-<seed>";
-        let expected = format!("unknown procedural scene `{name}`; expected one of {known}");
-        assert_eq!(error, expected);
+        let error = load(name, &request(8)).unwrap_err().to_string();
+        assert_eq!(error, format!("unknown procedural scene `{name}`; expected one of {known}"));
     }
 }
 
@@ -136,14 +135,13 @@ fn depth_is_consistent_between_views() {
             let p = ray.at(t);
             let pixel = b.project(p).unwrap();
             // Trace b's own ray through exactly that point.
-            let line = b.ray_f64(f64::from(pixel.x), f64::from(pixel.y));
-            let line = model.line(line.0, line.1);
+            let (origin, direction) = b.ray_f64(f64::from(pixel.x), f64::from(pixel.y));
+            let line = model.line(origin, direction);
             let seen = through::front(&model, &line).map_or(f64::INFINITY, |(t, _)| t * model.scale);
             let distance = f64::from(p.distance(b.position()));
             // Grazing rays slide off the silhouette by rounding: leave those out.
-            let (hit, _) = model
-                .nearest(&model.line(a.position_f64(), a.ray_f64((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5).1))
-                .unwrap();
+            let towards = a.ray_f64((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5).1;
+            let (hit, _) = model.nearest(&model.line(a.position_f64(), towards)).unwrap();
             if hit.normal.dot(line.direction).abs() > 0.1 {
                 assert!(seen < distance + 1e-3, "{name}: {seen} beyond {distance}");
                 agree += usize::from((seen - distance).abs() < 1e-3);

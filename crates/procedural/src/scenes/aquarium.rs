@@ -67,18 +67,13 @@ fn bottom(scene: &mut Builder) {
     scene.block(v(0.0, 0.0, 0.5 * (BASE + SAND)), size, matt(Patches(rgb(0xecce96), rgb(0xc8a46c), 14.0, 9.0)));
     let brick = Bricks(rgb(0xa8968a), rgb(0x544e4c), 0.09, 0.05, false);
     let arch = v(0.28, 0.12, SAND + 0.18);
-    let hole = vec![
-        Convex::block(arch - DVec3::Z * 0.10, v(0.20, 1.0, 0.22)),
-        Convex::rod(arch - DVec3::Y, arch + DVec3::Y, 0.10),
-    ];
+    let opening = Convex::block(arch - DVec3::Z * 0.10, v(0.20, 1.0, 0.22));
+    let hole = vec![opening, Convex::rod(arch - DVec3::Y, arch + DVec3::Y, 0.10)];
     scene.carved(Convex::block(arch, v(0.40, 0.18, 0.40)), hole, matt(brick));
     scene.each([-0.13, 0.0, 0.13], |x| Convex::block(arch + v(x, 0.0, 0.23), v(0.08, 0.18, 0.07)), matt(brick));
     let rock = Marble(rgb(0x78747c), rgb(0x3c3e48), 6.0);
-    for (x, y, r) in
-        [(-0.58, 0.22, 0.17), (-0.40, 0.30, 0.11), (-0.66, 0.0, 0.10), (0.68, 0.28, 0.12), (0.1, -0.36, 0.07)]
-    {
-        scene.sphere(v(x, y, SAND + 0.3 * r), r, matt(rock));
-    }
+    let rocks = [(-0.58, 0.22, 0.17), (-0.40, 0.30, 0.11), (-0.66, 0.0, 0.10), (0.68, 0.28, 0.12), (0.1, -0.36, 0.07)];
+    scene.each(rocks, |(x, y, r)| Convex::sphere(v(x, y, SAND + 0.3 * r), r), matt(rock));
     let weed = Stripes(rgb(0x3ca032), rgb(0x1e682c), v(12.0, 0.0, 0.0));
     for k in 0..9u32 {
         let s = f64::from(k);

@@ -8,10 +8,9 @@ const SIDE: f64 = 0.78;
 
 pub(super) fn castle(scene: &mut Builder) {
     island(scene);
-    for (k, corner) in
-        [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)].iter().enumerate()
-    {
-        tower(scene, *corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
+    let corners = [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)];
+    for (k, corner) in corners.into_iter().enumerate() {
+        tower(scene, corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
     }
     walls(scene);
     gate(scene);

@@ -59,14 +59,9 @@ fn front(scene: &mut Builder, side: u32) {
     for k in 0..9 {
         let wide = if k % 2 == 0 { 0.16 } else { 0.10 };
         let z = LOW + STOREY + 0.06 + 0.135 * f64::from(k);
-        scene.solid(
-            block(out * HALF + along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10),
-            matt(STONE),
-        );
-        scene.solid(
-            block(out * HALF - along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10),
-            matt(STONE),
-        );
+        let aside = along * (HALF - 0.5 * wide + 0.012);
+        scene.solid(block(out * HALF + aside + DVec3::Z * z, wide, 0.05, 0.10), matt(STONE));
+        scene.solid(block(out * HALF - aside + DVec3::Z * z, wide, 0.05, 0.10), matt(STONE));
     }
     let glass = Material { reflectance: 0.25, ..glossy(0x2e4254) };
     let frame = matt(0xf4f0e6);

@@ -82,12 +82,8 @@ fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
     scene.ring(at + DVec3::Z * 0.262, 0.160, 0.009, glossy(WHITE));
     scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(0xecdec8));
     let side = polar(1.0, turn, 0.0);
-    scene.ring(
-        LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)),
-        0.065,
-        0.014,
-        glossy(WHITE),
-    );
+    let handle = LocalFrame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z));
+    scene.ring(handle, 0.065, 0.014, glossy(WHITE));
 }
 
 /// Adds a crouching hare.

@@ -81,12 +81,16 @@ fn sofa(scene: &mut Builder) {
         scene.block(v(x + side * 0.44, y - 0.06, 0.44), v(0.86, 0.70, 0.14), cloth);
         scene.each([-0.34, 0.34], |dy| Convex::cylinder(v(x + side * 0.9, y + dy, 0.0), 0.03, 0.15), matt(0x462816));
     }
-    let part =
-        Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40)).swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0);
-    scene.solid(part, matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false)));
-    let part =
-        Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38)).swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0);
-    scene.solid(part, matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0))));
+    let cushion = Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40));
+    scene.solid(
+        cushion.swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0),
+        matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false)),
+    );
+    let cushion = Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38));
+    scene.solid(
+        cushion.swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0),
+        matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0))),
+    );
 }
 
 fn low_table(scene: &mut Builder) {
@@ -163,9 +167,8 @@ fn corner(scene: &mut Builder) {
     let (x, y) = (1.32, 2.75);
     let turn = |c: Convex| c.swung(v(x, y, 0.0), DVec3::Z, 58.0);
     scene.solid(turn(Convex::block(v(x, y, 0.30), v(0.62, 0.60, 0.26))), cloth);
-    let part =
-        turn(Convex::block(v(x, y - 0.27, 0.62), v(0.62, 0.14, 0.66)).swung(v(x, y - 0.27, 0.3), DVec3::X, 10.0));
-    scene.solid(part, cloth);
+    let back = Convex::block(v(x, y - 0.27, 0.62), v(0.62, 0.14, 0.66));
+    scene.solid(turn(back.swung(v(x, y - 0.27, 0.3), DVec3::X, 10.0)), cloth);
     for side in [-0.33, 0.33] {
         scene.solid(turn(Convex::block(v(x + side, y, 0.40), v(0.12, 0.62, 0.36))), cloth);
         scene.solid(turn(Convex::rod(v(x + side, y - 0.3, 0.58), v(x + side, y + 0.32, 0.58), 0.075)), cloth);
