@@ -1,12 +1,11 @@
 //! Built-in scenes, ray-traced on demand with exact depth and coverage.
 //!
-//! Most are an object in about `[−1.2, 1.2]³` on a transparent background, seen by 100 training and
-//! 200 test cameras as in NeRF's synthetic scenes: textured and glossy surfaces with highlights and
-//! mirror images that move with the view, thin rods, holes, parts that hide each other, and shadows.
-//! Glass and water can be looked through: they hide a share of what is behind them, pass the rest straight on
-//! (nothing refracts) and cast no shadow. The scenes of [`CAPTURES`] have surroundings instead of a background.
-//! Only the views asked for are rendered. Pixels are *defined* as 8-bit straight RGBA, so that
-//! exporting a scene writes exactly what training sees.
+//! Most are an object in about `[−1.2, 1.2]³` on a transparent background, seen by 100 training and 200 test cameras as
+//! in NeRF's synthetic scenes: textured and glossy surfaces with highlights and mirror images that move with the view,
+//! thin rods, holes, parts that hide each other, and shadows. Glass and water can be looked through: they hide a share
+//! of what is behind them, pass the rest straight on (nothing refracts) and cast no shadow. The scenes of [`CAPTURES`]
+//! have surroundings instead of a background. Only the views asked for are rendered. Pixels are *defined* as 8-bit
+//! straight RGBA, so that exporting a scene writes exactly what training sees.
 //!
 //! ```
 //! use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
@@ -80,9 +79,8 @@ pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
 pub struct Rendering {
     /// Colours and coverage, anti-aliased.
     pub rgba: Rgba8,
-    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
-    /// `f32::INFINITY` if nothing is hit. Through translucent matter, the distance at which half of the light from
-    /// behind is hidden.
+    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units; `f32::INFINITY` if
+    /// nothing is hit. Through translucent matter, the distance at which half of the light from behind is hidden.
     pub depth: Vec<f32>,
 }
 

@@ -45,10 +45,9 @@ impl Aabb {
 
     /// Returns the part `(t_enter, t_exit)` of the ray, `0 ≤ t_enter ≤ t_exit`, that lies in the box.
     ///
-    /// Slab method. From inside, `t_enter` is 0. A ray parallel to a slab is inside it or misses,
-    /// and one that lies in a face counts as inside; neither result is ever NaN. A ray that only
-    /// touches an edge or a corner gives an interval of length 0. `None` where the box is behind
-    /// the ray, is missed, or the ray is not finite.
+    /// Slab method. From inside, `t_enter` is 0. A ray parallel to a slab is inside it or misses, and one that lies in
+    /// a face counts as inside; neither result is ever NaN. A ray that only touches an edge or a corner gives an
+    /// interval of length 0. `None` where the box is behind the ray, is missed, or the ray is not finite.
     pub fn intersect(&self, ray: &Ray) -> Option<(f32, f32)> {
         if !(ray.origin.is_finite() && ray.direction.is_finite()) {
             return None;

@@ -6,10 +6,9 @@ use crate::{Lens, Ray};
 
 /// A camera: intrinsics in pixels, a lens and an OpenGL camera-to-world pose.
 ///
-/// The camera looks along its −z axis with +y up and +x right; pixel `(i, j)` has its centre at
-/// `(i + 0.5, j + 0.5)`, row 0 at the top. A pixel position `(x, y)` and a camera-space point
-/// `(X, Y, Z)`, `Z < 0`, are related by
-/// `x = cx + fx · u`, `y = cy + fy · v`, where the lens takes `(X / −Z, −Y / −Z)` to `(u, v)`.
+/// The camera looks along its −z axis with +y up and +x right; pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`,
+/// row 0 at the top. A pixel position `(x, y)` and a camera-space point `(X, Y, Z)`, `Z < 0`, are related by `x = cx +
+/// fx · u`, `y = cy + fy · v`, where the lens takes `(X / −Z, −Y / −Z)` to `(u, v)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Image width in pixels.

@@ -10,10 +10,9 @@ pub fn resized_dimensions(width: u32, height: u32, longest: u32) -> (u32, u32) {
 
 /// Box-filters row-major pixels from size `from` to size `to`, both `(width, height)`.
 ///
-/// Output pixel `k` of `m` from `n` covers the interval `[k·n/m, (k+1)·n/m]` of the input and takes
-/// the mean over it, so that every factor works, whole or not, up or down, and a constant stays
-/// constant. Separable: rows first. Sums are kept in `f64`. Pixels missing from a `pixels` shorter
-/// than `from` count as 0.
+/// Output pixel `k` of `m` from `n` covers the interval `[k·n/m, (k+1)·n/m]` of the input and takes the mean over it,
+/// so that every factor works, whole or not, up or down, and a constant stays constant. Separable: rows first. Sums are
+/// kept in `f64`. Pixels missing from a `pixels` shorter than `from` count as 0.
 pub(super) fn box_filter<const C: usize>(pixels: &[[f32; C]], from: (u32, u32), to: (u32, u32)) -> Vec<[f32; C]> {
     let (w, h) = (from.0 as usize, from.1 as usize);
     let (columns, rows) = (spans(from.0, to.0), spans(from.1, to.1));

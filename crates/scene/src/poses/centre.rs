@@ -36,10 +36,9 @@ impl Focus {
 /// Returns the centre `c` that minimises `Σ‖(I − dᵢdᵢᵀ)(c − pᵢ)‖² + λn‖c − c₀‖²` over the optical axes
 /// `pᵢ + t dᵢ`, λ = [`PRIOR`].
 ///
-/// The prior `c₀` decides only where the axes do not: for one camera, identical or parallel ones. It
-/// is the mean over the cameras of the point on each axis nearest to the world origin, where that is
-/// farther in front than the cameras' spread about their mean; else the point at twice the spread,
-/// or at 1 where the spread is 0.
+/// The prior `c₀` decides only where the axes do not: for one camera, identical or parallel ones. It is the mean over
+/// the cameras of the point on each axis nearest to the world origin, where that is farther in front than the cameras'
+/// spread about their mean; else the point at twice the spread, or at 1 where the spread is 0.
 pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
     let n = cameras.len() as f64;
     if cameras.is_empty() {

@@ -24,9 +24,8 @@ use rand::Rng;
 /// Returns a pose near `pose`: three angles from U(−a, a), a = `max_angle_deg` degrees, rotate it about the
 /// *world origin*, position and orientation alike: `R_x(α) · R_y(β) · R_z(γ) · pose`.
 ///
-/// This is the neighbour rule of information-gain reduction as released: both rays of a pair then pass the
-/// origin at the same distance. The sign of `max_angle_deg` does not matter; one that is not finite
-/// counts as 0.
+/// This is the neighbour rule of information-gain reduction as released: both rays of a pair then pass the origin at
+/// the same distance. The sign of `max_angle_deg` does not matter; one that is not finite counts as 0.
 pub fn near_pose(pose: &DMat4, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 {
     DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * *pose
 }

@@ -24,9 +24,8 @@ const TRIES: usize = 64;
 /// - two span the *arc* between them;
 /// - one camera, or identical ones, span that one direction.
 ///
-/// A sample is uniform by area on the cap (by angle on the arc), its radius uniform in
-/// `[min rᵢ, max rᵢ]`, and it looks at the centre (away from it, for outward cameras), level with
-/// the up direction that the cameras share.
+/// A sample is uniform by area on the cap (by angle on the arc), its radius uniform in `[min rᵢ, max rᵢ]`, and it looks
+/// at the centre (away from it, for outward cameras), level with the up direction that the cameras share.
 #[derive(Clone, Debug)]
 pub struct ViewRegion {
     pub(super) focus: Focus,
