@@ -71,11 +71,12 @@ impl Reporter {
     }
 
     fn started(&mut self, sweep: &Sweep, prepared: &Prepared) {
-        let (about, kept, todo) = (&sweep.about, prepared.kept, prepared.missing.len());
+        let (about, todo) = (&sweep.about, prepared.missing.len());
         if self.runs > 0 {
             outln!();
         }
         self.runs = sweep.len();
+        let kept = sweep.len() - todo;
         let finished = if kept > 0 { format!(", {kept} of them finished before") } else { String::new() };
         outln!("{}: {} ({} runs{finished}) on {}", about.name, about.title, sweep.len(), self.device);
         match &about.data {
@@ -97,9 +98,6 @@ impl Reporter {
             outln!(
                 "each run trains for {budget} s{fields}; reading the scene before and testing afterwards take time of their own"
             );
-        }
-        if prepared.adopted > 0 {
-            outln!("{} of these runs are those of experiments above, under other names", prepared.adopted);
         }
         if let Some(warning) = &prepared.warning {
             errln!("warning: {warning}");

@@ -36,23 +36,6 @@ fn statements_are_tested_beside_the_papers_figures() {
     tiny(&place, args).says(&["(8 runs, 8 of them finished before)"]);
 }
 
-/// Two of the gain's three runs are the loss ablation's, under other names.
-#[test]
-fn a_run_is_done_once() {
-    let place = Workplace::new();
-    let args = "--only loss-ablation --only information --scene knot --seed 0";
-    tiny(&place, args).says(&["2 of these runs are those of experiments above"]);
-    let record = |experiment: &str, variant: &str| {
-        let records = records(&place.path("runs/reproduce").join(experiment));
-        records.into_iter().find(|record| record["variant"] == variant).unwrap()
-    };
-    for (ours, theirs) in [("nerf-4", "none"), ("infonerf-4", "both")] {
-        let (ours, theirs) = (record("information", ours), record("loss-ablation", theirs));
-        assert_eq!((&ours["experiment"], &ours["psnr"]), (&"information".into(), &theirs["psnr"]));
-    }
-    tiny(&place, args).says(&["(3 runs, 3 of them finished before)"]);
-}
-
 #[test]
 fn bad_input() {
     let place = Workplace::new();

@@ -1,9 +1,9 @@
 //! Checksums of all that a run's figures depend on: a run is only continued if none of them has changed.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
-use std::{fmt, fs};
 
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
@@ -65,7 +65,7 @@ impl Identity {
     }
 
     /// Reads the identity of the run in `folder`; `None` if it has none, or one of an earlier version.
-    pub(crate) fn read(folder: &Path) -> Option<Self> {
+    fn read(folder: &Path) -> Option<Self> {
         serde_json::from_slice(&fs::read(folder.join(NAME)).ok()?).ok()
     }
 
@@ -89,9 +89,9 @@ impl Identity {
         let path = folder.join("config.toml");
         let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let differences = differences(&begun.parse()?, &config.parse()?);
-        let other = differences.iter().find(|difference| !difference.has_grown());
+        let other = differences.iter().find(|difference| !difference.is_growth);
         if begun != config && (other.is_some() || differences.is_empty()) {
-            let difference = other.map_or("it is written differently".to_owned(), ToString::to_string);
+            let difference = other.map_or("it is written differently", |difference| &difference.text);
             bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
         }
         let Some(then) = Self::read(folder) else {
@@ -102,7 +102,8 @@ impl Identity {
         if !changes.is_empty() {
             bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
         }
-        let grown = then.0.get(GROWN).cloned().into_iter().chain(differences.iter().map(ToString::to_string));
+        let grown =
+            then.0.get(GROWN).cloned().into_iter().chain(differences.iter().map(|difference| difference.text.clone()));
         let grown = grown.collect::<Vec<_>>().join(", ");
         if !grown.is_empty() {
             self.0.insert(GROWN.to_owned(), grown);
@@ -125,35 +126,22 @@ impl Identity {
 
 /// A key whose value differs between two configs.
 struct Difference {
-    key: String,
-    then: Option<String>,
-    now: Option<String>,
-}
-
-impl Difference {
     /// Whether it is more of the same training.
-    fn has_grown(&self) -> bool {
-        let number = |value: &Option<String>| value.as_ref().and_then(|value| value.parse::<f64>().ok());
-        let grows = number(&self.then).zip(number(&self.now)).is_some_and(|(then, now)| then < now);
-        GROWING.contains(&self.key.as_str()) && grows
-    }
-}
-
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [then, now] = [&self.then, &self.now].map(|value| value.as_deref().unwrap_or("absent"));
-        write!(f, "{} was {then} and is {now}", self.key)
-    }
+    is_growth: bool,
+    text: String,
 }
 
 /// Returns the keys at which two configs differ, in their order.
 fn differences(then: &Table, now: &Table) -> Vec<Difference> {
     let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
     let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
-    let differing = keys.into_iter().filter(|key| then.get(*key) != now.get(*key));
-    let difference =
-        |key: &String| Difference { key: key.clone(), then: then.get(key).cloned(), now: now.get(key).cloned() };
-    differing.map(difference).collect()
+    let difference = |key: &String| {
+        let [then, now] = [&then, &now].map(|config| config.get(key).map_or("absent", String::as_str));
+        let grows = then.parse::<f64>().ok().zip(now.parse().ok()).is_some_and(|(then, now)| then < now);
+        let is_growth = grows && GROWING.contains(&key.as_str());
+        (then != now).then(|| Difference { is_growth, text: format!("{key} was {then} and is {now}") })
+    };
+    keys.into_iter().filter_map(difference).collect()
 }
 
 fn short(hash: blake3::Hash) -> String {

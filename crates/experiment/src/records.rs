@@ -32,7 +32,7 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
 ///
 /// # Errors
 /// If the file cannot be written.
-pub(crate) fn write_records(path: &Path, records: &[Record]) -> Result<()> {
+fn write_records(path: &Path, records: &[Record]) -> Result<()> {
     let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
     let mut bytes = serde_json::to_vec_pretty(&records)?;
     bytes.push(b'\n');

@@ -15,7 +15,7 @@ pub use slurm::{JobResources, Jobs, Slurm};
 
 use crate::records::save_record;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
-use crate::{Control, DeviceName, Finished, RunEvent, RunPlan, Session, Trained};
+use crate::{Control, DeviceName, Existing, Finished, RunEvent, RunPlan, Session, Trained};
 
 /// Executor: the place where runs happen.
 pub enum Executor<'a> {
@@ -84,12 +84,12 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
     let prepare = |sweep: &Sweep| match executor {
         Executor::Merge(device) => sweep.look(out, *device),
         // Each run looks for itself, keeps its own lock, and is only removed once the new one is known to be possible.
-        Executor::InProcess(session) if session.overwrites() => sweep.all_missing(out),
+        Executor::InProcess(session) if session.existing == Existing::Overwrite => sweep.all_missing(out),
         Executor::InProcess(session) => sweep.look(out, session.device.name),
         Executor::Processes(workers) => sweep.prepare(out, workers.runner.device),
         Executor::Slurm(slurm) => sweep.prepare(out, slurm.runner.device),
     };
-    let mut prepared = sweeps.iter().map(prepare).collect::<Result<Vec<_>>>()?;
+    let prepared = sweeps.iter().map(prepare).collect::<Result<Vec<_>>>()?;
     if let Executor::Slurm(slurm) = executor {
         for (sweep, prepared) in sweeps.iter().zip(&prepared) {
             watch(PlanEvent::Started(sweep, prepared));
@@ -99,10 +99,7 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
         }
     }
     let (mut unfinished, mut outcomes) = (0, Vec::new());
-    for (index, (sweep, prepared)) in sweeps.iter().zip(&mut prepared).enumerate() {
-        if let Executor::Processes(workers) = executor {
-            sweep.adopt(prepared, &sweeps[..index], out, workers.runner.device)?;
-        }
+    for (sweep, prepared) in sweeps.iter().zip(&prepared) {
         if !matches!(executor, Executor::Slurm(_)) {
             watch(PlanEvent::Started(sweep, prepared));
         }
