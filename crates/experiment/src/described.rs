@@ -85,41 +85,29 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
 /// As [`Experiment::plan`].
 pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
     let mut keys = BTreeSet::new();
+    // The kind of a field does not make a single value of the section.
+    let is_value = |key: &str, table: &Table| key != "field" && VALUE_TAGS.iter().any(|tag| table.contains_key(*tag));
     for plan in describe(name)?.runs {
-        for (section, value) in Table::try_from(&plan.config)? {
-            add_keys(&section, value, &mut keys);
-        }
+        keys.extend(values(&Table::try_from(&plan.config)?, &is_value).into_iter().map(|(key, _)| key));
     }
     Ok(keys)
 }
 
-/// Adds the keys in `value`, which is a section of a config or a part of one, to `keys`.
-fn add_keys(key: &str, value: Value, keys: &mut BTreeSet<String>) {
-    let Value::Table(table) = value else {
-        keys.insert(key.to_owned());
-        return;
-    };
-    let is_whole = |table: &Table| VALUE_TAGS.iter().any(|tag| table.contains_key(*tag));
-    for (part, value) in table {
-        let key = format!("{key}.{part}");
-        match value {
-            Value::Table(table) if is_whole(&table) => {
-                keys.insert(key);
-            }
-            value => add_keys(&key, value, keys),
-        }
-    }
-}
-
 /// Returns every value of `table` that is no table, as TOML, with its dotted key.
 pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
-    let leaf = |(key, value): (&String, &Value)| match value {
-        Value::Table(table) => {
-            leaves(table).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)).collect()
+    values(table, &|_, _| false).into_iter().map(|(key, value)| (key, value.to_string())).collect()
+}
+
+/// Returns every value in `table` with its dotted key: those that are no tables, and tables that `is_value` holds for, given
+/// their own keys.
+fn values<'a>(table: &'a Table, is_value: &dyn Fn(&str, &Table) -> bool) -> Vec<(String, &'a Value)> {
+    let of_entry = |(key, value): (&'a String, &'a Value)| match value {
+        Value::Table(table) if !is_value(key, table) => {
+            values(table, is_value).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)).collect()
         }
-        value => vec![(key.clone(), value.to_string())],
+        value => vec![(key.clone(), value)],
     };
-    table.iter().flat_map(leaf).collect()
+    table.iter().flat_map(of_entry).collect()
 }
 
 /// Whether `table` sets the value of a dotted key, or something that it is a part of.

@@ -44,10 +44,7 @@ const BUILT_IN: &[DeviceName] = &[
 impl DeviceName {
     /// Returns how many fields are trained at a time: one on each core of a CPU, one on a GPU.
     pub fn fields_side_by_side(self) -> usize {
-        match self {
-            Self::Flex | Self::Ndarray => rayon::current_num_threads(),
-            Self::Auto | Self::Wgpu | Self::Vulkan | Self::Cuda => 1,
-        }
+        if self.is_cpu() { rayon::current_num_threads() } else { 1 }
     }
 
     /// Returns the name on the command line.
@@ -68,14 +65,11 @@ impl DeviceName {
     /// # Errors
     /// If it is not built in.
     pub fn built_in(self) -> Result<Self> {
-        let found = match self {
-            Self::Auto => BUILT_IN.first().copied(),
-            name => BUILT_IN.iter().copied().find(|device| *device == name),
-        };
+        let found = Self::all_built_in().find(|device| self == Self::Auto || self == *device);
         found.with_context(|| {
             format!(
                 "--device {self}: not built in; this program has: {}. Build with `cargo build --release --features {self}`",
-                BUILT_IN.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ")
+                Self::all_built_in().map(Self::name).collect::<Vec<_>>().join(", ")
             )
         })
     }

@@ -31,8 +31,7 @@ pub(crate) struct Paper {
 }
 
 /// A row of a paper's table.
-#[derive(Clone, Debug, Deserialize)]
-struct Figures(IndexMap<Quantity, PublishedFigure>);
+type Figures = IndexMap<Quantity, PublishedFigure>;
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged)]
@@ -61,10 +60,10 @@ enum Aspect {
 impl Paper {
     /// Returns the paper's figures, with each difference between its protocol and that of `runs`.
     pub(crate) fn beside(&self, runs: &[&RunPlan]) -> Published {
-        let means = self.figures.iter().map(|(variant, figures)| figures.row(variant, None));
-        let of_scenes = self.scenes.iter().flat_map(|(scene, variants)| {
-            variants.iter().map(move |(variant, figures)| figures.row(variant, Some(scene.clone())))
-        });
+        let means = self.figures.iter().map(|figures| row(figures, None));
+        let of_scenes = self.scenes.iter();
+        let of_scenes =
+            of_scenes.flat_map(|(scene, rows)| rows.iter().map(|figures| row(figures, Some(scene.clone()))));
         let differences = self.protocol.iter().filter_map(|(aspect, there)| {
             let (what, here) = aspect.of(runs);
             here.filter(|here| here != there).map(|here| format!("{what}: {here} here; {there} in the paper."))
@@ -77,15 +76,13 @@ impl Paper {
     }
 }
 
-impl Figures {
-    fn row(&self, variant: &str, scene: Option<String>) -> PublishedRow {
-        let summary = |figure: &PublishedFigure| match *figure {
-            PublishedFigure::Mean(mean) => Summary { mean, std: None, n: 1 },
-            PublishedFigure::Spread([mean, std]) => Summary { mean, std: Some(std), n: 1 },
-        };
-        let figures = self.0.iter().map(|(quantity, figure)| (*quantity, summary(figure))).collect();
-        PublishedRow { variant: variant.to_owned(), scene, figures }
-    }
+fn row((variant, figures): (&String, &Figures), scene: Option<String>) -> PublishedRow {
+    let summary = |figure: &PublishedFigure| match *figure {
+        PublishedFigure::Mean(mean) => Summary { mean, std: None, n: 1 },
+        PublishedFigure::Spread([mean, std]) => Summary { mean, std: Some(std), n: 1 },
+    };
+    let figures = figures.iter().map(|(quantity, figure)| (*quantity, summary(figure))).collect();
+    PublishedRow { variant: variant.clone(), scene, figures }
 }
 
 impl Aspect {

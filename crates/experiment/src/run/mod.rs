@@ -167,11 +167,6 @@ impl Session {
         self.out.join(experiment)
     }
 
-    /// Whether runs that exist start anew.
-    pub(crate) fn overwrites(&self) -> bool {
-        self.existing == Existing::Overwrite
-    }
-
     /// Trains and evaluates `plan`, or continues what an earlier process has begun, and leaves its folder. The record is
     /// not saved: see [`crate::save_record`].
     ///
@@ -192,14 +187,10 @@ impl Session {
         let (trainers, collapsed) = without_collapsed(trainers);
         let trained = Trained::new(plan.clone(), trainers, Vec::new());
         let evaluated = evaluate::evaluate(self, &trained, &run.folder, &progress, collapsed, watch)?;
-        Ok(match evaluated {
-            Some(record) => {
-                let mut record = Record { peak_rss_bytes: memory.peak(), ..record };
-                record.notes.extend(run.identity.grown());
-                Finished::Record(Box::new(record), Box::new(trained))
-            }
-            None => Finished::Stopped,
-        })
+        let Some(mut record) = evaluated else { return Ok(Finished::Stopped) };
+        record.peak_rss_bytes = memory.peak();
+        record.notes.extend(run.identity.grown());
+        Ok(Finished::Record(Box::new(record), Box::new(trained)))
     }
 
     /// Locks the run's folder, and finds whether it is continued.
@@ -215,7 +206,7 @@ impl Session {
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }
-        let continues = !self.overwrites() && folder.join("config.toml").exists();
+        let continues = self.existing == Existing::Continue && folder.join("config.toml").exists();
         let has_grown = continues && identity.continues(&folder, &config)?;
         Ok(OpenRun { folder, identity, config, continues, has_grown, _lock: lock })
     }
@@ -228,12 +219,13 @@ impl Session {
         plan.check_memory(at_once, loaded.is_some())?;
         watch(RunEvent::Loading);
         let start = Instant::now();
-        let scene = loaded.map_or_else(|| self.load(plan, key), Ok)?;
-        for warning in &scene.warnings {
-            watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
-        }
-        for note in &scene.notes {
-            watch(RunEvent::Note(format!("{}: {note}", plan.scene)));
+        let scene = loaded.map_or_else(|| plan.load().map(Arc::new), Ok)?;
+        *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));
+        let of_scene = |text: &String| format!("{}: {text}", plan.scene);
+        let warnings = scene.warnings.iter().map(|warning| RunEvent::Warning(of_scene(warning)));
+        let notes = scene.notes.iter().map(|note| RunEvent::Note(of_scene(note)));
+        for event in warnings.chain(notes) {
+            watch(event);
         }
         let reading = start.elapsed().as_secs_f64();
         let mut first_steps = 0.0;
@@ -266,9 +258,8 @@ impl Session {
             first_steps += training.iter().map(|field| field.first_step_seconds).sum::<f64>();
             trainers.extend(training.into_iter().map(|field| field.trainer));
         }
-        let steps = (total_progress(&trainers).step, plan.config.train.iterations);
-        let stages = Stages { reading, first_steps, steps };
-        if let Some(warning) = plan.budget.and_then(|budget| stages.warning(budget)) {
+        let (stages, steps) = ([reading, first_steps], [total_progress(&trainers).step, plan.config.train.iterations]);
+        if let Some(warning) = plan.budget.and_then(|budget| preparation_warning(budget, stages, steps)) {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
         Ok(Some(trainers))
@@ -280,38 +271,20 @@ impl Session {
         *last = last.take().filter(|(known, _)| known == key);
         last.as_ref().map(|(_, scene)| scene.clone())
     }
-
-    fn load(&self, plan: &RunPlan, key: String) -> Result<Arc<Scene>> {
-        let scene = Arc::new(plan.load()?);
-        *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));
-        Ok(scene)
-    }
 }
 
-/// Seconds of a run before training proper, and its steps.
-struct Stages {
-    /// Reading the scene and refining its cameras by matches.
-    reading: f64,
-    /// First steps of the fields, with stereo.
-    first_steps: f64,
-    /// Steps that were taken and asked for.
-    steps: (usize, usize),
-}
-
-impl Stages {
-    /// Returns a warning if a stage takes longer than the `budget` of training, or if the first steps take most of it and
-    /// fewer than a tenth of the steps are taken.
-    fn warning(&self, budget: f64) -> Option<String> {
-        let Self { reading, first_steps, steps: (taken, asked) } = *self;
-        let is_short = 10 * taken < asked && first_steps > 0.5 * budget;
-        (reading.max(first_steps) > budget || is_short).then(|| {
-            format!(
-                "preparation is long for a budget of {budget} s, and a longer one helps: reading and matching the photographs \
-                 took {reading:.1} s, stereo with the first step, which the budget includes, {first_steps:.1} s; {taken} of \
-                 {asked} steps are done"
-            )
-        })
-    }
+/// Returns a warning if a stage before training proper takes longer than the `budget` of training in seconds, or if the first
+/// steps take most of it and fewer than a tenth of those `asked` for are `taken`. The stages are `reading` the scene, with
+/// refining its cameras by matches, and the `first_steps` of the fields, with stereo, in seconds.
+fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, asked]: [usize; 2]) -> Option<String> {
+    let is_short = 10 * taken < asked && first_steps > 0.5 * budget;
+    (reading.max(first_steps) > budget || is_short).then(|| {
+        format!(
+            "preparation is long for a budget of {budget} s, and a longer one helps: reading and matching the photographs \
+             took {reading:.1} s, stereo with the first step, which the budget includes, {first_steps:.1} s; {taken} of \
+             {asked} steps are done"
+        )
+    })
 }
 
 /// Names all that a scene depends on, the contents of its files included.

@@ -11,32 +11,22 @@ use super::*;
 use crate::testing::selected;
 use crate::{Control, DeviceName, Existing, Experiment, open};
 
-const TINY: [&str; 12] = [
-    "train.iterations=3",
-    "train.rays=16",
-    "train.unseen_rays=8",
-    "train.target_samples=200",
-    "scene.size=16",
-    "eval.test=first-1",
-    "eval.information_rays=8",
-    "field.resolutions=[4,8]",
-    "field.width=8",
-    "render.occupancy.resolution=8",
-    "render.samples=8",
-    "loss.kl.weight=1e-3",
-];
+/// Settings, as words of a command line.
+const TINY: &str = "train.iterations=3 train.rays=16 train.unseen_rays=8 train.target_samples=200 scene.size=16 \
+                    eval.test=first-1 eval.information_rays=8 field.resolutions=[4,8] field.width=8 \
+                    render.occupancy.resolution=8 render.samples=8 loss.kl.weight=1e-3";
 
 fn plan(settings: &[&str]) -> RunPlan {
-    let set = [&TINY, settings].concat();
+    let set: Vec<&str> = TINY.split_whitespace().chain(settings.iter().copied()).collect();
     Experiment::plan("fast-losses", &selected(&["knot"], &["infonerf"], &set)).unwrap().runs.remove(0)
 }
 
-fn run(out: &Path, plan: &RunPlan, existing: Existing, watch: &mut Watch<'_>) -> Finished {
-    Session::new(open(DeviceName::Flex).unwrap(), out, existing).run(plan, watch).unwrap()
+fn run(out: &Path, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
+    Session::new(open(DeviceName::Flex).unwrap(), out, Existing::Continue).run(plan, watch)
 }
 
-fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize) {
-    match run(out, plan, existing, &mut |_| Control::Continue) {
+fn record(out: &Path, plan: &RunPlan) -> (Box<Record>, usize) {
+    match run(out, plan, &mut |_| Control::Continue).unwrap() {
         Finished::Record(record, trained) => (record, trained.trainers.len()),
         _ => panic!("the run did not come to its end"),
     }
@@ -46,7 +36,7 @@ fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize
 fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan(&["train.ensemble.size=2"]);
-    let (both, fields) = record(out.path(), &plan, Existing::Continue);
+    let (both, fields) = record(out.path(), &plan);
     assert_eq!(fields, 2);
     // The second field is made to have gone empty.
     let folder = out.path().join(&plan.experiment).join(plan.directory());
@@ -56,7 +46,7 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(text.contains(full), "{text}");
     fs::write(&manifest, text.replace(full, empty)).unwrap();
 
-    let (one, fields) = record(out.path(), &plan, Existing::Continue);
+    let (one, fields) = record(out.path(), &plan);
     assert!(fields == 1 && !one.collapsed, "{fields} fields");
     assert_ne!(one.metrics["psnr"], both.metrics["psnr"]);
     assert_eq!(one.iterations, both.iterations);
@@ -72,7 +62,7 @@ fn tested_view_gets_no_residual_of_its_own() {
     let psnr = |residuals: &str| {
         let out = tempfile::tempdir().unwrap();
         let plan = plan(&[&settings[..], &[residuals]].concat());
-        let (record, _) = record(out.path(), &plan, Existing::Continue);
+        let (record, _) = record(out.path(), &plan);
         assert_eq!(record.test_views.ids, record.train_views);
         assert!(record.notes.iter().any(|note| note.contains("each without its own residual")), "{:?}", record.notes);
         record.metrics["psnr"].unwrap()
@@ -88,7 +78,7 @@ fn training_is_saved_when_its_watcher_panics() {
         RunEvent::Training { trainer, .. } if trainer.progress().step == 2 => panic!("a closed pipe"),
         _ => Control::Continue,
     };
-    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Continue, &mut watch)));
+    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, &mut watch).unwrap()));
     assert!(ran.is_err());
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
@@ -99,7 +89,7 @@ fn training_is_saved_when_its_watcher_panics() {
 fn missing_fields_and_unfinished_training_are_warned_of() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan(&["train.ensemble.size=3", "train.checkpoint_every=1"]);
-    record(out.path(), &plan, Existing::Continue);
+    record(out.path(), &plan);
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     fs::remove_dir_all(folder.join("member1")).unwrap();
     let device = open(DeviceName::Flex).unwrap();
@@ -112,7 +102,7 @@ fn missing_fields_and_unfinished_training_are_warned_of() {
         RunEvent::Training { trainer, .. } if trainer.progress().step == 1 => Control::Stop,
         _ => Control::Continue,
     };
-    assert!(matches!(run(other.path(), &plan, Existing::Continue, &mut stop), Finished::Stopped));
+    assert!(matches!(run(other.path(), &plan, &mut stop).unwrap(), Finished::Stopped));
     let folder = other.path().join(&plan.experiment).join(plan.directory());
     let warnings = Trained::read(plan, &folder, &device).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("unfinished: 33.3 %")), "{warnings:?}");
@@ -122,31 +112,28 @@ fn missing_fields_and_unfinished_training_are_warned_of() {
 #[test]
 fn finished_run_goes_on() {
     let out = tempfile::tempdir().unwrap();
-    let (first, _) = record(out.path(), &plan(&[]), Existing::Continue);
+    let (first, _) = record(out.path(), &plan(&[]));
     let more = plan(&["train.iterations=5"]);
     let curve = || fs::read_to_string(out.path().join(&more.experiment).join(more.directory()).join("metrics.jsonl"));
     let before = curve().unwrap();
-    let (longer, _) = record(out.path(), &more, Existing::Continue);
+    let (longer, _) = record(out.path(), &more);
     assert_eq!((first.iterations, longer.iterations), (3, 5));
     let grown = "train.iterations was 3 and is 5";
     assert!(longer.notes.iter().any(|note| note.contains(grown)), "{:?}", longer.notes);
     assert!(curve().unwrap().starts_with(&before), "no step is taken twice");
-    let session = Session::new(open(DeviceName::Flex).unwrap(), out.path(), Existing::Continue);
     for other in ["train.iterations=4", "train.rays=17"] {
-        let refused = session.run(&plan(&["train.iterations=5", other]), &mut |_| Control::Continue);
+        let refused = run(out.path(), &plan(&["train.iterations=5", other]), &mut |_| Control::Continue);
         assert!(refused.err().is_some_and(|error| error.to_string().contains("another config")), "{other}");
     }
     let budgeted = |budget| RunPlan { budget: Some(budget), ..plan(&["train.ensemble.seconds_per_member=0.1"]) };
     let out = tempfile::tempdir().unwrap();
-    assert_eq!(record(out.path(), &budgeted(0.1), Existing::Continue).1, 1);
-    assert_eq!(record(out.path(), &budgeted(0.2), Existing::Continue).1, 2);
+    assert_eq!(record(out.path(), &budgeted(0.1)).1, 1);
+    assert_eq!(record(out.path(), &budgeted(0.2)).1, 2);
 }
 
 #[test]
 fn long_preparation_is_reported_by_stage() {
-    let warning = |reading: f64, first_steps: f64, taken: usize| {
-        Stages { reading, first_steps, steps: (taken, 4000) }.warning(20.0)
-    };
+    let warning = |reading: f64, first: f64, taken: usize| preparation_warning(20.0, [reading, first], [taken, 4000]);
     let said = warning(3.04, 19.8, 1).unwrap();
     for part in ["a budget of 20 s", "photographs took 3.0 s", "includes, 19.8 s", "1 of 4000 steps are done"] {
         assert!(said.contains(part), "expected `{part}` in: {said}");
