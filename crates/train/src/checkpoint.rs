@@ -123,10 +123,7 @@ impl Checkpoint {
                 Err(error) => refused.push(error),
             }
         }
-        match refused.into_iter().next() {
-            None => Ok((None, Vec::new())),
-            Some(newest) => Err(newest),
-        }
+        refused.into_iter().next().map_or(Ok((None, Vec::new())), Err)
     }
 
     fn read(folder: &Path) -> Result<Self, TrainError> {

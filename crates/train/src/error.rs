@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use infonerf_schedule::Fault;
 use thiserror::Error;
@@ -9,7 +9,7 @@ pub enum TrainError {
     /// A value of the config is out of range, or does not go with the rest.
     #[error(transparent)]
     Fault(#[from] Fault),
-    /// A config or a checkpoint cannot be read: a key is unknown, or a value is of another type.
+    /// A config or a checkpoint cannot be read, or a file not be written: one line with the key or the file, and the cause.
     #[error("{0}")]
     Config(String),
     /// A loss is not finite. The last checkpoint is from before it.
@@ -21,14 +21,6 @@ pub enum TrainError {
         value: f32,
         /// The step.
         step: usize,
-    },
-    /// A file could not be read or written.
-    #[error("{}: {cause}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The cause.
-        cause: String,
     },
     /// A scene could not be used.
     #[error(transparent)]
@@ -48,7 +40,6 @@ impl TrainError {
 
     /// Returns a fault of a file.
     pub fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
-        let cause = cause.to_string();
-        Self::File { path: path.to_owned(), cause: cause.lines().next().unwrap_or_default().to_owned() }
+        Self::Config(format!("{}: {}", path.display(), cause.to_string().lines().next().unwrap_or_default()))
     }
 }

@@ -8,7 +8,7 @@ use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
-use crate::pixels::{Pixels, central_half, crop};
+use crate::pixels::{Pixels, central_half, crop, training_cameras};
 
 /// Pixels of training images, with what they show.
 #[derive(Clone, Debug)]
@@ -92,16 +92,15 @@ impl TrainingImages {
         let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
         let is_partial = scene.train.iter().any(|view| view.valid.is_some());
         let factors = config.downscale_factors().filter(|&factor| factor <= width.min(height));
-        let sizes: Vec<Images> = factors
-            .filter_map(|factor| {
-                let (width, height) = (width / factor, height / factor);
-                let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
-                let rgb = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
-                Some(Images { factor, width, height, rgb, valid })
-            })
-            .collect();
+        let sized = |factor| {
+            let (width, height) = (width / factor, height / factor);
+            let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
+            let rgb = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
+            Some(Images { factor, width, height, rgb, valid })
+        };
+        let sizes: Vec<Images> = factors.filter_map(sized).collect();
         assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
-        Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
+        Self { cameras: training_cameras(scene).into(), sizes }
     }
 
     /// Returns the images that a run learns from at a moment; at full size if there are none of its size.
@@ -241,7 +240,7 @@ mod tests {
         let downscale = "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}";
         let config = Config::of(Preset::Paper, [downscale]).unwrap().train;
         let images = TrainingImages::new(&scene, &config);
-        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let cameras = training_cameras(&scene);
         let region = ViewRegion::new(&cameras);
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let noise = Noise::new(0, 0, RandomStream::SeenRays);

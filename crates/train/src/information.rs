@@ -4,10 +4,10 @@ use infonerf_field::Field;
 use infonerf_loss::LossConfig;
 use infonerf_ops::to_host;
 use infonerf_render::{Noise, RandomStream, RenderRequest, Renderer, TrainedModel};
-use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose_about};
+use infonerf_scene::{Ray, Scene, ViewRegion, near_pose_about};
 
 use crate::config::NeighbourConfig;
-use crate::pixels::generator;
+use crate::pixels::{generator, training_cameras};
 
 /// Entropy and information gain along test rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,8 +52,7 @@ pub fn information<F: Field>(
     if count == 0 || scene.test.is_empty() {
         return None;
     }
-    let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
-    let centre = neighbours.about.of(&ViewRegion::new(&cameras));
+    let centre = neighbours.about.of(&ViewRegion::new(&training_cameras(scene)));
     let noise = Noise::new(seed, 0, RandomStream::InformationRays);
     let pair = |i: usize| {
         let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);

@@ -24,7 +24,7 @@ pub(crate) struct FieldBuilder<F> {
     build: Arc<Build<F>>,
     /// Builds the coarse pass's network; `None` if both passes share one.
     build_coarse: Option<Arc<Build<F>>>,
-    sees_images: bool,
+    pub(crate) sees_images: bool,
 }
 
 impl FieldBuilder<RadianceField> {
@@ -56,10 +56,6 @@ impl<F: Field> FieldBuilder<F> {
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
         let build: Arc<Build<F>> = Arc::new(move |seed: u64, device: &Device| Ok(build(seed, device)));
         Self { build_coarse: Some(build.clone()), build, sees_images: true }
-    }
-
-    pub(crate) fn sees_images(&self) -> bool {
-        self.sees_images
     }
 
     /// Returns a model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.

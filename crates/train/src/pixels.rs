@@ -47,6 +47,11 @@ impl Pixels {
     }
 }
 
+/// Returns the training cameras of `scene` as they are now, refined by matches or not.
+pub(crate) fn training_cameras(scene: &Scene) -> Vec<Camera> {
+    scene.train.iter().map(|view| view.camera.clone()).collect()
+}
+
 /// Returns the first and the number of columns (or rows) that are drawn from: the central half until `train.precrop_steps`.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { central_half(size) } else { (0, size) }
@@ -133,7 +138,7 @@ pub(crate) mod tests {
         for view in &mut scene.train {
             view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
         }
-        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let cameras = training_cameras(&scene);
         let region = ViewRegion::new(&cameras);
         let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras: cameras.into() };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
@@ -156,7 +161,7 @@ pub(crate) mod tests {
         let scene = two_views();
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
         config.precrop_steps = 10;
-        let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
+        let region = ViewRegion::new(&training_cameras(&scene));
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let within = |step: usize| {
             let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, RandomStream::UnseenRays));

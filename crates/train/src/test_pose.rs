@@ -2,7 +2,6 @@
 
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
-use glam::{DMat3, DVec3};
 use infonerf_field::Field;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::{adam::Adam, upload};
@@ -14,11 +13,6 @@ use infonerf_scene::{PixelAt, Ray, Similarity, View};
 const RAYS: usize = 512;
 /// Adam's learning rate at the first step; it falls linearly to 0.
 const RATE: f64 = 2e-3;
-/// The frame of cameras that are as given.
-const IDENTITY: ModelFrame = ModelFrame {
-    similarity: Similarity { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO },
-    zoom: 1.0,
-};
 
 /// Optimizes the pose of `view` for `steps` Adam steps with the field fixed (BARF, Lin et al. 2021, Sec. 4), and returns
 /// `trained` with the frame in which it shows the view. The pose begins where the alignment of the training cameras puts it.
@@ -60,7 +54,7 @@ pub fn fit_test_pose<F: Field>(
         refinement = optimizer.step(rate, refinement, gradients);
     }
     let fitted = refinement.apply(&cameras).remove(0);
-    let ModelFrame { similarity: Similarity { scale, .. }, zoom } = trained.frame.unwrap_or(IDENTITY);
+    let (scale, zoom) = trained.frame.map_or((1.0, 1.0), |frame| (frame.similarity.scale, frame.zoom));
     let rotation = fitted.rotation() * view.camera.rotation().transpose();
     let translation = fitted.position_f64() - scale * (rotation * view.camera.position_f64());
     let similarity = Similarity { rotation, scale, translation };

@@ -1,15 +1,14 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use infonerf_loss::{Need, Objective, TermSetup};
+use infonerf_loss::{Objective, TermSetup};
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
-use infonerf_schedule::Moment;
 
 use crate::config::{Config, TrainConfig, checks};
 use crate::error::TrainError;
 use crate::images::TrainingImages;
-use crate::pixels::UnseenViews;
+use crate::pixels::{UnseenViews, training_cameras};
 use crate::sources::TrainingSources;
 
 /// Scene with everything that training derives from it once.
@@ -27,23 +26,16 @@ pub(crate) struct TrainingScene {
 impl TrainingScene {
     /// Prepares a scene for training; training views are kept as sources if the field `sees` images.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
-        let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;
-        let setup = TermSetup { scene: &scene, device };
-        let objective = Objective::new(&config.loss, &setup)?;
+        let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })?;
         Ok(Self {
             renderer: Renderer::new(&config.render, &scene),
-            region: ViewRegion::new(&cameras),
+            region: ViewRegion::new(&training_cameras(&scene)),
             images: TrainingImages::new(&scene, &config.train),
             sources: TrainingSources::new(&scene, sees),
             objective,
             scene,
         })
-    }
-
-    /// Returns the union of what the terms of the step at `at` need rendered.
-    pub(crate) fn needs(&self, at: Moment) -> Vec<Need> {
-        self.objective.needs(at)
     }
 
     pub(crate) fn unseen<'a>(&'a self, config: &'a TrainConfig) -> UnseenViews<'a> {

@@ -3,6 +3,8 @@
 //! Few views leave much of a scene undetermined, and there the weights keep wandering with the batches. Their mean is less
 //! noisy than any one of them.
 
+use std::collections::VecDeque;
+
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use infonerf_field::Field;
@@ -43,30 +45,26 @@ impl<F: Field> WeightAverage<F> {
 
 /// Returns a + share · (b − a), weight by weight, for two models of one shape.
 fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
-    let mut weights = FlatWeights(Vec::new());
-    b.visit(&mut weights);
-    weights.0.reverse();
-    a.map(&mut Towards { weights, share })
-}
-
-/// All weights of a model, each flattened, in the module's order.
-struct FlatWeights(Vec<Tensor<1>>);
-
-impl ModuleVisitor for FlatWeights {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.push(param.val().flatten(0, D - 1));
-    }
+    let mut towards = Towards { weights: VecDeque::new(), share };
+    b.visit(&mut towards);
+    a.map(&mut towards)
 }
 
 struct Towards {
-    /// Weights in reverse order: the next one is popped.
-    weights: FlatWeights,
+    /// All weights of a model, each flattened, in the module's order.
+    weights: VecDeque<Tensor<1>>,
     share: f32,
+}
+
+impl ModuleVisitor for Towards {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.weights.push_back(param.val().flatten(0, D - 1));
+    }
 }
 
 impl ModuleMapper for Towards {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let other = self.weights.0.pop().expect("models of one shape");
+        let other = self.weights.pop_front().expect("models of one shape");
         param.map(|weight| {
             let shape = weight.shape();
             weight.clone() + (other.reshape(shape) - weight) * self.share

@@ -90,11 +90,9 @@ pub fn of_many(config: &Config) -> Result<(), Fault> {
         "`pixelnerf`, which looks at photographs of each scene",
         field,
     )?;
-    let off = |of_one: bool, key: &str, expected: &str, found: String| {
-        Fault::unless(!of_one, key, format!("{expected} where there are many scenes"), found)
-    };
-    off(render.occupancy.enabled, "render.occupancy.enabled", "false", "true".to_owned())?;
-    off(train.exposure_compensation, "train.exposure_compensation", "false", "true".to_owned())
+    let off = |is_on: bool, key: &str| Fault::unless(!is_on, key, "false where there are many scenes", "true");
+    off(render.occupancy.enabled, "render.occupancy.enabled")?;
+    off(train.exposure_compensation, "train.exposure_compensation")
 }
 
 /// Checks that a field that hangs on a body gets one: from the scene, if it `has_body`, or from a file.
@@ -126,6 +124,7 @@ mod tests {
 
     use super::*;
     use crate::config::Preset;
+    use crate::pixels::training_cameras;
 
     #[test]
     fn cameras_are_learned_with_fields_that_pass_gradients_on() {
@@ -186,7 +185,7 @@ mod tests {
         let turned = glam::DMat4::from_rotation_y(std::f64::consts::PI);
         scene.train = vec![views[0].clone(), views[0].clone()];
         scene.train[1].camera.to_world = views[0].camera.to_world * turned;
-        scene.all_train_cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        scene.all_train_cameras = training_cameras(&scene);
         let message = of_scene(&config, &scene).unwrap_err().to_string();
         assert!(message.contains("render.space") && message.contains("knot"), "{message}");
     }

@@ -27,22 +27,14 @@ fn parse(table: Table) -> Result<Config, (String, String)> {
 
 /// Finds the key at fault in the table of a `kind` at `path`, within which Serde loses track: without it the fault differs.
 fn within(table: &Table, path: &str, message: &str) -> Option<String> {
-    let inner = |table: &mut Table| -> Option<Table> {
-        let mut table = table;
-        for part in path.split('.') {
-            table = table.get_mut(part)?.as_table_mut()?;
-        }
-        table.contains_key("kind").then(|| std::mem::take(table))
-    };
-    let kind = inner(&mut table.clone())?;
+    fn inner<'a>(table: &'a mut Table, path: &str) -> Option<&'a mut Table> {
+        let inner = path.split('.').try_fold(table, |table, part| table.get_mut(part)?.as_table_mut())?;
+        inner.contains_key("kind").then_some(inner)
+    }
+    let kind = inner(&mut table.clone(), path)?.clone();
     kind.keys().filter(|key| *key != "kind").find_map(|key| {
-        let (mut without, mut rest) = (table.clone(), kind.clone());
-        rest.remove(key);
-        let mut place = &mut without;
-        for part in path.split('.') {
-            place = place.get_mut(part)?.as_table_mut()?;
-        }
-        *place = rest;
+        let mut without = table.clone();
+        inner(&mut without, path)?.remove(key);
         parse(without).err().is_none_or(|(_, other)| other != message).then(|| key.clone())
     })
 }

@@ -45,7 +45,7 @@ impl<F: Field> Trainer<F> {
         StepBatch {
             scene: index,
             seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays)),
-            unseen: scene.needs(at).contains(&Need::Unseen).then(draw_unseen),
+            unseen: scene.objective.needs(at).contains(&Need::Unseen).then(draw_unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         }
     }
@@ -73,20 +73,12 @@ pub(super) enum Role {
     UnseenNeighbours,
 }
 
-/// Distances of the samples along a group of rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Distances {
-    /// Placed for the group.
-    Own,
-    /// Shared with the group of this role.
-    OfPartner(Role),
-}
-
 #[derive(Clone, Debug)]
 pub(super) struct RayGroup {
     pub(super) role: Role,
     pub(super) rays: RayBatch,
-    pub(super) distances: Distances,
+    /// The group whose distances of samples it shares; `None` if they are placed for itself.
+    pub(super) partner: Option<Role>,
 }
 
 impl StepBatch {
@@ -104,7 +96,7 @@ impl StepBatch {
         let group = |role, rays, stream| RayGroup {
             role,
             rays: scene.renderer.rays(rays, &device).jittered(noise(stream).child(RandomStream::Samples)),
-            distances: Distances::Own,
+            partner: None,
         };
         let given = &self.seen.pixels;
         let corrected = model.cameras.as_ref().map(|cameras| given.seen_by(cameras.apply(&given.cameras).into()));
@@ -126,11 +118,8 @@ impl StepBatch {
         for (need, role, partner, pixels) in near {
             let Some(pixels) = pixels.filter(|_| needs.contains(&need)) else { continue };
             let rays = pixels.neighbours(self.rotation, neighbours, &scene.region);
-            let near = group(role, rays, RandomStream::Neighbours);
-            groups.push(match neighbours.sampling {
-                NeighbourSampling::Own => near,
-                NeighbourSampling::Partner => RayGroup { distances: Distances::OfPartner(partner), ..near },
-            });
+            let partner = (neighbours.sampling == NeighbourSampling::Partner).then_some(partner);
+            groups.push(RayGroup { partner, ..group(role, rays, RandomStream::Neighbours) });
         }
         groups
     }

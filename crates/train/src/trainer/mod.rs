@@ -23,6 +23,7 @@ use crate::config::{Config, checks};
 use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{FieldBuilder, field_bounds, optimizer};
+use crate::pixels::training_cameras;
 use crate::profile::Profile;
 use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
@@ -124,7 +125,7 @@ impl<F: Field> Trainer<F> {
         let device = device.clone().autodiff();
         let scenes: Arc<[TrainingScene]> = scenes
             .into_iter()
-            .map(|scene| TrainingScene::new(config, scene, builder.sees_images(), &device))
+            .map(|scene| TrainingScene::new(config, scene, builder.sees_images, &device))
             .collect::<Result<_, _>>()?;
         Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
     }
@@ -249,13 +250,9 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the training cameras as they are learned, in the model's own frame; those of the scene if they are not.
     pub fn cameras(&self) -> Vec<Camera> {
-        let given = self.given_cameras();
+        let given = training_cameras(self.scene());
         let mean = self.weight_average.mean.as_ref().unwrap_or(&self.model);
-        mean.cameras.as_ref().map_or_else(|| given.clone(), |cameras| cameras.apply(&given))
-    }
-
-    fn given_cameras(&self) -> Vec<Camera> {
-        self.scene().train.iter().map(|view| view.camera.clone()).collect()
+        mean.cameras.as_ref().map(|cameras| cameras.apply(&given)).unwrap_or(given)
     }
 
     /// Returns the map from the scene's frame to that of the cameras as they are learned; `None` if both are one.
@@ -263,7 +260,7 @@ impl<F: Field> Trainer<F> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
         let centre = self.scene().space.centre.as_dvec3();
-        let given = self.given_cameras();
+        let given = training_cameras(self.scene());
         differ.then(|| ModelFrame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
     }
 

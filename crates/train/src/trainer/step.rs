@@ -14,7 +14,7 @@ use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
 use infonerf_schedule::Moment;
 
-use super::batch::{Distances, RayGroup, Role, StepBatch};
+use super::batch::{RayGroup, Role, StepBatch};
 use super::report::{PendingStep, StepLosses};
 use super::{Outcome, Trainer, densities, occupancy_grid};
 use crate::error::TrainError;
@@ -22,12 +22,6 @@ use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
 use crate::profile::Phase;
 use crate::weight_averaging::WeightAverage;
-
-#[derive(Clone, Copy, Debug, Default)]
-struct RenderCost {
-    samples: Counts,
-    rays: usize,
-}
 
 impl<F: Field> Trainer<F> {
     /// Takes one step and reports what happened.
@@ -67,14 +61,14 @@ impl<F: Field> Trainer<F> {
         let batch = batch.unwrap_or_else(|| self.draw(at));
         self.profile.book(Phase::Rays, start);
         let model = self.conditioned(&batch, at);
-        let (renders, cost) = self.render(&batch, &model, at);
+        let (renders, samples, rays) = self.render(&batch, &model, at);
         let losses = self.evaluate(&batch, &model, &renders, at);
         let segments = renders.seen.fine.segments();
-        self.progress.count(cost.samples, segments.samples() as f64 / segments.rays() as f64);
+        self.progress.count(samples, segments.samples() as f64 / segments.rays() as f64);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
         // Adam changes weights in place that nobody else holds.
         drop((model, renders));
-        let pending = self.optimize(total, losses, cost, at);
+        let pending = self.optimize(total, losses, (samples, rays), at);
         self.pending.push(pending);
         self.read_if_due();
         self.profile.count_since(before);
@@ -90,25 +84,27 @@ impl<F: Field> Trainer<F> {
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
-    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, RenderCost) {
+    /// Renders what the objective needs. Also returns the number of samples and of rays.
+    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, Counts, usize) {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let scene = &self.scenes[batch.scene];
-        let needs = scene.needs(at);
+        let needs = scene.objective.needs(at);
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
         let renderer = &scene.renderer;
-        let mut cost = RenderCost::default();
+        let (mut samples, mut ray_count) = (Counts::default(), 0);
         let mut rendered: BTreeMap<Role, Passes> = BTreeMap::new();
-        for RayGroup { role, rays, distances } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
-            let mut passes = self.profile.time(role.phase(), || match distances {
-                Distances::Own => {
+        for RayGroup { role, rays, partner } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
+            let mut passes = self.profile.time(role.phase(), || match partner {
+                None => {
                     let color = role == Role::Seen && needs.contains(&Need::SeenColor);
                     renderer.render(model, &rays, RenderRequest { color, hidden: false }, occupancy, at)
                 }
-                Distances::OfPartner(partner) => {
+                Some(partner) => {
                     Passes { coarse: None, fine: renderer.along(&model.fine, &rendered[&partner].fine, &rays, at) }
                 }
             });
-            cost.add(&passes, rays.len());
+            samples += passes.counts();
+            ray_count += rays.len();
             if let Some((exposure, pixels)) = model.exposure.as_ref().zip(rays.pixels()) {
                 passes = passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
             }
@@ -121,7 +117,8 @@ impl<F: Field> Trainer<F> {
             let rays = renderer.rays(rays, &self.device).jittered(noise.child(RandomStream::Samples));
             let request = RenderRequest { color: true, hidden: false };
             let passes = self.profile.time(Phase::Unseen, || renderer.render(model, &rays, request, occupancy, at));
-            cost.add(&passes, rays.len());
+            samples += passes.counts();
+            ray_count += rays.len();
             let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
             UnseenImage { rgb: passes.fine.color.expect("colour was asked for"), size, view }
         });
@@ -143,7 +140,7 @@ impl<F: Field> Trainer<F> {
             picture,
             penalties: needs.iter().filter_map(penalty).collect(),
         };
-        (renders, cost)
+        (renders, samples, ray_count)
     }
 
     /// Evaluates the objective, with the pull of refined cameras towards their start.
@@ -158,7 +155,8 @@ impl<F: Field> Trainer<F> {
     }
 
     /// Takes an Adam step on the objective, unless the objective is not finite.
-    fn optimize(&mut self, total: Tensor<1>, losses: StepLosses, cost: RenderCost, at: Moment) -> PendingStep {
+    fn optimize(&mut self, total: Tensor<1>, losses: StepLosses, cost: (Counts, usize), at: Moment) -> PendingStep {
+        let (samples, rays) = cost;
         let finite = finite_after(self.pending.last().map(|step| step.finite.clone()), total.clone());
         let Self { profile, model, optimizer, .. } = self;
         let grads = profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), model));
@@ -176,8 +174,8 @@ impl<F: Field> Trainer<F> {
             at,
             losses,
             lr: self.config.train.lr.at(at),
-            rays: cost.rays,
-            evaluated: cost.samples.evaluated as f64 / cost.samples.total.max(1) as f64,
+            rays,
+            evaluated: samples.evaluated as f64 / samples.total.max(1) as f64,
             finite,
             seconds: [0.0; 2],
         }
@@ -210,13 +208,6 @@ impl<F: Field> Trainer<F> {
         self.profile.time(Phase::Occupancy, || {
             grid.update(noise, length, |positions| densities(&field, positions, &extent, at))
         });
-    }
-}
-
-impl RenderCost {
-    fn add(&mut self, passes: &Passes, rays: usize) {
-        self.samples += passes.counts();
-        self.rays += rays;
     }
 }
 
