@@ -2,42 +2,21 @@
 
 use std::sync::Arc;
 
-use crate::common::steps;
+use crate::common::{scene_of, steps};
 use burn::tensor::Device;
 use glam::DVec3;
 use infonerf_render::Pivot;
-use infonerf_scene::{Camera, PoseError, Scene, SceneRequest, TestProtocol, View, ViewSelection};
-use infonerf_train::config::assign;
+use infonerf_scene::{Camera, PoseError, Scene, View};
 use infonerf_train::{Config, Preset, Trainer, fit_test_pose};
 
 const STEPS: usize = 300;
 
 /// The quick field on images of 48², small from the first step on.
 fn config(refine: &str) -> Config {
-    let mut table = Preset::Fast.table();
-    for setting in [
-        "field.resolutions=[16,32,64]",
-        "train.downscale={steps=[[0.0,2],[0.4,1]]}",
-        "train.iterations=300",
-        "train.rays=512",
-        "train.target_samples=0",
-        "train.cameras.lr={from=2e-3,to=1e-4,curve='exponential',warmup=50}",
-        &format!("train.cameras.refine={refine}"),
-    ] {
-        assign(&mut table, setting).unwrap();
-    }
-    Config::from_table(table).unwrap()
-}
-
-fn scene() -> Arc<Scene> {
-    let request = SceneRequest {
-        train: ViewSelection::Seed { seed: 0, count: 30 },
-        test: TestProtocol::First(2),
-        image_size: Some(48),
-        background: [1.0; 3],
-        ..SceneRequest::default()
-    };
-    infonerf_procedural::load("knot", &request).unwrap().into()
+    let settings = "field.resolutions=[16,32,64] train.downscale={steps=[[0.0,2],[0.4,1]]} train.iterations=300 train.rays=512 \
+                    train.target_samples=0 train.cameras.lr={from=2e-3,to=1e-4,curve='exponential',warmup=50}";
+    let refine = format!("train.cameras.refine={refine}");
+    Config::of(Preset::Fast, settings.split_whitespace().chain([refine.as_str()])).unwrap()
 }
 
 /// The error of one camera's pose: degrees, and percent of its distance.
@@ -51,7 +30,7 @@ fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
 /// With a field of many exact views held fixed, the pose of an image is recovered.
 #[test]
 fn pose_of_an_image_is_recovered() {
-    let scene = scene();
+    let scene = scene_of("knot", 30, 48);
     let mut trainer = Trainer::new(&config("none"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
     let trained = trainer.trained();
@@ -67,7 +46,7 @@ fn pose_of_an_image_is_recovered() {
 /// Disturbed cameras of many views come nearer to the exact ones, in as few steps not by much.
 #[test]
 fn disturbed_cameras_approach_the_exact_ones() {
-    let scene = Arc::new(scene().as_ref().clone().disturbed(3.0, 0.04, 1));
+    let scene = Arc::new(scene_of("knot", 30, 48).as_ref().clone().disturbed(3.0, 0.04, 1));
     let mut trainer = Trainer::new(&config("photometric"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
     let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();

@@ -1,9 +1,10 @@
 //! Error of the samples that pictures leave out.
 
+use crate::common::steps;
 use burn::tensor::Device;
 use infonerf_render::{Renderer, render_image};
-use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
-use infonerf_train::{Config, Outcome, Preset, Trainer};
+use infonerf_scene::{SceneRequest, TestProtocol};
+use infonerf_train::{Config, Preset, Trainer};
 
 /// Rays that stop early and take longer steps through thin fog, against all samples.
 #[test]
@@ -11,15 +12,10 @@ use infonerf_train::{Config, Outcome, Preset, Trainer};
 fn pictures_are_within_60_db_of_exact_ones() {
     for name in ["crane", "castle", "knot", "orrery"] {
         let mut config = Config::of(Preset::Fast, ["train.iterations=300"]).unwrap();
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 4 },
-            test: TestProtocol::First(2),
-            background: [1.0; 3],
-            ..SceneRequest::default()
-        };
+        let request = SceneRequest { test: TestProtocol::First(2), ..SceneRequest::default() };
         let scene = infonerf_procedural::load(name, &request).unwrap();
         let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
-        while trainer.step(&mut |_| {}).unwrap() == Outcome::Running {}
+        steps(&mut trainer, 300);
         let trained = [trainer.trained()];
         config.render.early_stop_transmittance = 0.0;
         let exact = Renderer::new(&config.render, trainer.scene());
@@ -33,9 +29,6 @@ fn pictures_are_within_60_db_of_exact_ones() {
         }
         let decibels = -10.0 * (squares.iter().sum::<f64>() / samples as f64).log10();
         println!("{name}: {decibels:.1} dB, {} in place of {} samples", evaluated[1], evaluated[0]);
-        assert!(
-            decibels >= 60.0 && 4 * evaluated[1] < 3 * evaluated[0],
-            "{name}: {decibels} dB, {evaluated:?} samples"
-        );
+        assert!(decibels >= 60.0 && 4 * evaluated[1] < 3 * evaluated[0], "{name}: {decibels} dB, {evaluated:?}");
     }
 }

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::common::{configs, scene_of, steps};
+use crate::common::{configs, losses, scene_of};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::to_host;
 use infonerf_scene::Scene;
+use infonerf_train::Trainer;
 use infonerf_train::config::Refine;
-use infonerf_train::{Event, Trainer};
 
 /// Share of the light that is left in the first image.
 const DARKER: f32 = 0.5;
@@ -15,7 +15,7 @@ const STEPS: usize = 600;
 
 /// Many views, which see the same surfaces. The first photograph's exposure is less; what is behind the scene stays as it is.
 fn scene_of_changing_exposure() -> Scene {
-    let mut scene = scene_of("knot", 16).as_ref().clone();
+    let mut scene = scene_of("knot", 16, 16).as_ref().clone();
     let background = scene.background;
     let image = Arc::make_mut(&mut scene.train[0].image);
     for (color, alpha) in image.rgb.iter_mut().zip(image.alpha.as_ref().expect("a built-in scene has alpha")) {
@@ -39,13 +39,7 @@ fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     config.train.grid_lr_multiplier = 2.0;
     let device = Device::flex();
     let mut trainer = Trainer::new(&config, scene_of_changing_exposure(), 0, None, &device).unwrap();
-    let losses: Vec<f32> = steps(&mut trainer, STEPS)
-        .iter()
-        .map(|event| match event {
-            Event::Step { losses, .. } => losses["rgb"],
-            other => panic!("{other:?}"),
-        })
-        .collect();
+    let losses: Vec<f32> = losses(&mut trainer, STEPS).iter().map(|(losses, _)| losses["rgb"]).collect();
     let last = &losses[STEPS - 50..];
     let shown = trainer.model().exposure.map(|exposure| {
         let views: Vec<usize> = (0..trainer.scene().train.len()).collect();

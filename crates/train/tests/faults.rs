@@ -1,9 +1,8 @@
 //! Faults: a damaged checkpoint, a loss that is not finite, a field that goes empty.
 
-use std::sync::Arc;
-
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::common::{config, devices, scene, steps, timeless, trainer};
 use burn::module::{Module, Param};
@@ -38,6 +37,12 @@ fn the_newest_intact_checkpoint_is_used() {
         }),
         ("empty", Vec::clear),
     ];
+    let assert_refused = |part: &str, damage: &str| {
+        let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+        assert_eq!(checkpoint.unwrap().progress().step, 1, "{part}, {damage}");
+        let [reason] = &refused[..] else { panic!("{part}, {damage}: {refused:?}") };
+        assert!(reason.contains(part) && reason.lines().count() == 1, "{part}, {damage}: {reason}");
+    };
     for part in ["model.bpk", "optimiser.bpk", "occupancy.bin", "manifest.json"] {
         let path = folder.path().join("checkpoint").join(part);
         let whole = fs::read(&path).unwrap();
@@ -45,15 +50,10 @@ fn the_newest_intact_checkpoint_is_used() {
             let mut bytes = whole.clone();
             damage(&mut bytes);
             fs::write(&path, bytes).unwrap();
-            let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
-            assert_eq!(checkpoint.unwrap().progress().step, 1, "{part}, {name}");
-            assert_eq!(refused.len(), 1, "{part}, {name}");
-            assert!(refused[0].contains(part) && refused[0].lines().count() == 1, "{part}, {name}: {}", refused[0]);
+            assert_refused(part, name);
         }
         fs::remove_file(&path).unwrap();
-        let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
-        assert_eq!(checkpoint.unwrap().progress().step, 1, "{part}, missing");
-        assert!(refused[0].contains(part), "{}", refused[0]);
+        assert_refused(part, "missing");
         fs::write(&path, &whole).unwrap();
     }
 }
@@ -99,10 +99,8 @@ fn checkpoint_of_another_config_is_refused() {
     let wider = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
     for setting in [wider, "render.fine_samples=0", "render.occupancy.resolution=9"] {
         let mut other = trainer(&config(&[setting]), 1, &devices()[0]);
-        match other.resume(&checkpoint) {
-            Err(error) => assert_eq!(error.to_string().lines().count(), 1, "{setting}: {error}"),
-            Ok(()) => panic!("{setting}: accepted"),
-        }
+        let error = other.resume(&checkpoint).expect_err(setting);
+        assert_eq!(error.to_string().lines().count(), 1, "{setting}: {error}");
     }
 }
 
@@ -124,10 +122,9 @@ fn infinite_loss_stops_the_run() {
         let TrainError::NonFinite { what, step, value } = &error else { panic!("{error}") };
         assert_eq!((what.as_str(), *step), ("loss `rgb`", 2));
         assert!(value.is_nan());
-        let message = error.to_string();
-        assert!(
-            message.contains("step 2") && message.contains("loss `rgb`") && message.lines().count() == 1,
-            "{message}"
+        assert_eq!(
+            error.to_string(),
+            "step 2: the loss `rgb` is NaN, not a finite number; the last checkpoint is kept"
         );
         // The model is as it was before the step.
         assert_eq!(trainer.progress().step, 2);
@@ -178,12 +175,8 @@ fn infinite_loss_is_found_when_read_late() {
             let mut stepped = (0..asked).map(|_| trainer.step(&mut report).map(drop));
             let result = stepped.find(Result::is_err).unwrap_or(Ok(()));
             let result = result.and_then(|()| trainer.checkpoint(&mut report).map(drop));
-            (
-                result.map_err(|e| e.to_string()),
-                events,
-                to_host(trainer.model().fine.density.val()),
-                trainer.progress().step,
-            )
+            let density = to_host(trainer.model().fine.density.val());
+            (result.map_err(|error| error.to_string()), events, density, trainer.progress().step)
         };
         let (good, before) = (run(1, 3), run(1, 8));
         assert_ne!(good.2, [1.0]);
@@ -211,12 +204,8 @@ fn empty_field_starts_over() {
                 collapses.push((step, restarted));
             }
         };
-        let outcome = loop {
-            match trainer.step(&mut report).unwrap() {
-                Outcome::Running => {}
-                outcome => break outcome,
-            }
-        };
+        let mut outcomes = std::iter::repeat_with(|| trainer.step(&mut report).unwrap());
+        let outcome = outcomes.find(|outcome| *outcome != Outcome::Running).unwrap();
         (outcome, collapses, trainer.progress().restarts)
     };
     let collapsed: Vec<u64> =

@@ -63,9 +63,9 @@ fn mutated_assignments_are_read_or_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let valid = [
         "train.rays=64",
-        "field={kind=\"nerf\"}",
+        "field={kind='nerf'}",
         "train.pyramid=[[0.1, 4]]",
-        "scene.views={kind=\"all\"}",
+        "scene.views={kind='all'}",
         "eval.test=every-8",
     ];
     let mut accepted = 0;

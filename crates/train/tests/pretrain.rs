@@ -2,35 +2,20 @@
 
 use std::sync::Arc;
 
-use crate::common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
+use crate::common::{config, configs, devices, losses, pixel_config, scene_of, steps, trainer};
 use burn::tensor::Device;
 use infonerf_render::TrainedModel;
 use infonerf_scene::Scene;
-use infonerf_train::{Config, Event, Outcome, TestView, Trainer, evaluate_view};
+use infonerf_train::{Config, TestView, Trainer, evaluate_view};
 
 fn scenes() -> Vec<Arc<Scene>> {
-    ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4)).into()
+    ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4, 16)).into()
 }
 
 /// A config of many scenes: L_RGB alone, and no grid, which is of one scene.
 fn lesson_config(settings: &[&str]) -> Config {
     let off = ["render.occupancy.enabled=false", "loss.entropy.weight=0", "loss.kl.weight=0"];
     pixel_config(&[&off, settings].concat())
-}
-
-/// Takes `count` steps and returns their losses.
-fn lessons(trainer: &mut Trainer, count: usize) -> Vec<f32> {
-    let mut losses = Vec::new();
-    for _ in 0..count {
-        let mut report = |event| match event {
-            Event::Step { loss, .. } => losses.push(loss),
-            other => panic!("{other:?}"),
-        };
-        if trainer.step(&mut report).unwrap() != Outcome::Running {
-            break;
-        }
-    }
-    losses
 }
 
 /// Renders a trainer's first test view, nothing skipped.
@@ -47,7 +32,7 @@ fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
 fn pretrained_weights_help_on_a_new_scene() {
     let learning = lesson_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
     let mut pretrainer = Trainer::on_scenes(&learning, scenes(), 1, &Device::flex()).unwrap();
-    let losses = lessons(&mut pretrainer, 150);
+    let losses: Vec<f32> = losses(&mut pretrainer, 150).into_iter().map(|(_, loss)| loss).collect();
     let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
     assert!(mean(&losses[130..]) < 0.6 * mean(&losses[..20]), "{losses:?}");
 
@@ -55,7 +40,7 @@ fn pretrained_weights_help_on_a_new_scene() {
     pretrainer.checkpoint(&mut |_| ()).unwrap().save(run.path()).unwrap();
     let init = format!("train.init={:?}", run.path());
     let psnr = |config: &Config| {
-        let trainer = Trainer::new(config, scene_of("random-9", 1), 0, None, &Device::flex()).unwrap();
+        let trainer = Trainer::new(config, scene_of("random-9", 1, 16), 0, None, &Device::flex()).unwrap();
         shown(&trainer).value("psnr").unwrap()
     };
     let (fresh, taught) = (psnr(&pixel_config(&[])), psnr(&pixel_config(&[&init])));
@@ -77,9 +62,9 @@ fn run_begins_with_the_weights_of_train_init() {
 #[test]
 fn weights_of_another_shape_are_refused() {
     let run = tempfile::tempdir().unwrap();
-    let fault = |config: &Config| match Trainer::new(config, scene_of("knot", 1), 0, None, &Device::flex()) {
-        Ok(_) => panic!("expected a fault"),
-        Err(error) => error.to_string(),
+    let fault = |config: &Config| {
+        let trainer = Trainer::new(config, scene_of("knot", 1, 16), 0, None, &Device::flex());
+        trainer.err().expect("a fault").to_string()
     };
     let init = format!("train.init={:?}", run.path());
     let message = fault(&pixel_config(&[&init]));
@@ -93,9 +78,8 @@ fn weights_of_another_shape_are_refused() {
 
 #[test]
 fn config_of_one_scene_cannot_learn_from_many() {
-    let fault = |config: &Config, scenes| match Trainer::on_scenes(config, scenes, 0, &Device::flex()) {
-        Ok(_) => panic!("expected a fault"),
-        Err(error) => error.to_string(),
+    let fault = |config: &Config, scenes| {
+        Trainer::on_scenes(config, scenes, 0, &Device::flex()).err().expect("a fault").to_string()
     };
     for (config, key) in [
         (config(&[]), "field.kind: expected `pixelnerf`"),
@@ -112,7 +96,7 @@ fn config_of_one_scene_cannot_learn_from_many() {
 fn every_field_learns_from_one_view() {
     for config in configs() {
         for device in devices() {
-            let mut trainer = Trainer::new(&config, scene_of("knot", 1), 0, None, &device).unwrap();
+            let mut trainer = Trainer::new(&config, scene_of("knot", 1, 16), 0, None, &device).unwrap();
             assert_eq!(steps(&mut trainer, 12).len(), 12);
             assert!(picture(&trainer).iter().flatten().all(|value| value.is_finite()));
         }

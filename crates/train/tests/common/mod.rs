@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use burn::tensor::Device;
@@ -9,112 +10,71 @@ use infonerf_scene::{Scene, SceneRequest, TestProtocol, ViewSelection};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
 
 /// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
-const PAPER: [&str; 11] = [
-    "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail={from=0.0,to=1.0,end=0.5}}",
-    "render.samples=10",
-    "render.fine_samples=6",
-    "render.occupancy.enabled=true",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=2",
-    "render.occupancy.every=3",
-    "loss.entropy.rays=all",
-    "loss.kl.weight={from=1e-3,factor=0.5,every=4,stairs=true}",
-    "loss.kl.rays=all",
-    "train.lr={from=5e-4,to=5e-5,curve=\"exponential\"}",
-];
+const PAPER: &str = "\
+    field={kind='nerf',layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density='softplus',detail={from=0.0,to=1.0,end=0.5}} \
+    render.samples=10 render.fine_samples=6 render.occupancy.enabled=true loss.entropy.rays=all \
+    loss.kl.weight={from=1e-3,factor=0.5,every=4,stairs=true} loss.kl.rays=all train.lr={from=5e-4,to=5e-5,curve='exponential'}";
 
 /// The quick field, likewise, with a gain and bias of each view, and learned cameras.
-const FAST: [&str; 11] = [
-    "field.resolutions=[4,8,16]",
-    "field.channels=2",
-    "field.width=16",
-    "field.layers=1",
-    "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
-    "train.exposure_compensation=true",
-    "train.cameras={refine=\"photometric\",focal=\"each\"}",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=2",
-    "render.occupancy.every=3",
-    "loss.kl.weight=1e-3",
-];
+const FAST: &str = "\
+    field.resolutions=[4,8,16] field.channels=2 field.width=16 field.layers=1 loss.kl.weight=1e-3 train.target_samples=400 \
+    render.samples={from=12,to=24,end=0.5,curve='exponential'} train.exposure_compensation=true \
+    train.cameras={refine='photometric',focal='each'}";
 
 /// The field of mip-NeRF, with smaller images first.
-const MIP: [&str; 4] = [
-    "field={kind=\"mip\",layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail={from=0.0,to=1.0,end=0.5}}",
-    "render.placement=interval",
-    "render.clip_to_bounds=true",
-    "train.downscale={steps=[[0.0,2],[0.5,1]]}",
-];
+const MIP: &str = "\
+    field={kind='mip',layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail={from=0.0,to=1.0,end=0.5}} \
+    render.placement=interval render.clip_to_bounds=true train.downscale={steps=[[0.0,2],[0.5,1]]}";
 
 /// The field that looks at images, everything on.
-const PIXEL: [&str; 11] = [
-    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
-    "render.samples=8",
-    "render.fine_samples=4",
-    "render.occupancy.enabled=true",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=2",
-    "render.occupancy.every=3",
-    "loss.kl.weight=1e-3",
-    "loss.kl.rays=all",
-    "train.batch=held-out",
-    "train.sources=2",
-];
+const PIXEL: &str = "\
+    field={kind='pixelnerf',encoder={width=4,blocks=[1,1],weights=''},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density='softplus'} \
+    render.samples=8 render.fine_samples=4 render.occupancy.enabled=true loss.kl.weight=1e-3 loss.kl.rays=all \
+    train.batch=held-out train.sources=2";
 
 /// The field that encodes images into a latent code, which it draws in training.
-const ENCODED: [&str; 8] = [
-    "field={kind=\"neuralvolumes\",latent=8,resolution=8,width=8,maps=2,warp_resolution=4,encoder={images=1,size=[16,32],width=2}}",
-    "render.samples=12",
-    "render.fine_samples=0",
-    "render.placement=mid",
-    "render.compositing=additive",
-    "loss.opacity_prior.weight=0.01",
-    "loss.tv.weight=0.01",
-    "loss.latent.weight=1e-3",
-];
+const ENCODED: &str = "\
+    field={kind='neuralvolumes',latent=8,resolution=8,width=8,maps=2,warp_resolution=4,encoder={images=1,size=[16,32],width=2}} \
+    render.samples=12 render.fine_samples=0 render.placement=mid render.compositing=additive loss.opacity_prior.weight=0.01 \
+    loss.tv.weight=0.01 loss.latent.weight=1e-3";
 
-const ALL: [&str; 5] = [
-    "train.iterations=12",
-    "train.rays=24",
-    "train.unseen_rays=12",
-    "eval.information_rays=16",
-    "loss.entropy.mask.threshold=0.0",
-];
+/// A grid for the fields that use one, and few rays.
+const ALL: &str = "\
+    render.occupancy.resolution=8 render.occupancy.warmup=2 render.occupancy.every=3 train.iterations=12 train.rays=24 \
+    train.unseen_rays=12 eval.information_rays=16 loss.entropy.mask.threshold=0.0";
 
-fn configured(preset: Preset, settings: &[&[&str]]) -> Config {
-    Config::of(preset, settings.concat()).unwrap()
+/// The config of a tiny run with the settings `own` as words, and those of `more` on top.
+fn configured(preset: Preset, own: &str, more: &[&str]) -> Config {
+    let words = [ALL, own].into_iter().flat_map(str::split_whitespace);
+    Config::of(preset, words.chain(more.iter().copied())).unwrap()
 }
 
 /// A tiny run of the paper's field with `settings` on top.
 pub fn config(settings: &[&str]) -> Config {
-    configured(Preset::Paper, &[&ALL, &PAPER, settings])
+    configured(Preset::Paper, PAPER, settings)
 }
 
 /// A tiny run of the field that looks at images, with `settings` on top.
 pub fn pixel_config(settings: &[&str]) -> Config {
-    configured(Preset::Paper, &[&ALL, &PIXEL, settings])
+    configured(Preset::Paper, PIXEL, settings)
 }
 
 /// Tiny runs of every kind of field.
 pub fn configs() -> [Config; 5] {
-    let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.target_samples=400"]]);
-    let encoded = configured(Preset::Paper, &[&ALL, &ENCODED]);
-    [config(&[]), config(&MIP), fast, pixel_config(&[]), encoded]
+    let mip: Vec<&str> = MIP.split_whitespace().collect();
+    let [fast, encoded] =
+        [(Preset::Fast, FAST), (Preset::Paper, ENCODED)].map(|(preset, own)| configured(preset, own, &[]));
+    [config(&[]), config(&mip), fast, pixel_config(&[]), encoded]
 }
 
 pub fn scene() -> Arc<Scene> {
-    scene_of("knot", 4)
+    scene_of("knot", 4, 16)
 }
 
-/// `count` views of a procedural scene.
-pub fn scene_of(name: &str, count: usize) -> Arc<Scene> {
-    let request = SceneRequest {
-        train: ViewSelection::Seed { seed: 0, count },
-        test: TestProtocol::First(2),
-        image_size: Some(16),
-        background: [1.0; 3],
-        ..SceneRequest::default()
-    };
+/// `count` views of a procedural scene, `size` pixels wide.
+pub fn scene_of(name: &str, count: usize, size: u32) -> Arc<Scene> {
+    let (train, test) = (ViewSelection::Seed { seed: 0, count }, TestProtocol::First(2));
+    let request = SceneRequest { train, test, image_size: Some(size), ..SceneRequest::default() };
     infonerf_procedural::load(name, &request).unwrap().into()
 }
 
@@ -145,4 +105,13 @@ pub fn timeless(event: Event) -> Event {
         }
         other => other,
     }
+}
+
+/// Takes up to `count` steps and returns the losses of each by name, and the objective.
+pub fn losses(trainer: &mut Trainer, count: usize) -> Vec<(BTreeMap<String, f32>, f32)> {
+    let losses = |event| match event {
+        Event::Step { losses, loss, .. } => (losses, loss),
+        other => panic!("{other:?}"),
+    };
+    steps(trainer, count).into_iter().map(losses).collect()
 }
