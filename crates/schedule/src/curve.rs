@@ -97,11 +97,6 @@ fn is_whole(share: &f64) -> bool {
 }
 
 impl Schedule {
-    /// Returns a schedule of one value throughout.
-    pub const fn constant(value: f64) -> Self {
-        Self::Constant(value)
-    }
-
     /// Refuses values that are not finite, and shares, factors and periods out of range.
     fn validate(&self) -> Result<(), String> {
         let finite = |values: &[f64]| {
@@ -205,7 +200,7 @@ impl Schedule {
 
 impl From<f64> for Schedule {
     fn from(value: f64) -> Self {
-        Self::constant(value)
+        Self::Constant(value)
     }
 }
 

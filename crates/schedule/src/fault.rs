@@ -75,6 +75,6 @@ mod tests {
         let rays = |number| Fault::unless_within(1.0..=9.0, "rays", number);
         assert_eq!([rays(1.0), rays(9.0)], [Ok(()), Ok(())]);
         assert_eq!(rays(f64::NAN).unwrap_err().to_string(), "rays: expected a number from 1 to 9, found NaN");
-        assert!(Fault::unless_always_within(0.0..=1.0, "weight", &Schedule::constant(2.0)).is_err());
+        assert!(Fault::unless_always_within(0.0..=1.0, "weight", &Schedule::Constant(2.0)).is_err());
     }
 }

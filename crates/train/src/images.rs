@@ -197,14 +197,14 @@ mod tests {
     use infonerf_scene::ViewRegion;
 
     use super::*;
-    use crate::pixels::tests::two_views;
     use crate::pixels::{UnseenViews, rotation};
+    use crate::testing::knot;
     use crate::{Config, Preset};
 
     /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]
     fn invalid_pixels_are_never_drawn() {
-        let mut scene = two_views();
+        let mut scene = knot(2, 16);
         // The left half of the first view but one pixel, and the last rows of the second.
         let valid = |view: usize, x: usize, y: usize| if view == 0 { x < 8 && (x, y) != (6, 6) } else { y >= 14 };
         for (index, view) in scene.train.iter_mut().enumerate() {
@@ -236,7 +236,7 @@ mod tests {
     /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
     #[test]
     fn smaller_images_have_wider_cones() {
-        let scene = two_views();
+        let scene = knot(2, 16);
         let downscale = "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}";
         let config = Config::of(Preset::Paper, [downscale]).unwrap().train;
         let images = TrainingImages::new(&scene, &config);

@@ -20,6 +20,8 @@ mod profile;
 mod progress;
 mod sources;
 mod test_pose;
+#[cfg(test)]
+mod testing;
 mod trainer;
 mod training_scene;
 mod weight_averaging;

@@ -48,22 +48,17 @@ impl MemoryPlan {
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
-        Self {
-            parts: [
-                ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
-                (
-                    "train.rays and render.samples (the activations of a step)",
-                    side_by_side * samples(config) * per_sample * FLOAT,
-                ),
-                ("scene.size (the images)", loaded.saturating_mul(FLOAT)),
-                (
-                    "scene.size (the images as batches are drawn from them and fields look at them)",
-                    drawn.saturating_mul(FLOAT),
-                ),
-                ("render.occupancy.resolution (the grid)", fields * cells * CELL),
-                ("render.residuals (of the training images)", residuals.saturating_mul(RESIDUAL * FLOAT)),
-            ],
-        }
+        let activations = side_by_side * samples(config) * per_sample * FLOAT;
+        let drawn = drawn.saturating_mul(FLOAT);
+        let parts = [
+            ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
+            ("train.rays and render.samples (the activations of a step)", activations),
+            ("scene.size (the images)", loaded.saturating_mul(FLOAT)),
+            ("scene.size (the images as batches are drawn from them and fields look at them)", drawn),
+            ("render.occupancy.resolution (the grid)", fields * cells * CELL),
+            ("render.residuals (of the training images)", residuals.saturating_mul(RESIDUAL * FLOAT)),
+        ];
+        Self { parts }
     }
 
     /// Returns the plan without the images, which are in memory already.
@@ -157,11 +152,7 @@ mod tests {
     use super::*;
     use crate::config::Preset;
 
-    fn plan(settings: &[&str]) -> MemoryPlan {
-        plan_of(settings, 1)
-    }
-
-    fn plan_of(settings: &[&str], side_by_side: usize) -> MemoryPlan {
+    fn plan(settings: &[&str], side_by_side: usize) -> MemoryPlan {
         let pixels = PixelCount { views: 4, train: 4 * 64, test: 64 };
         MemoryPlan::new(&Config::of(Preset::Fast, settings).unwrap(), pixels, side_by_side, side_by_side)
     }
@@ -175,14 +166,14 @@ mod tests {
         let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 6;
         // Four training views: as loaded, RGB at full size and at half of it.
         let images = 64 * (4 * (4 + 3) + 4) * 4;
-        let plan = plan(&with(&[]));
-        assert_eq!(plan.total(), field + images);
-        assert!(plan.check(plan.total()).is_ok());
-        assert_eq!(plan.clone().with_images_loaded().total(), plan.total() - 64 * (4 * 4 + 4) * 4);
+        let one = plan(&with(&[]), 1);
+        assert_eq!(one.total(), field + images);
+        assert!(one.check(one.total()).is_ok());
+        assert_eq!(one.clone().with_images_loaded().total(), one.total() - 64 * (4 * 4 + 4) * 4);
         // Fields share the images.
-        assert_eq!(plan_of(&with(&[]), 2).total(), 2 * field + images);
+        assert_eq!(plan(&with(&[]), 2).total(), 2 * field + images);
         // The first step skips nothing.
-        assert_eq!(plan_of(&with(&["train.rays=100"]), 1).total(), plan.total() + 5000 * 12 * 4);
+        assert_eq!(plan(&with(&["train.rays=100"]), 1).total(), one.total() + 5000 * 12 * 4);
     }
 
     /// Activations of every kind of ray, and those of the coarse pass along seen ones.
@@ -213,14 +204,13 @@ mod tests {
 
     #[test]
     fn refusal_names_the_largest_part() {
-        let giant = plan(&["field.resolutions=[2048,2048,2048,2048,2048,2048,2048,2048]", "field.channels=16"]);
-        let message = giant.check(16 << 30).unwrap_err().to_string();
-        assert!(message.starts_with("field (its parameters") && message.contains("16.0 GiB"), "{message}");
-        let wide = plan(&[
-            "train.target_samples=100000000",
-            "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_frequencies=10,direction_frequencies=4,density=\"relu\",detail=1.0}",
-        ]);
-        let message = wide.check(16 << 30).unwrap_err().to_string();
-        assert!(message.starts_with("train.rays and render.samples"), "{message}");
+        let giant = plan(&["field.resolutions=[2048,2048,2048,2048,2048,2048,2048,2048]", "field.channels=16"], 1);
+        let nerf = "field={kind='nerf',layers=8,width=4096,skip=4,position_frequencies=10,direction_frequencies=4,\
+                    density='relu',detail=1.0}";
+        let wide = plan(&["train.target_samples=100000000", nerf], 1);
+        for (plan, start) in [(giant, "field (its parameters"), (wide, "train.rays and render.samples")] {
+            let message = plan.check(16 << 30).unwrap_err().to_string();
+            assert!(message.starts_with(start) && message.contains("16.0 GiB"), "{message}");
+        }
     }
 }

@@ -114,26 +114,17 @@ pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use glam::DVec3;
-    use infonerf_scene::{SceneRequest, ViewSelection};
 
     use super::*;
     use crate::config::{Config, Preset, RotationCentre};
-
-    pub(crate) fn two_views() -> Scene {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 2 },
-            image_size: Some(16),
-            ..SceneRequest::default()
-        };
-        infonerf_procedural::load("knot", &request).unwrap()
-    }
+    use crate::testing::knot;
 
     /// Neighbours of a capture far from the origin are neighbours of it, and not somewhere else.
     #[test]
     fn neighbours_turn_about_the_scene() {
-        let mut scene = two_views();
+        let mut scene = knot(2, 16);
         let shift = DVec3::new(1000.0, 0.0, 0.0);
         for view in &mut scene.train {
             view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
@@ -158,7 +149,7 @@ pub(crate) mod tests {
 
     #[test]
     fn unseen_rays_are_cropped_like_seen_ones() {
-        let scene = two_views();
+        let scene = knot(2, 16);
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
         config.precrop_steps = 10;
         let region = ViewRegion::new(&training_cameras(&scene));

@@ -6,6 +6,7 @@ use glam::{DVec2, Vec3};
 use infonerf_field::{SourceView, Sources};
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Scene, View};
+use rand::seq::index::sample;
 
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::generator;
@@ -31,16 +32,14 @@ impl TrainingSources {
         }
         let hidden = config.batch == Batch::HeldOut && views.len() > 1;
         let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
-        let count = if config.sources == 0 {
-            shown.len()
-        } else {
-            1 + noise.child(RandomStream::Count).below(0, 0, config.sources.min(shown.len()))
+        let count = match config.sources {
+            0 => shown.len(),
+            most => 1 + noise.child(RandomStream::Count).below(0, 0, most.min(shown.len())),
         };
-        let chosen = if count == shown.len() {
-            shown
-        } else {
-            let drawn = rand::seq::index::sample(&mut generator(noise.child(RandomStream::View)), shown.len(), count);
-            drawn.into_iter().map(|index| shown[index]).collect()
+        let mut rng = generator(noise.child(RandomStream::View));
+        let chosen = match count == shown.len() {
+            true => shown,
+            false => sample(&mut rng, shown.len(), count).into_iter().map(|index| shown[index]).collect(),
         };
         Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..self.0 }
     }
@@ -82,21 +81,14 @@ fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use glam::DMat4;
-    use infonerf_procedural::load;
-    use infonerf_scene::{Camera, Image, Lens, SceneRequest, TestProtocol, ViewSelection};
+    use infonerf_scene::{Camera, Image, Lens};
 
     use super::*;
     use crate::config::{Config, Preset};
+    use crate::testing::knot;
 
     fn photographs(count: usize) -> TrainingSources {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count },
-            test: TestProtocol::First(1),
-            image_size: Some(4),
-            background: [1.0; 3],
-            ..SceneRequest::default()
-        };
-        TrainingSources::new(&load("knot", &request).unwrap(), true)
+        TrainingSources::new(&knot(count, 4), true)
     }
 
     fn drawn(photographs: &TrainingSources, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
@@ -114,11 +106,7 @@ mod tests {
         assert_eq!(drawn(&four, Batch::Pixels, 0, 0), [0, 1, 2, 3]);
         assert_eq!(drawn(&four, Batch::HeldOut, 0, 0), [0, 2, 3]);
         assert_eq!(drawn(&photographs(1), Batch::HeldOut, 0, 0), [0]);
-    }
-
-    #[test]
-    fn one_to_the_most_are_drawn_each_at_most_once() {
-        let four = photographs(4);
+        // One to the most are drawn, each at most once.
         let draws: Vec<Vec<usize>> = (0..100).map(|step| drawn(&four, Batch::HeldOut, 2, step)).collect();
         for count in [1, 2] {
             assert!(draws.iter().any(|views| views.len() == count));
@@ -153,8 +141,7 @@ mod tests {
 
     #[test]
     fn cameras_agree_with_the_scenes() {
-        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let scene = load("knot", &request).unwrap();
+        let scene = knot(4, 4);
         let source = source(&scene.train[0], scene.background);
         let point = [0.3f32, -0.2, 0.1];
         let [x, y, z] = source.to_camera.map(|r| r[0] * point[0] + r[1] * point[1] + r[2] * point[2] + r[3]);

@@ -56,7 +56,7 @@ impl Trained {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
         // Stereo matches the images for minutes before the first step, of which there is none.
         let mut untrained = plan.clone();
-        untrained.config.loss.stereo.weight = Schedule::constant(0.0);
+        untrained.config.loss.stereo.weight = Schedule::Constant(0.0);
         let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
         let members = plan.members();
         for member in 0..members {

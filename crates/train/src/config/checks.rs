@@ -119,12 +119,10 @@ fn name(value: &impl serde::Serialize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_procedural::load;
-    use infonerf_scene::SceneRequest;
-
     use super::*;
     use crate::config::Preset;
     use crate::pixels::training_cameras;
+    use crate::testing::knot;
 
     #[test]
     fn cameras_are_learned_with_fields_that_pass_gradients_on() {
@@ -155,8 +153,7 @@ mod tests {
     /// The config alone does not determine how many views there will be.
     #[test]
     fn field_cannot_look_at_more_views_than_there_are() {
-        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let scene = load("knot", &request).unwrap();
+        let scene = knot(4, 4);
         let fault = |images: usize| {
             let encoder = format!("encoder={{images={images},size=[16,16],width=1}}");
             let field = "kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2";
@@ -173,8 +170,7 @@ mod tests {
 
     #[test]
     fn cameras_that_face_all_ways_have_no_ndc() {
-        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let mut scene = load("knot", &request).unwrap();
+        let mut scene = knot(4, 4);
         let mut config = Config::from_table(Preset::Fast.table()).unwrap();
         config.render.space = SpaceChoice::Ndc;
         let views = scene.train.clone();

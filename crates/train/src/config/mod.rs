@@ -176,7 +176,7 @@ impl Config {
         }
         for (_, spec) in config.loss.specs_mut() {
             if spec.weights_file().is_some() {
-                *spec.weight_mut() = Schedule::constant(0.0);
+                *spec.weight_mut() = Schedule::Constant(0.0);
             }
         }
         config

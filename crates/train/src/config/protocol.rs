@@ -111,9 +111,8 @@ impl<'de> Deserialize<'de> for Views {
         let selection = match Value::deserialize(deserializer)? {
             table @ Value::Table(_) => return Self::deserialize(table).map_err(de::Error::custom),
             text if text.as_str().is_some_and(|text| text.contains('@')) => {
-                return Err(de::Error::custom(format!(
-                    "expected views without a seed, which is the run's, found {text}"
-                )));
+                let fault = format!("expected views without a seed, which is the run's, found {text}");
+                return Err(de::Error::custom(fault));
             }
             text => parse(&text).map_err(de::Error::custom)?,
         };
@@ -132,13 +131,13 @@ impl<'de> Deserialize<'de> for Views {
 impl Views {
     /// Returns the number of views; `None` if it depends on the scene.
     pub fn count(&self) -> Option<usize> {
-        match self {
+        Some(match self {
             Self::Seed { count } | Self::Farthest { count } | Self::Narrow { count, .. } | Self::Wide { count } => {
-                Some(*count)
+                *count
             }
-            Self::Ids { ids } => Some(ids.len()),
-            Self::Published { .. } | Self::All => None,
-        }
+            Self::Ids { ids } => ids.len(),
+            Self::Published { .. } | Self::All => return None,
+        })
     }
 
     /// Converts the choice to the loader's type, with the run's seed.

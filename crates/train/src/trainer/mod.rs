@@ -309,16 +309,14 @@ pub(super) fn densities<F: Field>(field: &F, positions: Vec<f32>, extent: &Exten
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::SceneRequest;
-
     use super::*;
     use crate::config::Preset;
+    use crate::testing::knot;
 
     /// All members of an ensemble share the copies.
     #[test]
     fn images_are_copied_only_for_fields_that_look_at_them() {
-        let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
-        let scene = Arc::new(infonerf_procedural::load("knot", &request).unwrap());
+        let scene = Arc::new(knot(4, 8));
         let device = Device::flex();
         let encoder = [
             "field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=2,pool_after=1,width=8,\
