@@ -209,19 +209,16 @@ pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
     if !path.exists() {
         return Ok(());
     }
-    let named = || path.display().to_string();
-    let ids: Vec<String> = serde_json::from_slice(&fs::read(&path).with_context(named)?)
-        .with_context(|| format!("{}: expected a list of jobs", path.display()))?;
-    let (waiting, running) = live(&ids).with_context(|| {
-        format!("{}: it is not known whether its jobs have ended (remove the file if they have)", path.display())
-    })?;
-    if waiting + running > 0 {
-        bail!(
-            "{}: a launch is under way: {waiting} of its tasks wait and {running} run: wait for them, or `scancel {}`",
-            folder.display(),
-            ids.join(" ")
-        );
-    }
+    let name = path.display();
+    let text = fs::read(&path).with_context(|| name.to_string())?;
+    let ids: Vec<String> = serde_json::from_slice(&text).with_context(|| format!("{name}: expected a list of jobs"))?;
+    let unknown = || format!("{name}: it is not known whether its jobs have ended (remove the file if they have)");
+    let (waiting, running) = live(&ids).with_context(unknown)?;
+    let (folder, ids) = (folder.display(), ids.join(" "));
+    ensure!(
+        waiting + running == 0,
+        "{folder}: a launch is under way: {waiting} of its tasks wait and {running} run: wait for them, or `scancel {ids}`"
+    );
     Ok(())
 }
 
@@ -234,17 +231,10 @@ fn live(ids: &[String]) -> Result<(usize, usize)> {
     // One line a task; %F is the id of its array's job. Asked for all jobs of the user: an id that Slurm has forgotten would
     // be an error.
     let printed = output("squeue", &["--me", "--noheader", "--array", "--format=%F %t"])?;
-    let (mut waiting, mut running) = (0, 0);
-    for line in printed.lines() {
-        let mut words = line.split_whitespace();
-        if words.next().is_some_and(|id| ids.iter().any(|job| job == id)) {
-            match words.next() {
-                Some("PD") => waiting += 1,
-                _ => running += 1,
-            }
-        }
-    }
-    Ok((waiting, running))
+    let own =
+        printed.lines().map(str::trim).filter(|line| ids.iter().any(|id| line.split_whitespace().next() == Some(id)));
+    let (waiting, running): (Vec<&str>, Vec<&str>) = own.partition(|line| line.split_whitespace().nth(1) == Some("PD"));
+    Ok((waiting.len(), running.len()))
 }
 
 /// Returns Slurm's `MaxArraySize`: how many tasks an array may have.
@@ -259,13 +249,11 @@ fn array_limit() -> Result<usize> {
 fn refused(name: &str, items: &[usize], jobs: &[String]) -> String {
     let (first, last) = (items[0], items[items.len() - 1]);
     let refused = format!("{name}: items {first} to {last} were not submitted");
-    match jobs {
-        [] => refused,
-        jobs => format!(
-            "{refused} (those before are, as {}: the same command, without --overwrite, submits the rest when they have ended)",
-            jobs.join(", ")
-        ),
+    if jobs.is_empty() {
+        return refused;
     }
+    let remedy = "the same command, without --overwrite, submits the rest when they have ended";
+    format!("{refused} (those before are, as {}: {remedy})", jobs.join(", "))
 }
 
 /// Returns what `program`, a command of Slurm's, prints.
@@ -284,10 +272,8 @@ fn output<S: AsRef<OsStr>>(program: &str, args: &[S]) -> Result<String> {
         let prefix = format!("{program}: ");
         let lines = printed.lines().map(|line| line.trim().trim_start_matches(&prefix).trim_start_matches("error: "));
         let fault = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ");
-        match fault.as_str() {
-            "" => bail!("{program}: {}", output.status),
-            fault => bail!("{program}: {fault}"),
-        }
+        let fault = if fault.is_empty() { output.status.to_string() } else { fault };
+        bail!("{program}: {fault}");
     }
     String::from_utf8(output.stdout).with_context(|| format!("{program}: expected text"))
 }

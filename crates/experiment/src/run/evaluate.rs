@@ -42,10 +42,8 @@ pub(super) fn evaluate(
     let evaluated = evaluation.finish().context("no test views")?;
     let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
     let information = information_of(plan, trainers);
-    let files = |views: &[&View]| -> Vec<String> {
-        let is_built_in = matches!(plan.source, SceneSource::Procedural(_));
-        views.iter().filter(|_| !is_built_in).map(|view| view.file.clone()).collect()
-    };
+    let has_files = matches!(plan.source, SceneSource::Folder { .. });
+    let files = |views: &[&View]| views.iter().filter(|_| has_files).map(|view| view.file.clone()).collect();
     let measured = evaluated.measured.representable();
     let mut notes = notes(plan, scene, progress.restarts);
     if left_out > 0 {
@@ -136,24 +134,17 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     };
     let learned = trainers.iter().map(|trainer| error(&trainer.cameras()));
     let sum = learned.fold([0.0; 2], |sum, error| [sum[0] + error[0], sum[1] + error[1]]);
-    let [rotation, translation] = error(&scene.given_cameras());
-    let [rotation_after, translation_after] = sum.map(|sum| sum / trainers.len() as f64);
-    Some(CameraErrors {
-        rotation_deg_before: rotation,
-        rotation_deg: rotation_after,
-        translation_percent_before: translation,
-        translation_percent: translation_after,
-    })
+    let [rotation_deg_before, translation_percent_before] = error(&scene.given_cameras());
+    let [rotation_deg, translation_percent] = sum.map(|sum| sum / trainers.len() as f64);
+    Some(CameraErrors { rotation_deg_before, rotation_deg, translation_percent_before, translation_percent })
 }
 
 /// Returns how much of pictures of mean `opacity` shows what was filled in, before an unknown backdrop.
 fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
     let percent = 100.0 * (1.0 - opacity);
-    (scene.backdrop == Backdrop::Unknown && percent >= 0.05).then(|| {
-        format!(
-            "where rays meet nothing, {percent:.1} % of the test pictures, they are filled from their neighbourhood"
-        )
-    })
+    let filled = "they are filled from their neighbourhood";
+    (scene.backdrop == Backdrop::Unknown && percent >= 0.05)
+        .then(|| format!("where rays meet nothing, {percent:.1} % of the test pictures, {filled}"))
 }
 
 /// Notes on what renders of test views have in addition to the field.
@@ -161,11 +152,9 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
     let residuals = "pictures add the residuals of the training views nearest to them (render.residuals)";
     let steps = config.eval.pose_steps;
     let fitted =
-        || format!("the pose of each test view was fitted to its photograph in {steps} steps before it was measured");
-    let mut notes = Vec::new();
-    notes.extend(config.render.residuals.then(|| residuals.to_owned()));
-    notes.extend((steps > 0).then(fitted));
-    notes
+        format!("the pose of each test view was fitted to its photograph in {steps} steps before it was measured");
+    let notes = [(config.render.residuals, residuals.to_owned()), (steps > 0, fitted)];
+    notes.into_iter().filter_map(|(holds, note)| holds.then_some(note)).collect()
 }
 
 /// Notes for readers of the figures.
@@ -178,9 +167,8 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         notes.push(format!("trained for {budget} s by the clock: another machine takes another number of steps"));
     }
     if plan.config.train.unseen == Unseen::Dataset && plan.config.loss.needs().iter().any(Need::is_unseen) {
-        notes.push(
-            "unseen poses are those of all training images of the data set but the tested ones, chosen or not".into(),
-        );
+        let unseen = "unseen poses are those of all training images of the data set but the tested ones, chosen or not";
+        notes.push(unseen.to_owned());
     }
     let Disturbance { degrees, distance } = plan.config.scene.disturb;
     if scene.exact_cameras.is_some() {
@@ -194,18 +182,18 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     }
     notes.extend(picture_notes(&plan.config));
     if plan.config.eval.test.test() == TestProtocol::Training {
-        notes.push(
-            "tested on the training views, each without its own residual: figures say how well these are fitted, and nothing \
-             of new views"
-                .into(),
-        );
+        let tested = "tested on the training views, each without its own residual: figures say how well these are fitted, and \
+                      nothing of new views";
+        notes.push(tested.to_owned());
     }
+    let mut supervision = Vec::new();
     for (name, spec) in plan.config.loss.active() {
-        notes.extend(spec.skip_reason(scene).map(|reason| format!("loss.{name} is {reason}")));
+        match spec.skip_reason(scene) {
+            Some(reason) => notes.push(format!("loss.{name} is {reason}")),
+            None => supervision.extend(spec.extra_supervision().map(|known| format!("loss.{name} knows {known}"))),
+        }
     }
-    let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
-    let supervision = taking_part.filter_map(|(name, spec)| Some((name, spec.extra_supervision()?)));
-    notes.extend(supervision.map(|(name, known)| format!("loss.{name} knows {known}")));
+    notes.extend(supervision);
     notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
     notes.extend(plan.config.initial_weights());
     if restarts > 0 {

@@ -11,7 +11,7 @@ use infonerf_report::VIEWER_PAGE;
 
 use crate::records::is_own_record;
 
-/// Folders that a run leaves.
+/// Folders that a run leaves, in addition to those of its members.
 const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
@@ -27,19 +27,17 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     if config.exists() {
         fs::remove_file(&config).with_context(|| config.display().to_string())?;
     }
-    for name in FOLDERS {
-        let path = folder.join(name);
-        if path.exists() {
-            fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
-        }
-    }
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if is_own_record(&entry.path()) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
-            fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
-        } else if name.starts_with("member") && entry.path().is_dir() {
-            fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;
-        }
+        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
+        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || name.starts_with("member"));
+        let removed = match is_folder {
+            true => fs::remove_dir_all(&path),
+            false if is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) => {
+                fs::remove_file(&path)
+            }
+            false => Ok(()),
+        };
+        removed.with_context(|| path.display().to_string())?;
     }
     Ok(())
 }

@@ -59,40 +59,21 @@ mod tests {
 
     /// Ten steps, a collapse at the tenth, and ten steps of the fresh start.
     fn log() -> String {
-        let step = |step: usize| {
-            serde_json::to_string(&Event::Step {
-                step,
-                seconds: 0.0,
-                loss: 1.0,
-                losses: Default::default(),
-                psnr: 1.0,
-                lr: 1.0,
-                rays_per_second: 1.0,
-                acc: 0.0,
-                evaluated: 1.0,
-            })
-            .unwrap()
-        };
-        let collapse = serde_json::to_string(&Event::Collapse { step: 10, restarted: true }).unwrap();
-        (1..=10).map(step).chain([collapse]).chain((1..=10).map(step)).flat_map(|line| [line, "\n".into()]).collect()
+        let rest = r#""seconds":0.0,"loss":1.0,"losses":{},"psnr":1.0,"lr":1.0,"rays_per_second":1.0,"acc":0.0,"evaluated":1.0"#;
+        let steps: String = (1..=10).map(|step| format!("{{\"event\":\"step\",\"step\":{step},{rest}}}\n")).collect();
+        format!("{steps}{{\"event\":\"collapse\",\"step\":10,\"restarted\":true}}\n{steps}")
     }
 
     #[test]
     fn steps_that_happen_again_are_cut_off() {
-        let kept =
-            |restarts, step| events_until(&log(), &Progress { restarts, step, ..Progress::default() }).lines().count();
-        assert_eq!([kept(0, 0), kept(0, 4), kept(0, 10)], [0, 4, 10]);
-        // After the fresh start: everything before it stays.
-        assert_eq!([kept(1, 0), kept(1, 4), kept(1, 10)], [11, 15, 21]);
-    }
-
-    #[test]
-    fn an_incomplete_line_ends_the_log() {
         let text = log();
-        let broken = &text[..text.len() - 20];
-        assert_eq!(
-            events_until(broken, &Progress { restarts: 1, step: 10, ..Progress::default() }).lines().count(),
-            20
-        );
+        // After the fresh start everything before it stays. An incomplete line ends the log.
+        for (restarts, step, cut, kept) in
+            [(0, 0, 0, 0), (0, 4, 0, 4), (0, 10, 0, 10), (1, 0, 0, 11), (1, 4, 0, 15), (1, 10, 0, 21), (1, 10, 20, 20)]
+        {
+            let until = Progress { restarts, step, ..Progress::default() };
+            let found = events_until(&text[..text.len() - cut], &until).lines().count();
+            assert_eq!(found, kept, "{restarts} {step} {cut}");
+        }
     }
 }

@@ -64,11 +64,6 @@ impl Training {
         Ok(control)
     }
 
-    fn end(&mut self, state: State, watch: &mut Watch<'_>) -> Result<Control> {
-        self.state = state;
-        self.save(watch)
-    }
-
     /// Logs events and passes them to `watch`, whose answer is returned.
     fn report(&mut self, events: &[Event], watch: &mut Watch<'_>) -> Result<Control> {
         let mut control = Control::Continue;
@@ -87,19 +82,17 @@ impl Training {
         watch: &mut Watch<'_>,
     ) -> Result<Control> {
         let control = self.report(&events, watch)?;
-        let outcome = match outcome {
-            Ok(outcome) => outcome,
-            Err(error) => {
-                self.log.flush()?;
-                return Err(error).with_context(|| self.folder.display().to_string());
-            }
-        };
+        if outcome.is_err() {
+            self.log.flush()?;
+        }
+        let outcome = outcome.with_context(|| self.folder.display().to_string())?;
         let step = self.trainer.progress().step;
         if step == self.before.0 + 1 {
             self.first_step_seconds = self.trainer.progress().seconds - self.before.1;
         }
         let more = if outcome != Outcome::Running {
-            self.end(State::Over, watch)?
+            self.state = State::Over;
+            self.save(watch)?
         } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
             self.save(watch)?
         } else {
@@ -147,7 +140,8 @@ fn train_watched(fields: &mut [Training], checkpoint_every: usize, watch: &mut W
         }
         if stop || failed.is_some() {
             for field in active.into_iter().filter(|field| field.state == State::Running) {
-                field.end(State::Stopped, watch)?;
+                field.state = State::Stopped;
+                field.save(watch)?;
             }
         }
         if let Some(error) = failed {

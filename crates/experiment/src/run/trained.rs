@@ -37,15 +37,12 @@ impl Trained {
     pub fn read(plan: RunPlan, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let scene = Arc::new(plan.load()?);
         let mut trained = Self::on_scene(plan, scene, folder, device)?;
-        trained.warnings.extend(trained.unfinished().map(|unfinished| format!("{}: {unfinished}", folder.display())));
+        let is_under_way = |trainer: &&Trainer| trainer.done() < 1.0 && !trainer.has_collapsed();
+        if let Some(least) = trained.trainers.iter().filter(is_under_way).map(Trainer::done).reduce(f64::min) {
+            let (folder, percent) = (folder.display(), 100.0 * least);
+            trained.warnings.push(format!("{folder}: the run is unfinished: {percent:.1} % of its training is done"));
+        }
         Ok(trained)
-    }
-
-    /// Describes how far training is; `None` if it has come to its end.
-    fn unfinished(&self) -> Option<String> {
-        let is_over = |trainer: &Trainer| trainer.done() >= 1.0 || trainer.has_collapsed();
-        let least = self.trainers.iter().filter(|trainer| !is_over(trainer)).map(Trainer::done).reduce(f64::min)?;
-        Some(format!("the run is unfinished: {:.1} % of its training is done", 100.0 * least))
     }
 
     /// Reads the run in `folder` with the plan's scene already loaded, as while it is trained.
@@ -68,12 +65,9 @@ impl Trained {
             };
             let member_folder = plan.member_folder(folder, member);
             let Some(checkpoint) = load_checkpoint(&member_folder, &mut watch)? else {
-                if members > 1 {
-                    warnings.push(format!(
-                        "{}: no checkpoint: one of {members} fields is left out",
-                        member_folder.display()
-                    ));
-                }
+                let member_folder = member_folder.display();
+                let left_out = || format!("{member_folder}: no checkpoint: one of {members} fields is left out");
+                warnings.extend((members > 1).then(left_out));
                 continue;
             };
             let mut trainer = untrained.trainer(&scene, member, trainers.first(), &device.device)?;

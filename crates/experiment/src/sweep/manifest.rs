@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_metrics::Networks;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -37,9 +37,8 @@ pub fn run_item(
     networks: Networks,
     watch: &mut Watch<'_>,
 ) -> Result<Finished> {
-    let line = read_line(path, index)?.with_context(|| {
-        format!("{}: item {index}: expected one of the manifest's items, counted from 0", path.display())
-    })?;
+    let missing = || format!("{}: item {index}: expected one of the manifest's items, counted from 0", path.display());
+    let line = read_line(path, index)?.with_context(missing)?;
     let plan = RunPlan::from_toml(&line.config).with_context(|| format!("{}: line {}", path.display(), index + 1))?;
     let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
     let folder = path.parent().filter(|folder| folder.file_name().is_some_and(|name| *name == *plan.experiment));
@@ -73,17 +72,15 @@ pub(super) fn refuse_another_version(path: &Path) -> Result<()> {
 }
 
 fn read_line(path: &Path, index: usize) -> Result<Option<Line>> {
-    let name = || path.display().to_string();
-    let file = fs::File::open(path).with_context(name)?;
+    let name = path.display();
+    let file = fs::File::open(path).with_context(|| name.to_string())?;
     let Some(text) = BufReader::new(file).lines().nth(index) else { return Ok(None) };
-    let line: Line = serde_json::from_str(&text.with_context(name)?)
-        .with_context(|| format!("{}: line {}", path.display(), index + 1))?;
-    if line.program != PROGRAM {
-        bail!(
-            "{}: expected a manifest of version {PROGRAM} of infonerf, found one of {}: sweep again, into another folder",
-            path.display(),
-            line.program
-        );
-    }
+    let text = text.with_context(|| name.to_string())?;
+    let line: Line = serde_json::from_str(&text).with_context(|| format!("{name}: line {}", index + 1))?;
+    ensure!(
+        line.program == PROGRAM,
+        "{name}: expected a manifest of version {PROGRAM} of infonerf, found one of {}: sweep again, into another folder",
+        line.program
+    );
     Ok(Some(line))
 }
