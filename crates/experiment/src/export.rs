@@ -161,9 +161,8 @@ fn at_file_size(view: &mut View, folder: &Path) {
     let Ok((width, height)) = image::image_dimensions(folder.join(&view.file)) else { return };
     let camera = &view.camera;
     let shape = |width: u32, height: u32| f64::from(width) / f64::from(height);
-    if (shape(width, height) / shape(camera.width, camera.height) - 1.0).abs()
-        < 2.0 / f64::from(camera.height.min(camera.width))
-    {
+    let stretch = shape(width, height) / shape(camera.width, camera.height);
+    if (stretch - 1.0).abs() < 2.0 / f64::from(camera.height.min(camera.width)) {
         view.camera = camera.resized(width, height);
     }
 }

@@ -195,8 +195,10 @@ fn read(name: &str) -> Result<(String, String, File)> {
     }
     let path = Path::new(name);
     if !path.exists() {
-        let known: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
-        bail!("{name}: expected an experiment file or one of: {}", known.join(", "));
+        bail!(
+            "{name}: expected an experiment file or one of: {}",
+            BUILT_IN.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+        );
     }
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());

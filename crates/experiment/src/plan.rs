@@ -205,12 +205,10 @@ fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<Variant
         bail!("{}: variants: expected at least one table", layers.name);
     }
     if !selection.variants.is_empty() {
-        let named = |name: &String| match variants.iter().find(|variant| variant.name == *name) {
-            Some(variant) => Ok(variant.clone()),
-            None => {
-                let names: Vec<&str> = variants.iter().map(|variant| variant.name.as_str()).collect();
-                bail!("--variant {name}: expected one of: {}", names.join(", "))
-            }
+        let names = variants.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
+        let named = |name: &String| {
+            let known = variants.iter().find(|variant| variant.name == *name).cloned();
+            known.with_context(|| format!("--variant {name}: expected one of: {names}"))
         };
         variants = selection.variants.iter().map(named).collect::<Result<_>>()?;
     }
@@ -219,14 +217,10 @@ fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<Variant
     Ok(variants)
 }
 
-fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
+fn check_distinct(what: &str, mut items: impl Iterator<Item = String>) -> Result<()> {
     let mut seen = BTreeSet::new();
-    for item in items {
-        if !seen.insert(item.clone()) {
-            bail!("{what} {item}: given twice");
-        }
-    }
-    Ok(())
+    let twice = items.find(|item| !seen.insert(item.clone()));
+    twice.map_or(Ok(()), |item| bail!("{what} {item}: given twice"))
 }
 
 /// How the names of sweeps begin.

@@ -29,9 +29,6 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
 
 /// Writes a list of records, whole or not at all. Metrics that are not finite become `null` with a note
 /// ([`Record::representable`]).
-///
-/// # Errors
-/// If the file cannot be written.
 fn write_records(path: &Path, records: &[Record]) -> Result<()> {
     let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
     let mut bytes = serde_json::to_vec_pretty(&records)?;
@@ -40,9 +37,6 @@ fn write_records(path: &Path, records: &[Record]) -> Result<()> {
 }
 
 /// Writes the file of a run below the experiment's `folder` that marks the run as finished.
-///
-/// # Errors
-/// As [`write_records`].
 pub(crate) fn save_own_record(folder: &Path, record: &Record) -> Result<()> {
     let run = folder.join(run_directory(&record.scene, &record.variant, record.seed));
     write_records(&run.join(format!("record-{}.json", record.preset)), std::slice::from_ref(record))
@@ -59,9 +53,6 @@ pub fn save_record(folder: &Path, record: &Record) -> Result<()> {
 
 /// Lists `records` in the `results.json` of the experiment's `folder`, in addition to those that are listed and those that
 /// its runs hold. Entries keep their place, new ones come last; those of deleted runs stay.
-///
-/// # Errors
-/// As [`write_records`] and [`read_records`].
 pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
     let path = folder.join(LIST);
     let given: Vec<Record> = records.iter().cloned().map(Record::representable).collect();

@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use infonerf_procedural as procedural;
 
@@ -47,32 +47,22 @@ pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Re
         let names = names.unwrap_or_else(|| procedural::CLASSICS.iter().map(|&name| name.to_owned()).collect());
         return names.iter().flat_map(|name| expand(name)).map(built_in).collect();
     };
-    let names = match names {
-        Some(names) => names,
-        None => subfolders(data)?,
+    let in_folder = |name: String| {
+        check_name("--scene", &name)?;
+        let path = data.join(&name);
+        ensure!(path.is_dir(), "{}: expected the folder of scene {name}: not found", path.display());
+        Ok((name, SceneSource::Folder { path }))
     };
-    names
-        .into_iter()
-        .map(|name| {
-            check_name("--scene", &name)?;
-            let path = data.join(&name);
-            if !path.is_dir() {
-                bail!("{}: expected the folder of scene {name}: not found", path.display());
-            }
-            Ok((name, SceneSource::Folder { path }))
-        })
-        .collect()
+    names.map_or_else(|| subfolders(data), Ok)?.into_iter().map(in_folder).collect()
 }
 
 fn built_in(name: String) -> Result<(String, SceneSource)> {
-    match procedural::check_name(&name) {
-        Ok(()) => Ok((name.clone(), SceneSource::Procedural(name))),
-        Err(_) => bail!(
-            "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that \
-             holds it",
-            procedural::NAMES.join(", ")
-        ),
-    }
+    ensure!(
+        procedural::check_name(&name).is_ok(),
+        "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that holds it",
+        procedural::NAMES.join(", ")
+    );
+    Ok((name.clone(), SceneSource::Procedural(name)))
 }
 
 /// Expands a range of random scenes: `random-0..3` stands for random-0, random-1, random-2 and random-3; any other name
@@ -83,8 +73,8 @@ fn expand(name: &str) -> Vec<String> {
 }
 
 fn subfolders(data: &Path) -> Result<Vec<String>> {
-    let entries =
-        std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
+    let expected = format!("{}: expected a folder of scenes", data.display());
+    let entries = std::fs::read_dir(data).with_context(|| expected.clone())?;
     let mut names: Vec<String> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.is_dir())
@@ -95,10 +85,9 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
     if names.is_empty() || is_scene(data) {
         let whole = data.canonicalize().unwrap_or_else(|_| data.to_owned());
         let (Some(parent), Some(name)) = (whole.parent(), whole.file_name()) else {
-            bail!("{}: expected a folder of scenes", data.display());
+            bail!(expected);
         };
-        let (parent, name) = (parent.display(), name.display());
-        bail!("{}: expected a folder of scenes; if it is one scene: --data {parent} --scene {name}", data.display());
+        bail!("{expected}; if it is one scene: --data {} --scene {}", parent.display(), name.display());
     }
     // Runs and images may lie next to scenes. If none is a scene, loading reports what one needs.
     let scenes: Vec<String> = names.iter().filter(|name| is_scene(&data.join(name))).cloned().collect();

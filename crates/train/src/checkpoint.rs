@@ -94,11 +94,8 @@ impl Checkpoint {
         let mut files = Vec::new();
         for (&name, bytes) in &self.parts {
             write(&beside.join(name), bytes)?;
-            files.push(CheckpointFile {
-                name: name.to_owned(),
-                bytes: bytes.len() as u64,
-                crc32: crc32fast::hash(bytes),
-            });
+            let (name, crc32) = (name.to_owned(), crc32fast::hash(bytes));
+            files.push(CheckpointFile { name, bytes: bytes.len() as u64, crc32 });
         }
         let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
         let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
@@ -140,9 +137,8 @@ impl Checkpoint {
             let path = folder.join(name);
             let bytes = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
             if bytes.len() as u64 != part.bytes || crc32fast::hash(&bytes) != part.crc32 {
-                let cause =
-                    format!("expected {} bytes with checksum {:08x}: the file is damaged", part.bytes, part.crc32);
-                return Err(TrainError::file(&path, cause));
+                let expected = format!("expected {} bytes with checksum {:08x}", part.bytes, part.crc32);
+                return Err(TrainError::file(&path, format!("{expected}: the file is damaged")));
             }
             parts.insert(name, bytes);
         }

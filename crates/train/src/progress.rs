@@ -51,14 +51,8 @@ impl Progress {
 
     /// Returns the progress after a fresh start: nothing is known of the new field.
     pub(crate) fn restarted(&self) -> Self {
-        Self {
-            step: 0,
-            at: Moment::START,
-            restarts: self.restarts + 1,
-            samples_per_ray: 0.0,
-            empty_steps: 0,
-            ..self.clone()
-        }
+        let Self { seconds, samples_total, samples_evaluated, restarts, .. } = *self;
+        Self { seconds, samples_total, samples_evaluated, restarts: restarts + 1, ..Self::default() }
     }
 }
 

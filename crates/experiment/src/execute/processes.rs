@@ -92,8 +92,7 @@ impl Workers {
         let needed = first.and_then(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
         let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES));
         let jobs = fitting(self.jobs.min(prepared.missing.len()), cores(), available_memory(), needed);
-        let items = prepared.missing.iter().copied();
-        let queue = Mutex::new(items);
+        let queue = Mutex::new(prepared.missing.iter().copied());
         let next = || queue.lock().ok().filter(|_| !(self.stop)()).and_then(|mut queue| queue.next());
         thread::scope(|scope| {
             let (sender, receiver) = mpsc::channel();

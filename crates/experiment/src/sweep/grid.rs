@@ -48,10 +48,8 @@ impl Grid {
         if values.iter().any(String::is_empty) {
             bail!("--grid {text}: expected values separated by commas, found an empty one");
         }
-        for (index, value) in values.iter().enumerate() {
-            if values[..index].contains(value) {
-                bail!("--grid {text}: {value} is given twice");
-            }
+        if let Some((_, value)) = values.iter().enumerate().find(|(index, value)| values[..*index].contains(value)) {
+            bail!("--grid {text}: {value} is given twice");
         }
         Ok(Self { path, values })
     }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use infonerf_report::{Quantity, ReportInput, Setting, Table, overview_table, run_directory, write_report};
+use infonerf_report::{Quantity, Record, ReportInput, Setting, Table, overview_table, run_directory, write_report};
 
 use super::figures::figures;
 use super::{Item, Sweep, assignments};
@@ -36,10 +36,8 @@ pub fn collect(folder: &Path) -> Result<ReportInput> {
     let records = read_records(&path)?;
     let first = records.first().with_context(|| format!("{}: expected at least one record", path.display()))?;
     let mut about = About::of_results(&first.experiment);
-    let plans = records
-        .iter()
-        .map(|record| RunPlan::of_run(&folder.join(run_directory(&record.scene, &record.variant, record.seed))));
-    let plans = plans.collect::<Result<Vec<_>>>()?;
+    let run = |record: &Record| folder.join(run_directory(&record.scene, &record.variant, record.seed));
+    let plans = records.iter().map(|record| RunPlan::of_run(&run(record))).collect::<Result<Vec<_>>>()?;
     about.data.clone_from(&plans[0].data);
     about.report_input(records, &plans.iter().collect::<Vec<_>>())
 }
