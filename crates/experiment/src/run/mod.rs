@@ -289,9 +289,7 @@ fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, as
 
 /// Names all that a scene depends on, the contents of its files included.
 fn scene_key(plan: &RunPlan, identity: &Identity) -> String {
-    let (config, data) = (&plan.config, identity.data());
-    format!(
-        "{:?} {data} {:?} {:?} {:?} {}",
-        plan.source, config.scene, config.train.cameras, config.eval.test, plan.seed
-    )
+    let RunPlan { source, seed, config, .. } = plan;
+    let (scene, cameras, test) = (&config.scene, &config.train.cameras, &config.eval.test);
+    format!("{source:?} {} {scene:?} {cameras:?} {test:?} {seed}", identity.data())
 }

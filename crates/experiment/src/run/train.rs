@@ -90,15 +90,12 @@ impl Training {
         if step == self.before.0 + 1 {
             self.first_step_seconds = self.trainer.progress().seconds - self.before.1;
         }
-        let more = if outcome != Outcome::Running {
+        let is_due = control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every));
+        if outcome != Outcome::Running {
             self.state = State::Over;
-            self.save(watch)?
-        } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
-            self.save(watch)?
-        } else {
-            Control::Continue
-        };
-        Ok(control.max(more))
+        }
+        let is_saved = is_due || self.is_over();
+        Ok(if is_saved { control.max(self.save(watch)?) } else { control })
     }
 }
 

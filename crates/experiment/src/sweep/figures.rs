@@ -15,10 +15,10 @@ use super::grid::Grid;
 const WIDE: f64 = 30.0;
 
 /// Mean PSNR over scenes and seeds, by the name of a variant with its values.
-pub(crate) type Means = HashMap<String, f64>;
+type Means = HashMap<String, f64>;
 
 /// Returns the mean PSNR of each setting (a variant with its values) that has one.
-pub(crate) fn means(records: &[Record]) -> Means {
+fn means(records: &[Record]) -> Means {
     let table = overview_table(records, &[Quantity::PSNR]);
     let mean = |row: &infonerf_report::TableRow| Some((row.label.clone(), row.cells.first()?.summary?.mean));
     table.rows.iter().filter_map(mean).collect()
@@ -35,9 +35,8 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
     }
 }
 
-fn variants(sweep: &Sweep) -> Vec<String> {
-    let variants: IndexSet<&String> = sweep.items.iter().map(|item| &item.variant).collect();
-    variants.into_iter().cloned().collect()
+fn variants(sweep: &Sweep) -> IndexSet<String> {
+    sweep.items.iter().map(|item| item.variant.clone()).collect()
 }
 
 /// Means of `variant`, by choice of values.

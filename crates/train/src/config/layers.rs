@@ -111,19 +111,15 @@ pub fn assign(table: &mut Table, assignment: &str) -> Result<(), TrainError> {
 /// # Errors
 /// If there is no `=` or a part of the key is empty.
 pub fn parse_assignment(assignment: &str) -> Result<(Vec<String>, Value), TrainError> {
-    let (key, text) = assignment
-        .split_once('=')
-        .ok_or_else(|| TrainError::config(assignment, "expected dotted.key=value, found no `=`"))?;
+    let fault = || TrainError::config(assignment, "expected dotted.key=value, found no `=`");
+    let (key, text) = assignment.split_once('=').ok_or_else(fault)?;
     let path: Vec<String> = key.trim().split('.').map(str::to_owned).collect();
     if path.iter().any(String::is_empty) {
         return Err(TrainError::config(key, "expected dotted.key=value, found an empty part in the key"));
     }
-    Ok((path, parse_value(text.trim())))
-}
-
-fn parse_value(text: &str) -> Value {
+    let text = text.trim();
     let parsed = format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
-    parsed.unwrap_or_else(|| Value::String(text.to_owned()))
+    Ok((path, parsed.unwrap_or_else(|| Value::String(text.to_owned()))))
 }
 
 fn set(table: &mut Table, path: &[String], value: Value) -> Result<(), TrainError> {

@@ -143,10 +143,7 @@ impl<F: Field> Trainer<F> {
                 break;
             }
         }
-        Ok(match () {
-            () if self.has_collapsed() => Outcome::Collapsed,
-            () if self.is_over() => Outcome::Finished,
-            () => Outcome::Running,
-        })
+        let outcome = if self.is_over() { Outcome::Finished } else { Outcome::Running };
+        Ok(if self.has_collapsed() { Outcome::Collapsed } else { outcome })
     }
 }

@@ -11,7 +11,7 @@ use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
 use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
 use infonerf_ops::means::mean_squared_difference;
-use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
+use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RenderRequest};
 use infonerf_schedule::Moment;
 
 use super::batch::{RayGroup, Role, StepBatch};
@@ -197,9 +197,7 @@ impl<F: Field> Trainer<F> {
     }
 
     fn update_occupancy(&mut self, at: Moment) {
-        let Some(grid) = self.occupancy.as_mut().filter(|grid: &&mut OccupancyGrid| grid.is_due(at.step)) else {
-            return;
-        };
+        let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
         let scene = &self.scenes[0];
         let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
         let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
