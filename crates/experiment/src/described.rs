@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use toml::{Table, Value};
 
 use crate::file::{Layers, Start};
-use crate::plan::assign;
-use crate::{Experiment, RunPlan, Selection};
+use crate::plan::{Experiment, Selection, assign};
+use crate::run_plan::RunPlan;
 
 /// Keys of which a table in a config has one if it is a single value: a schedule, a choice of views or a mask.
 const VALUE_TAGS: [&str; 4] = ["from", "steps", "kind", "rule"];

@@ -19,7 +19,8 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use crate::records::read_records;
-use crate::{RunPlan, Trained};
+use crate::run::Trained;
+use crate::run_plan::RunPlan;
 
 /// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that
 /// find points of the latter: enough for distances of a fraction of a voxel.

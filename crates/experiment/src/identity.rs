@@ -10,9 +10,8 @@ use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::RunPlan;
 use crate::described::leaves;
-use crate::run_plan::file_paths;
+use crate::run_plan::{RunPlan, file_paths};
 
 /// File name in a run's folder.
 const NAME: &str = "identity.json";

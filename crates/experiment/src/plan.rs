@@ -278,7 +278,7 @@ impl About {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::describe;
+    use crate::described::describe;
     use crate::described::leaves;
     use crate::file::list;
     use crate::testing::selected;

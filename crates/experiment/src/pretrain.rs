@@ -7,8 +7,10 @@ use anyhow::{Context, Result, bail};
 use infonerf_scene::PixelCount;
 use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 
-use crate::run::{Training, load_checkpoint, train};
-use crate::{Experiment, Identity, RunEvent, RunPlan, Session, Watch};
+use crate::identity::Identity;
+use crate::plan::Experiment;
+use crate::run::{RunEvent, Session, Training, Watch, load_checkpoint, train};
+use crate::run_plan::RunPlan;
 
 /// The result of pre-training.
 pub struct Pretrained {

@@ -8,7 +8,7 @@ use infonerf_report::{Published, PublishedRow, Quantity};
 use infonerf_schedule::Moment;
 use serde::Deserialize;
 
-use crate::RunPlan;
+use crate::run_plan::RunPlan;
 
 /// The `[paper]` of an experiment file.
 #[derive(Clone, Debug, Deserialize)]
@@ -161,7 +161,7 @@ fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Experiment;
+    use crate::plan::Experiment;
     use crate::testing::selected;
 
     #[test]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use infonerf_report::{ReportInput, write_collection};
 
+use crate::plan::{Experiment, Selection};
 use crate::sweep::Sweep;
-use crate::{Experiment, Selection};
 
 /// How an experiment becomes one chapter of many: what it runs where nothing else is selected. What is empty is as the
 /// experiment has it.

@@ -273,8 +273,8 @@ fn absolute(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::{Experiment, Selection};
     use crate::testing::{first_run, selected};
-    use crate::{Experiment, Selection};
 
     /// As in `parity.rs`: there is no half in the pixel positions of the released code.
     #[test]

@@ -1,6 +1,7 @@
 //! Selections and plans for tests.
 
-use crate::{Experiment, RunPlan, Selection};
+use crate::plan::{Experiment, Selection};
+use crate::run_plan::RunPlan;
 
 /// Returns the selection of some scenes, variants and settings.
 pub(crate) fn selected(scenes: &[&str], variants: &[&str], settings: &[&str]) -> Selection {

@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use crate::RayDistribution;
 use crate::composite::MIN_ALPHA_SUM;
+use crate::entropy::RayDistribution;
 use crate::numeric::{SampleOpacity, ln, log_ratio};
 use crate::ray_kernel::Group;
 

@@ -7,9 +7,9 @@ use burn::backend::Dispatch;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
-use crate::Segments;
 use crate::graph::Inputs;
 use crate::kernel::{self, Kernel, Pass};
+use crate::segments::Segments;
 use crate::simd::{self, Job};
 
 /// Rays of a group, one task of a kernel: enough samples to fill vectors, few enough to stay in cache.

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
-use crate::upload;
+use crate::traffic::upload;
 
 /// Packed samples by ray: ray `r` owns samples `offsets[r]..offsets[r + 1]`, perhaps none.
 ///
@@ -95,7 +95,7 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::{from_host, to_host};
+    use crate::traffic::{from_host, to_host};
 
     #[test]
     #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::Ray;
+use crate::ray::Ray;
 
 /// An axis-aligned box, `min ≤ max` in each coordinate, in world units.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]

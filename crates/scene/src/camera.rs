@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DMat4, DVec2, DVec3, Vec2, Vec3};
 
-use crate::{Lens, Ray};
+use crate::lens::Lens;
+use crate::ray::Ray;
 
 /// A camera: intrinsics in pixels, a lens and an OpenGL camera-to-world pose.
 ///

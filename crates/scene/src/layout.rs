@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::Camera;
+use crate::camera::Camera;
 use crate::poses::{FORWARD_FACING, cone, scene_focus};
 
 /// Cameras look at an object if the mean cosine of the angle between their viewing axes and the direction to the object is

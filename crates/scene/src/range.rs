@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use crate::Ray;
+use crate::ray::Ray;
 
 /// The interval of a ray in which a scene's content lies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

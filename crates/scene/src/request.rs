@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Format, SceneError, TestProtocol, ViewSelection};
+use crate::error::SceneError;
+use crate::format::Format;
+use crate::select::{TestProtocol, ViewSelection};
 
 /// Longest image side that can be asked for, in pixels.
 const MAX_SIZE: u32 = 16_384;

@@ -4,7 +4,11 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Backdrop, Camera, Format, Image, Ray, Space, resized_dimensions};
+use crate::camera::Camera;
+use crate::format::{Backdrop, Format};
+use crate::image::{Image, resized_dimensions};
+use crate::ray::Ray;
+use crate::space::Space;
 
 /// One photograph with its camera.
 #[derive(Clone, Debug, PartialEq)]

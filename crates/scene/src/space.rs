@@ -3,8 +3,11 @@
 use glam::{Mat3, Vec3};
 use serde::Serialize;
 
+use crate::bounds::Aabb;
+use crate::camera::Camera;
+use crate::layout::Layout;
 use crate::poses::up_direction;
-use crate::{Aabb, Camera, Layout, Range};
+use crate::range::Range;
 
 /// The region that a scene's content occupies, and how its cameras are arranged.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use crate::Schedule;
+use crate::curve::Schedule;
 
 /// A fault of a config: a value that is out of range, or that does not go with the rest.
 #[derive(Clone, Debug, PartialEq, Eq)]

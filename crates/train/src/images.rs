@@ -197,9 +197,9 @@ mod tests {
     use infonerf_scene::ViewRegion;
 
     use super::*;
+    use crate::config::{Config, Preset};
     use crate::pixels::{UnseenViews, rotation};
     use crate::testing::knot;
-    use crate::{Config, Preset};
 
     /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]

@@ -13,9 +13,11 @@ pub use processes::{Runner, STOPPED, Workers};
 pub(crate) use slurm::refuse_under_way;
 pub use slurm::{JobResources, Jobs, Slurm};
 
+use crate::device::DeviceName;
 use crate::records::save_record;
+use crate::run::{Control, Existing, Finished, RunEvent, Session, Trained};
+use crate::run_plan::RunPlan;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
-use crate::{Control, DeviceName, Existing, Finished, RunEvent, RunPlan, Session, Trained};
 
 /// Executor: the place where runs happen.
 pub enum Executor<'a> {

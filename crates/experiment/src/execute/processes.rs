@@ -12,7 +12,7 @@ use std::time::Duration;
 use infonerf_train::available_memory;
 
 use super::{PlanEvent, PlanWatch, RunEnd};
-use crate::DeviceName;
+use crate::device::DeviceName;
 use crate::sweep::{Prepared, Sweep};
 
 /// Exit code of an item's process that was asked to stop, and saved.

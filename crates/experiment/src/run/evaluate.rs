@@ -14,7 +14,8 @@ use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol, View};
 use infonerf_train::config::{Disturbance, Unseen};
 use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, information};
 
-use crate::{Control, RunEvent, RunPlan, Session, Trained, Watch};
+use crate::run::{Control, RunEvent, Session, Trained, Watch};
+use crate::run_plan::RunPlan;
 
 /// Renders and measures the test views, writes the images, and returns the record without its memory; `None` if `watch`
 /// stops it. The fields made `progress` with the `left_out` ones that went empty.

@@ -31,8 +31,10 @@ pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;
 
+use crate::device::OpenDevice;
+use crate::identity::Identity;
 use crate::records::read_records;
-use crate::{Identity, OpenDevice, RunPlan};
+use crate::run_plan::RunPlan;
 
 /// Session: the device, the folder and the policies with which runs are trained and evaluated.
 #[derive(Debug)]

@@ -8,8 +8,10 @@ use infonerf_report::Record;
 use infonerf_train::Checkpoint;
 
 use super::*;
+use crate::device::{DeviceName, open};
+use crate::plan::Experiment;
+use crate::run::{Control, Existing};
 use crate::testing::selected;
-use crate::{Control, DeviceName, Existing, Experiment, open};
 
 /// Settings, as words of a command line.
 const TINY: &str = "train.iterations=3 train.rays=16 train.unseen_rays=8 train.target_samples=200 scene.size=16 \

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use infonerf_train::{Checkpoint, Event, MemberStep, Outcome, Trainer, step_side_by_side};
 
 use super::log::Log;
-use crate::{Control, RunEvent, Watch};
+use crate::run::{Control, RunEvent, Watch};
 
 /// Loads the newest intact checkpoint of a folder, with a warning for each that is not intact.
 pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Option<Checkpoint>> {

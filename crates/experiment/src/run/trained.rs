@@ -8,7 +8,9 @@ use infonerf_schedule::Schedule;
 use infonerf_train::{Progress, Trainer, without_collapsed};
 
 use super::load_checkpoint;
-use crate::{Control, OpenDevice, RunEvent, RunPlan};
+use crate::device::OpenDevice;
+use crate::run::{Control, RunEvent};
+use crate::run_plan::RunPlan;
 
 /// A finished or interrupted run: its fields, each as its newest checkpoint left it.
 pub struct Trained {

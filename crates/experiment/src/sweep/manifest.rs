@@ -9,8 +9,10 @@ use infonerf_metrics::Networks;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::device::OpenDevice;
 use crate::records::save_own_record;
-use crate::{Existing, Finished, OpenDevice, RunPlan, Session, Watch};
+use crate::run::{Existing, Finished, Session, Watch};
+use crate::run_plan::RunPlan;
 
 /// File name, in the folder of the sweep.
 pub(crate) const NAME: &str = "manifest.jsonl";

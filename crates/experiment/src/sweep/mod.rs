@@ -15,8 +15,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 
-use crate::plan::Outline;
-use crate::{About, Existing, Experiment, RunPlan, Selection};
+use crate::plan::{About, Experiment, Outline, Selection};
+use crate::run::Existing;
+use crate::run_plan::RunPlan;
 pub use grid::PAPER_SPACE;
 use grid::{Grid, assignments, choices};
 pub use manifest::run_item;

@@ -9,8 +9,9 @@ use infonerf_report::{Quantity, Record, ReportInput, Setting, Table, overview_ta
 
 use super::figures::figures;
 use super::{Item, Sweep, assignments};
+use crate::plan::About;
 use crate::records::{LIST, list_records, read_records};
-use crate::{About, RunPlan};
+use crate::run_plan::RunPlan;
 
 /// The files that a sweep has written.
 pub struct SweepFiles {

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::{Sweep, manifest};
+use crate::device::DeviceName;
 use crate::execute::refuse_under_way;
+use crate::identity::Identity;
 use crate::records::{LIST, read_records};
-use crate::run::{clear, lock};
-use crate::{DeviceName, Existing, Identity};
+use crate::run::{Existing, clear, lock};
 
 /// A sweep's folder, and which of its runs are to do.
 pub struct Prepared {

@@ -1,7 +1,7 @@
 use rayon::prelude::*;
 
-use crate::Segments;
 use crate::kernel::{Kernel, Pass};
+use crate::segments::Segments;
 
 /// Input: τ. Output: τ′ of each sample, `[M]`.
 #[derive(Debug)]

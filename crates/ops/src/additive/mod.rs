@@ -7,8 +7,8 @@ mod plain;
 use burn::tensor::Tensor;
 
 pub use self::plain::plain;
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::segments::Segments;
 
 /// Computes optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
 /// Eq. 7), `[M]`, differentiable in `tau`.

@@ -1,7 +1,8 @@
 use burn::tensor::{FloatDType, Tensor};
 
 use crate::composite::{Padding, exclusive_sum, working_dtype};
-use crate::{Segments, upload};
+use crate::segments::Segments;
+use crate::traffic::upload;
 
 /// Computes [`additive_depth`](super::additive_depth) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {

@@ -7,9 +7,9 @@ use burn::cubecl::{self, prelude::*};
 use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::Segments;
 use crate::cube::rays::{RayOffsets, alpha_of, first_sample};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
+use crate::segments::Segments;
 
 /// Computes values, depth and Σw of [`composite`](super::composite()) or, with three values, `distances` and a `background`,
 /// of [`composite_over`](super::composite_over()).

@@ -11,7 +11,8 @@ use burn::tensor::Tensor;
 pub use self::plain::plain;
 pub(crate) use self::plain::{Padding, exclusive_sum, plain_alpha, working_dtype};
 use crate::dispatch::dispatch;
-use crate::{Segments, upload};
+use crate::segments::Segments;
+use crate::traffic::upload;
 
 /// Least Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
 ///

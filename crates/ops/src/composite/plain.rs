@@ -5,7 +5,8 @@ use burn::backend::DispatchDevice;
 use burn::tensor::{Bool, Device, FloatDType, Int, Tensor};
 
 use super::Composite;
-use crate::{Segments, upload};
+use crate::segments::Segments;
+use crate::traffic::upload;
 
 /// Computes [`composite`](super::composite()) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {

@@ -4,10 +4,10 @@ use burn::cubecl::{self, prelude::*};
 use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
+use crate::segments::Segments;
 
 pub(super) fn divergence(
     tau: tensor::Tensor<1>,

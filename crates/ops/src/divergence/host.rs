@@ -1,5 +1,5 @@
-use crate::RayDistribution;
 use crate::distribution::Distributions;
+use crate::entropy::RayDistribution;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
 

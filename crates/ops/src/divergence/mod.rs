@@ -9,8 +9,8 @@ mod plain;
 use burn::tensor::Tensor;
 
 pub use self::plain::plain;
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::segments::Segments;
 
 /// Computes KL(P(r) ‖ P(r̃)) of paired rays in nats (InfoNeRF, Eq. 9), `[R]`.
 ///

@@ -1,7 +1,7 @@
 use burn::tensor::{FloatDType, Tensor};
 
-use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
+use crate::segments::Segments;
 
 /// Computes [`ray_divergence`](super::ray_divergence) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {

@@ -4,10 +4,10 @@ use burn::cubecl::{self, prelude::*};
 use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayMass, RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
+use crate::segments::Segments;
 
 /// Computes the results of [`ray_entropy`](super::ray_entropy) for p = α/Σα: bits and Σα, `[R]` each.
 pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {

@@ -10,8 +10,8 @@ use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
 pub use self::plain::plain;
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::segments::Segments;
 
 /// Distribution along a ray whose entropy is measured. `αᵢ = 1 − e^−τᵢ`, `wᵢ = Tᵢ αᵢ`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

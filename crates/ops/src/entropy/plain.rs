@@ -1,8 +1,8 @@
 use burn::tensor::{FloatDType, Int, Tensor};
 
 use super::{RayDistribution, RayEntropy};
-use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, exclusive_sum, plain_alpha, working_dtype};
+use crate::segments::Segments;
 
 /// Computes [`ray_entropy`](super::ray_entropy) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments, distribution: RayDistribution, epsilon: f32) -> RayEntropy {

@@ -15,7 +15,8 @@ pub use self::pack::{PackedSamples, RaySamples, pack};
 use crate::composite::weights;
 use crate::dispatch::dispatch;
 use crate::random::Stream;
-use crate::{Segments, to_host, upload, upload_together};
+use crate::segments::Segments;
+use crate::traffic::{to_host, upload, upload_together};
 
 /// Rule by which samples divide the interval of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

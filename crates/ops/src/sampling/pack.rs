@@ -3,7 +3,8 @@
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 
-use crate::{Segments, upload_together};
+use crate::segments::Segments;
+use crate::traffic::upload_together;
 
 /// Packed samples of a bundle of rays. No tensor is in a graph, unless the device is one of autodiff.
 #[derive(Clone, Debug)]

@@ -19,7 +19,7 @@ pub use rgba::{Rgba8, RgbaImage};
 use std::ops::{Add, Mul};
 use std::path::Path;
 
-use crate::SceneError;
+use crate::error::SceneError;
 
 /// An RGB image composited on its scene's background, with the coverage it was composited with.
 ///

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{Image, codec, resize::box_filter};
-use crate::SceneError;
+use crate::error::SceneError;
 
 /// A straight-alpha RGBA image in `f32`, as decoded from a file of any depth.
 ///

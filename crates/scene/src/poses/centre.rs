@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::cap::Cap;
 use super::outer;
-use crate::Camera;
+use crate::camera::Camera;
 
 /// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
 const PRIOR: f64 = 1e-4;

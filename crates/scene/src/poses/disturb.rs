@@ -2,7 +2,7 @@ use glam::{DMat3, DMat4, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::Scene;
+use crate::scene::Scene;
 
 impl Scene {
     /// Returns the scene with training cameras as a careless reconstruction would find them: each is rotated by
@@ -36,8 +36,10 @@ fn direction(rng: &mut impl Rng) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Camera;
+    use crate::image::Image;
+    use crate::scene::View;
     use crate::testing::train_cameras;
-    use crate::{Camera, Image, View};
 
     #[test]
     fn each_training_camera_is_turned_and_moved_by_as_much() {

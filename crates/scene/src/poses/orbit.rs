@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::{DMat4, DVec3};
 
 use super::ViewRegion;
-use crate::Camera;
+use crate::camera::Camera;
 
 /// Returns `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///

@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
 use super::ViewRegion;
-use crate::Camera;
+use crate::camera::Camera;
 
 /// A pose that a camera path passes through.
 #[derive(Clone, Copy, Debug, PartialEq)]

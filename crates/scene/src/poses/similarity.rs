@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use super::outer;
-use crate::Camera;
+use crate::camera::Camera;
 
 /// A similarity of the world: `x ↦ s R x + t`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DMat4, DVec3};
 
 use super::ViewRegion;
-use crate::Camera;
-use crate::camera::look_along;
+use crate::camera::{Camera, look_along};
 
 /// Turns about the mean camera.
 const TURNS: f64 = 2.0;

@@ -5,8 +5,7 @@ use rand::Rng;
 
 use super::cap::{Cap, angle};
 use super::centre::{FORWARD_FACING, Focus, scene_focus, up_direction};
-use crate::Camera;
-use crate::camera::look_along;
+use crate::camera::{Camera, look_along};
 
 /// Directions closer than this, in radians, count as one.
 const SAME: f64 = 1e-6;

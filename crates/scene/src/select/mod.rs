@@ -12,7 +12,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_mt::Mt;
 
-use crate::{Camera, SceneError};
+use crate::camera::Camera;
+use crate::error::SceneError;
 
 /// Rule for choosing training views among all of a scene.
 ///

@@ -1,7 +1,8 @@
 //! Selections and protocols for formats with their own splits and named sets.
 
 use super::{TestProtocol, ViewSelection};
-use crate::{Camera, SceneError};
+use crate::camera::Camera;
+use crate::error::SceneError;
 
 /// Named sets of view ids.
 pub type Named = Vec<(String, Vec<usize>)>;

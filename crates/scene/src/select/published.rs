@@ -2,7 +2,7 @@
 
 use super::ViewSelection;
 use super::pool::Named;
-use crate::Camera;
+use crate::camera::Camera;
 
 /// Returns InfoNeRF's selection for NeRF's synthetic scenes: four views of a hundred.
 pub fn synthetic(cameras: &[Camera]) -> Named {

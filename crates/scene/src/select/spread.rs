@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand::seq::{SliceRandom, index};
 
-use crate::Camera;
+use crate::camera::Camera;
 use crate::poses::view_directions;
 
 /// Random sets that [`wide`] tries.

@@ -1,7 +1,7 @@
 //! Choosing the views to evaluate on.
 
 use super::check_ids;
-use crate::SceneError;
+use crate::error::SceneError;
 
 /// Choice of the test views to evaluate on.
 ///

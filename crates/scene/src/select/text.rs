@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::{TestProtocol, ViewSelection};
-use crate::SceneError;
+use crate::error::SceneError;
 
 /// Published protocols of test views; each format knows some of them.
 const PUBLISHED: [&str; 4] = ["regnerf", "pixelnerf", "infonerf", "neural-body"];

@@ -4,7 +4,7 @@ use infonerf_scene::Layout;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use crate::TrainError;
+use crate::error::TrainError;
 
 /// A complete config to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -22,7 +22,7 @@ use infonerf_scene::{Format, MaskUse};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::error::TrainError;
 
 /// Everything that the results of a run depend on, except the scene's files, the seed and the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 use toml::{Table, Value};
 
 use super::Config;
-use crate::TrainError;
+use crate::error::TrainError;
 
 /// Reads a config.
 ///

@@ -9,7 +9,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use self::kernels::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
 use super::{CubeKernel, Pass, apply, empty, empty_like};
-use crate::Segments;
+use crate::segments::Segments;
 use crate::traffic::count_upload;
 
 /// Copies the rows of rays, `[R, C]`, to their samples ([`Segments::spread`]).

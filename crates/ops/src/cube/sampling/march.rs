@@ -10,7 +10,8 @@ use crate::cube::rays::RayOffsets;
 use crate::cube::{CubeKernel, apply, empty};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
-use crate::{Segments, to_host};
+use crate::segments::Segments;
+use crate::traffic::to_host;
 
 pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
