@@ -232,6 +232,15 @@ mod tests {
     }
 
     #[test]
+    fn training_views_are_no_larger_than_the_picture() {
+        let whole = Arc::new(residuals(&photographed()));
+        assert!(Arc::ptr_eq(&whole.for_size(SIZE), &whole));
+        let half = whole.for_size(SIZE / 2);
+        assert_eq!(half.cameras[0], whole.cameras[0].resized(SIZE / 2, SIZE / 2));
+        assert_eq!(half.scene.train[0].camera, half.cameras[0]);
+    }
+
+    #[test]
     fn hidden_and_invalid_pixels_add_nothing() {
         let mut scene = photographed();
         let unchanged =

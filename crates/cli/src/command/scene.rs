@@ -42,9 +42,6 @@ pub(crate) enum SceneCommand {
         /// Program that finds them: `best` tries colmap as well if some photographs have no pose, and keeps the better
         #[arg(long, value_parser = ["best", "own", "colmap"], default_value = "best")]
         poses: String,
-        /// Do not look for `colmap`, as with `--poses own`
-        #[arg(long, conflicts_with = "poses")]
-        without_colmap: bool,
         /// Focal length of the lens: image widths (of the longer side), or with a unit, `28mm` (at 35 mm) or `3100px`
         #[arg(long, value_name = "LENGTH", value_parser = focal_length)]
         focal: Option<FocalLength>,
@@ -91,7 +88,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => drop(print_doubts(dir)?),
-        SceneCommand::FromImages { dir, poses, without_colmap, focal } => {
+        SceneCommand::FromImages { dir, poses, focal } => {
             let focal = match focal {
                 Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
                 Some(FocalLength::Widths(widths)) => Some(*widths),
@@ -99,8 +96,8 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
             };
             let solver = match poses.as_str() {
                 "colmap" => PoseSolver::Colmap,
-                "best" if !without_colmap => PoseSolver::Best,
-                _ => PoseSolver::Own,
+                "own" => PoseSolver::Own,
+                _ => PoseSolver::Best,
             };
             let search = PoseSearch { solver, focal };
             from_images(dir, &search, |line| outln!("{line}"))?;

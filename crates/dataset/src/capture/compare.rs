@@ -242,7 +242,7 @@ mod tests {
         type Given<'a> = &'a dyn Fn(usize, &[Camera]) -> (DMat4, f64);
         let transposed =
             |pose: &DMat4| DMat4 { w_axis: pose.w_axis, ..DMat4::from_mat3(DMat3::from_mat4(*pose).transpose()) };
-        let cases: [(Given<'_>, &str); 8] = [
+        let cases: [(Given<'_>, &str); 9] = [
             (&|i, all| (all[i].to_world * flip, all[i].fx), "with OpenCV's axes"),
             (&|i, all| (all[i].to_world.inverse(), all[i].fx), "as world-to-camera matrices they"),
             (&|i, all| (all[i].to_world * quarter, all[i].fx), "with cameras rolled by 270°"),
@@ -251,6 +251,7 @@ mod tests {
             (&|i, all| (all[(i + 1) % 12].to_world, all[i].fx), "each with the pose of the photograph before"),
             (&|i, all| (all[11 - i].to_world, all[i].fx), "in the opposite order"),
             (&|i, all| (all[i].to_world, 24.0), "with focal lengths of about"),
+            (&|i, all| (all[i].to_world, 0.7 * all[i].fx), "with focal lengths of about"),
         ];
         for (given, named) in cases {
             let found = doubts(given);

@@ -196,6 +196,16 @@ mod tests {
         assert_eq!(paper.render, RenderConfig::default());
     }
 
+    #[test]
+    fn measured_views_are_spread_evenly() {
+        let measured = |max_views: usize| {
+            let config = Config::of(Preset::Paper, [format!("eval.max_views={max_views}")]).unwrap();
+            config.eval.measured(&[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]).into_iter().copied().collect::<Vec<_>>()
+        };
+        assert_eq!((measured(3), measured(1), measured(5)), (vec![0, 4, 8], vec![0], vec![0, 2, 4, 6, 8]));
+        assert_eq!((measured(0).len(), measured(10).len(), measured(99).len()), (10, 10, 10));
+    }
+
     const MIP: &str =
         "field={kind=\"mip\",layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
 
