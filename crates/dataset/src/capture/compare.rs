@@ -25,7 +25,7 @@ const EXPLAINED: f64 = 0.5;
 /// Another convention is named if it explains at least this share of the matches.
 const CONVINCING: f64 = 0.7;
 /// Poses that explain more than [`EXPLAINED`] are doubted too if another convention explains this much, and so much more.
-const BETTER: (f64, f64) = (0.85, 0.2);
+const BETTER: (f64, f64) = (0.9, 0.12);
 /// Matches of a photograph with others from which on it is judged alone, and the share below which its pose is doubted.
 const OF_ONE: (usize, f64) = (30, 0.3);
 /// Plausible principal points over the sides of the image, and ratios of vertical and horizontal focal length.
@@ -73,8 +73,8 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let taken_as = conventions(&poses, &all_names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name.into()));
     let mean = focal.iter().sum::<f64>() / focal.len() as f64;
     let longer = f64::from(cameras[0].width.max(cameras[0].height));
-    let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0].map(|times| {
-        (share(&poses, times * longer / mean), format!("with focal lengths of about {times} image widths"))
+    let focal_lengths = (0..17).map(|i| 0.5 * 1.12f64.powi(i)).map(|times| {
+        (share(&poses, times * longer / mean), format!("with focal lengths of about {times:.2} image widths"))
     });
     let best = taken_as.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
@@ -251,7 +251,7 @@ mod tests {
             (&|i, all| (all[(i + 1) % 12].to_world, all[i].fx), "each with the pose of the photograph before"),
             (&|i, all| (all[11 - i].to_world, all[i].fx), "in the opposite order"),
             (&|i, all| (all[i].to_world, 24.0), "with focal lengths of about"),
-            (&|i, all| (all[i].to_world, 0.7 * all[i].fx), "with focal lengths of about"),
+            (&|i, all| (all[i].to_world, 0.7 * all[i].fx), "with focal lengths of about 1.39 image widths"),
         ];
         for (given, named) in cases {
             let found = doubts(given);
