@@ -30,12 +30,13 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
         let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || name.starts_with("member"));
-        let removed = match is_folder {
-            true => fs::remove_dir_all(&path),
-            false if is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) => {
-                fs::remove_file(&path)
-            }
-            false => Ok(()),
+        let is_file = is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str());
+        let removed = if is_folder {
+            fs::remove_dir_all(&path)
+        } else if is_file {
+            fs::remove_file(&path)
+        } else {
+            Ok(())
         };
         removed.with_context(|| path.display().to_string())?;
     }
