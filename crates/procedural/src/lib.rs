@@ -249,7 +249,11 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
 /// # Errors
 /// There is none.
 pub fn check_name(name: &str) -> Result<(), SceneError> {
-    model(name).map(drop)
+    if NAMES.contains(&name) || random_seed(name).is_some() {
+        return Ok(());
+    }
+    let known = format!("{}, random-<seed>", NAMES.join(", "));
+    Err(SceneError::UnknownScene { name: name.into(), known })
 }
 
 /// Parses the seed in `random-<seed>`, written in the one way that `u64` is printed.
@@ -259,16 +263,15 @@ fn random_seed(name: &str) -> Option<u64> {
 }
 
 fn model(name: &str) -> Result<SceneModel, SceneError> {
+    check_name(name)?;
     let mut scene = Builder::default();
     if let Some((_, add, scale, rise)) = SCENES.into_iter().find(|(known, ..)| *known == name) {
         add(&mut scene);
         return Ok(scene.build(scale, rise));
     }
-    let Some(seed) = random_seed(name) else {
-        let known = format!("{}, random-<seed>", NAMES.join(", "));
-        return Err(SceneError::UnknownScene { name: name.into(), known });
-    };
-    scenes::random(&mut scene, seed);
+    if let Some(seed) = random_seed(name) {
+        scenes::random(&mut scene, seed);
+    }
     Ok(scene.build(1.0, 0.05))
 }
 

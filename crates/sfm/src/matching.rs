@@ -195,13 +195,13 @@ mod tests {
     #[test]
     fn features_of_a_turned_and_scaled_picture_match() {
         let turned = |p: DVec2| DVec2::from_angle(0.6).rotate(p - 150.0) * 0.8 + 160.0;
-        let (a, b) = (features(&picture(|p| p, 1.0), 2000), features(&picture(turned, 0.8), 2000));
+        let (a, b) = (features(&picture(|p| p, 1.0), None, 2000), features(&picture(turned, 0.8), None, 2000));
         let pairs = matches(&a, &b);
         let near = pairs.iter().filter(|(i, j)| turned(a.pixels[*i]).distance(b.pixels[*j]) < 1.0).count();
         assert!(pairs.len() > 60 && near * 100 > pairs.len() * 90, "{near} of {}", pairs.len());
         assert!(matches(&a, &Default::default()).is_empty() && matches(&Default::default(), &a).is_empty());
         let blank = GreyImage { width: 40, height: 3, values: vec![0.5; 120] };
-        assert_eq!(features(&blank, 10).pixels.len(), 0);
+        assert_eq!(features(&blank, None, 10).pixels.len(), 0);
     }
 
     #[test]

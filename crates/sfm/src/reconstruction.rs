@@ -49,6 +49,8 @@ pub const NO_DEPTH: &str = "they show no depth: one homography explains the matc
 pub struct Photograph {
     /// The image, reduced to any size.
     pub image: GreyImage,
+    /// Pixels whose features count, row-major; `None` if all do.
+    pub mask: Option<Vec<bool>>,
     /// Focal length over the longer side of the image, if it is known.
     pub focal: Option<f64>,
 }
@@ -90,7 +92,7 @@ pub fn reconstruct(
     let size_of = |p: &Photograph| DVec2::new(p.image.width as f64, p.image.height as f64);
     let size = photographs.iter().map(size_of).fold(DVec2::ONE, DVec2::max);
     let found = |p: &Photograph| {
-        let mut found = features(&p.image, FEATURES);
+        let mut found = features(&p.image, p.mask.as_deref(), FEATURES);
         found.pixels.iter_mut().for_each(|pixel| *pixel += 0.5 * (size - size_of(p)));
         found
     };

@@ -97,7 +97,7 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
 /// Finds the features of a view at valid pixels, as a lens of that focal length without distortion sees them.
 fn seen(view: &View, focal: f64) -> Features {
     let (width, height) = (view.image.width as usize, view.image.height as usize);
-    let found = features(&GreyImage::luma(width, height, view.image.rgb.iter().copied()), FEATURES);
+    let found = features(&GreyImage::luma(width, height, view.image.rgb.iter().copied()), None, FEATURES);
     let is_valid = |pixel: DVec2| {
         let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size - 1));
         view.valid.as_ref().is_none_or(|valid| valid[y * width + x])

@@ -38,16 +38,20 @@ pub(crate) struct Features {
     pub(crate) descriptors: Vec<f32>,
 }
 
-/// Finds the features of `image`, the `most` of highest contrast.
-pub(crate) fn features(image: &GreyImage, most: usize) -> Features {
+/// Finds the features of `image`, the `most` of highest contrast; of an image with a `mask`, row-major, those on pixels that count.
+pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, most: usize) -> Features {
+    let counts = |pixel: DVec2| mask.is_none_or(|mask| mask[pixel.y as usize * image.width + pixel.x as usize]);
     let (mut base, mut spacing) = first_level(image);
     let mut found = Vec::new();
     while base.width.min(base.height) >= SMALLEST {
         let octave = Octave::new(base);
         for extremum in octave.extrema() {
+            let pixel = (DVec2::new(extremum.x.into(), extremum.y.into())) * spacing + 0.5;
+            if !counts(pixel) {
+                continue;
+            }
             let level = &octave.levels[extremum.level];
             for angle in orientations(level, &extremum) {
-                let pixel = (DVec2::new(extremum.x.into(), extremum.y.into())) * spacing + 0.5;
                 found.push((extremum.contrast, pixel, descriptor(level, &extremum, angle)));
             }
         }

@@ -145,7 +145,7 @@ pub struct ImageMatches {
 /// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have; an image has at most
 /// `most` features.
 pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
-    let found: Vec<Features> = images.par_iter().map(|image| features(image, most)).collect();
+    let found: Vec<Features> = images.par_iter().map(|image| features(image, None, most)).collect();
     let verify = |matches: &Matches| {
         let &Matches { a, b, .. } = matches;
         let size = DVec2::new(images[a].width as f64, images[a].height as f64);

@@ -34,7 +34,8 @@ pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: 
     Some(format!("{} of {} images have masks, such as {first}", found.len(), images.len()))
 }
 
-fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
+/// Returns the mask of an image of the capture in `dir`, if there is one.
+pub(crate) fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
     let is_image_folder = |folder: &&Path| {
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         name.starts_with("images") || name == "input"

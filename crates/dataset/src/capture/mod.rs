@@ -15,7 +15,7 @@ mod sizes;
 pub(crate) use assemble::{assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, listed, seen_at};
-pub(crate) use mask::{is_mask_name, read_mask};
+pub(crate) use mask::{is_mask_name, mask_of, read_mask};
 
 use std::path::Path;
 

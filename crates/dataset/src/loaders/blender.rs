@@ -243,7 +243,7 @@ mod tests {
         edit(&json, "/frames/1/transform_matrix", Some(json!(null)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.train.len(), 2);
-        let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1";
+        let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first train/r_1";
         assert_eq!(scene.warnings, [lost]);
         // Three rows, sixteen numbers, and a scaled rotation.
         let pose = pose(0);

@@ -101,6 +101,9 @@ mod tests {
         let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
         assert_eq!(names, ["images/r_0", "images/r_3"]);
         assert_eq!(scene.test.len(), 1);
+        // A frame that a split names and a tracker lost.
+        edit(&json, "/frames/3/transform_matrix", Some(json!(null)));
+        assert_eq!(load(&dir, &request()).unwrap().train.len(), 1);
         edit(&json, "/test_filenames", Some(json!(["images/r_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");

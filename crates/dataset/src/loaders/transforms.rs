@@ -21,6 +21,7 @@ const NGP_SCALE: f64 = 0.33;
 pub(crate) struct Transforms {
     /// Frames with a pose, in the file's order.
     pub frames: Vec<Frame>,
+    /// Names of the frames without a pose.
     pub lost: Vec<String>,
     pub warnings: Vec<String>,
     /// Optional fields `near` and `far`, scene units.
@@ -58,7 +59,7 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
                 scaled.extend(mended.then(|| name.to_owned()));
                 frames.push(Frame { id, pose, ..read_frame(dir, &root, item, name)? });
             }
-            None => lost.push(name.to_owned()),
+            None => lost.push(name_of(dir, &image_path(dir, name))),
         }
     }
     if frames.is_empty() {

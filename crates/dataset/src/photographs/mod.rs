@@ -67,7 +67,7 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
         (PoseSolver::Colmap, Some(colmap)) => colmap::find(&colmap, &work, &images, &mut progress)
             .and_then(|found| keep_colmap(&found, folders, &mut progress)),
         (solver, colmap) => {
-            let own = own::find(&images, search.focal, &mut progress);
+            let own = own::find(dir, &images, search.focal, &mut progress);
             let is_final = match &own {
                 Ok(found) => found.left_out == 0,
                 // COLMAP invents a baseline where there is none.

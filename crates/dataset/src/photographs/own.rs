@@ -6,12 +6,15 @@ use std::io::BufReader;
 use std::path::Path;
 
 use glam::DVec2;
-use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images, orientation, quarter_turns};
-use infonerf_scene::{Camera, Image, SceneError, resized_dimensions};
+use infonerf_scene::image::{
+    GreyImage, dimensions, focal_length, list_images, orientation, quarter_turns, read_rgba, resized_mask,
+};
+use infonerf_scene::{Camera, SceneError, resized_dimensions};
 use infonerf_sfm::{Photograph, Point, reconstruct};
 use rayon::prelude::*;
 
 use super::OVERLAPPING;
+use crate::capture::{is_mask_name, mask_of, read_mask};
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 use crate::files::file_name;
 
@@ -42,21 +45,32 @@ impl OwnPoses {
     }
 }
 
-/// Finds the poses of the photographs in the folder `images`. `progress` receives a line for each step, and for each
-/// photograph without a pose the reason.
+/// Finds the poses of the photographs in `images`, the folder `dir` or one in it. `progress` receives a line for each step, and for
+/// each photograph without a pose the reason.
 ///
-/// All photographs are taken with one lens: images of other sizes are brought to one longest side.
-pub(super) fn find(images: &Path, focal: Option<f64>, mut progress: impl FnMut(&str)) -> Result<OwnPoses, SceneError> {
-    let paths = list_images(images)?;
+/// All photographs are taken with one lens: images of other sizes are brought to one longest side. Features count where masks and
+/// opacities do.
+pub(super) fn find(
+    dir: &Path,
+    images: &Path,
+    focal: Option<f64>,
+    mut progress: impl FnMut(&str),
+) -> Result<OwnPoses, SceneError> {
+    let mut paths = list_images(images)?;
+    paths.retain(|path| !is_mask_name(path));
     progress(&format!("finding the poses of {} photographs", paths.len()));
     let sizes = paths.iter().map(|path| dimensions(path)).collect::<Result<Vec<_>, _>>()?;
     let longest = sizes.iter().map(|(width, height)| *width.max(height)).fold(MAX_SIDE, u32::min);
     let mut photographs = Vec::new();
     for some in paths.chunks(AT_ONCE) {
-        let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(path, longest)).collect();
+        let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(dir, path, longest)).collect();
         photographs.extend(read?);
     }
     let fault = |reason: String| SceneError::malformed(images, OVERLAPPING, reason);
+    let masked = photographs.iter().filter(|photograph| photograph.mask.is_some()).count();
+    if masked > 0 {
+        progress(&format!("features are looked for within the masks of {masked} photographs"));
+    }
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
     let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
@@ -105,6 +119,8 @@ struct SmallPhotograph {
     width: usize,
     height: usize,
     rgb: Vec<[u8; 3]>,
+    /// Pixels that the photograph's mask and its opacity count, if it has any.
+    mask: Option<Vec<bool>>,
     size: (u32, u32),
     /// Clockwise quarter turns from the photograph as EXIF data have it shown to its pixels as they are stored.
     turned_back: u8,
@@ -113,15 +129,20 @@ struct SmallPhotograph {
 }
 
 impl SmallPhotograph {
-    /// Reads a photograph and reduces it until its longest side is `longest`.
-    fn read(path: &Path, longest: u32) -> Result<Self, SceneError> {
+    /// Reads a photograph of the capture in `dir` and reduces it until its longest side is `longest`.
+    fn read(dir: &Path, path: &Path, longest: u32) -> Result<Self, SceneError> {
         let focal = File::open(path).ok().and_then(|file| focal_length(&mut BufReader::new(file)));
-        let image = Image::read(path, [1.0; 3])?;
+        let image = read_rgba(path)?;
         let size = (image.width, image.height);
         let (width, height) = resized_dimensions(size.0, size.1, longest);
-        let rgb = image.resized(width, height).to_rgb8().as_chunks().0.to_vec();
+        let mut counts: Vec<bool> = image.pixels.iter().map(|[.., opacity]| *opacity >= 0.5).collect();
+        if let Some((mask, role)) = mask_of(dir, path) {
+            counts.iter_mut().zip(read_mask(&mask, role, size)?).for_each(|(counts, masked)| *counts &= masked);
+        }
+        let mask = counts.contains(&false).then(|| resized_mask(&counts, size, (width, height)));
+        let rgb = image.composite([1.0; 3]).resized(width, height).to_rgb8().as_chunks().0.to_vec();
         let turned_back = (4 - quarter_turns(orientation(path)).unwrap_or(0)) % 4;
-        Ok(Self { width: width as usize, height: height as usize, rgb, size, turned_back, focal })
+        Ok(Self { width: width as usize, height: height as usize, rgb, mask, size, turned_back, focal })
     }
 
     /// Converts a pixel of the photograph as it is shown to one as it is stored.
@@ -141,7 +162,7 @@ impl SmallPhotograph {
 
     fn photograph(&self) -> Photograph {
         let rgb = self.rgb.iter().map(|colour| colour.map(|value| f32::from(value) / 255.0));
-        Photograph { image: GreyImage::luma(self.width, self.height, rgb), focal: self.focal }
+        Photograph { image: GreyImage::luma(self.width, self.height, rgb), mask: self.mask.clone(), focal: self.focal }
     }
 
     fn colour(&self, pixel: DVec2) -> [u8; 3] {
@@ -153,7 +174,7 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use infonerf_scene::{PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
+    use infonerf_scene::{PoseError, Rgba8, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
     use super::super::{colmap, program};
     use super::*;
@@ -194,11 +215,40 @@ mod tests {
             set_orientation(&jpeg, exif);
             fs::remove_file(&png).unwrap();
         }
-        find(guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
+        find(guard.path(), guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
         let tested = SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..Default::default() };
         let found = load(guard.path(), &tested).unwrap();
         let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
+    }
+
+    /// One photograph has a mask, another is transparent below.
+    #[test]
+    fn features_count_within_masks_and_where_photographs_are_opaque() {
+        let train = "0,1,3".parse().unwrap();
+        let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..request() };
+        let truth = crate::load(&SceneSource::Procedural("room".into()), &request).unwrap();
+        let guard = tempfile::tempdir().unwrap();
+        let (dir, images) = (guard.path(), guard.path().join("images"));
+        for (i, view) in truth.train.iter().enumerate() {
+            let colours = view.image.to_rgb8();
+            let opacity = |pixel: usize| if i == 2 && pixel >= 360 * 200 { 0 } else { 255 };
+            let pixels = colours.as_chunks().0.iter().enumerate().map(|(i, &[r, g, b])| [r, g, b, opacity(i)]);
+            fs::create_dir_all(&images).unwrap();
+            let photograph = Rgba8 { width: 360, height: 360, pixels: pixels.collect() };
+            photograph.write_png(&images.join(format!("{i}.png"))).unwrap();
+        }
+        let lowest = || {
+            let of = |image: &ColmapImage| image.observations.iter().map(|(pixel, _)| pixel.y).fold(0.0, f64::max);
+            find(dir, &images, None, |_| {}).unwrap().model.images.iter().map(of).collect::<Vec<f64>>()
+        };
+        let before = lowest();
+        assert!(before[0] > 250.0 && before[1] > 250.0 && before[2] < 202.0, "{before:?}");
+        fs::create_dir(dir.join("masks")).unwrap();
+        let pixels = (0..360 * 360).map(|i| if i < 360 * 200 { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        Rgba8 { width: 360, height: 360, pixels }.write_png(&dir.join("masks/0.png")).unwrap();
+        let masked = lowest();
+        assert!(masked[0] < 202.0 && masked[1] > 202.0 && masked[2] < 202.0, "{masked:?}");
     }
 
     /// Prints the table of docs/photographs.md: the poses of this crate's solver, and COLMAP's if it is on PATH.
@@ -212,7 +262,7 @@ mod tests {
         eprintln!("|{}", "---|".repeat(12));
         let solve = |images: &Path, by_colmap: bool| {
             if !by_colmap {
-                return Some(find(images, None, |_| {}).ok()?.model);
+                return Some(find(images.parent()?, images, None, |_| {}).ok()?.model);
             }
             let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"))?;
             colmap::find(&colmap, &images.with_extension("work"), images, &mut |_: &str| ()).ok()
