@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runner, Slurm, Workers, execute};
 use infonerf_experiment::sweep::{Sweep, SweepFiles};
 use infonerf_experiment::{DeviceName, OpenDevice};
+use infonerf_report::counted;
 
 use crate::print::outln;
 use crate::reporter::Reporter;
@@ -133,10 +134,8 @@ impl LaunchArgs {
         let mut reporter = Reporter::new(&self.existing, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;
         if let Executed::Submitted(jobs) = &executed {
-            let (runs, ids) = (jobs.records.len(), jobs.ids.join(", "));
-            outln!(
-                "{runs} runs submitted as slurm {ids}; the last of them merges, as the same command with --merge does"
-            );
+            let (runs, ids) = (counted(jobs.records.len(), "run"), jobs.ids.join(", "));
+            outln!("{runs} submitted as slurm {ids}; the last of them merges, as the same command with --merge does");
             if !self.watch {
                 return Ok(ExitCode::SUCCESS);
             }

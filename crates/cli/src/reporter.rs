@@ -9,12 +9,13 @@ use indicatif::ProgressBar;
 use infonerf_experiment::execute::{PlanEvent, RunEnd};
 use infonerf_experiment::sweep::{Prepared, Sweep, SweepFiles};
 use infonerf_experiment::{Control, DeviceName};
-use infonerf_report::{Quantity, Record, ReportInput};
+use infonerf_report::{Quantity, Record, ReportInput, counted};
 
 use crate::print::{errln, outln};
 use crate::progress::{ProgressDisplay, counting_bar};
 use crate::selection::ExistingArgs;
 use crate::terminal::fitted;
+use crate::units::expected_time;
 use crate::{command_line, interrupt};
 
 /// Unfinished runs that are named, at most.
@@ -78,7 +79,11 @@ impl Reporter {
         self.runs = sweep.len();
         let kept = sweep.len() - todo;
         let finished = if kept > 0 { format!(", {kept} of them finished before") } else { String::new() };
-        outln!("{}: {} ({} runs{finished}) on {}", about.name, about.title, sweep.len(), self.device);
+        let runs = counted(sweep.len(), "run");
+        outln!("{}: {} ({runs}{finished}) on {}", about.name, about.title, self.device);
+        if let Some(seconds) = about.seconds_per_run.filter(|_| todo > 0) {
+            outln!("time: {}", expected_time(seconds, todo));
+        }
         match &about.data {
             Some(data) => outln!("scenes from {}", data.display()),
             None => outln!("no --data given: using the built-in procedural scenes"),

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use indicatif::HumanDuration;
 use parse_size::Config;
 
 /// Parses a time above 0 with its unit, such as `90s`, `1500ms` or `1h 30m`.
@@ -15,6 +16,12 @@ pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
     let parser = Config::new().with_binary().with_default_factor(1 << 20);
     let size = parser.parse_size(text).ok().map(|bytes| bytes >> 20).filter(|size| *size > 0);
     size.ok_or_else(|| "expected a size of at least 1M, such as 8G or 500M".to_owned())
+}
+
+/// Returns what `runs` of `seconds` each take in all: `about 5 minutes on two cores`.
+pub(crate) fn expected_time(seconds: f64, runs: usize) -> String {
+    let whole = Duration::from_secs_f64(seconds * runs as f64);
+    format!("about {} on two cores", HumanDuration(whole))
 }
 
 #[cfg(test)]

@@ -308,7 +308,15 @@ fn help_can_be_learned_from() {
 #[test]
 fn experiments_and_their_settings_are_described() {
     let place = Workplace::new();
-    let parts = ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."];
+    let parts = [
+        "variants  ",
+        "infonerf+",
+        "scenes    ",
+        "castle",
+        "data      built-in",
+        "time      about 2 minutes on two cores",
+        "[variants.",
+    ];
     place.run("list fast-losses").says(&parts);
     place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
     let config = "config fast-losses --variant infonerf --set train.rays=77";

@@ -97,7 +97,7 @@ fn array_jobs_give_the_local_table() {
     assert_eq!(cluster.numbers("runs").len(), 7);
 
     // The same command submits it alone.
-    cluster.slurm().says(&["8 runs, 7 of them finished before", "1 runs submitted"]);
+    cluster.slurm().says(&["8 runs, 7 of them finished before", "1 run submitted"]);
     assert_has(&cluster.script(103), &["--array=\"3\"\n"]);
     assert!(cluster.task(103, 3).status.success());
     assert!(cluster.task(104, 0).status.success());

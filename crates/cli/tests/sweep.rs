@@ -96,7 +96,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let listed = || finished(&place.path("runs/fast-losses"));
     let before = listed();
     exp("train.iterations=2").fails_with(&["config.toml", "another config"]);
-    exp("train.iterations=2").args("--overwrite").says(&["(1 runs)"]);
+    exp("train.iterations=2").args("--overwrite").says(&["(1 run)"]);
     let after = listed();
     assert_eq!(after.len(), 2);
     let same = |name: &str| {

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use toml::{Table, Value};
 
 use crate::file::{Layers, Start};
-use crate::plan::{Experiment, Selection, assign};
+use crate::plan::{About, Experiment, Selection, assign};
 use crate::run_plan::RunPlan;
 
 /// Keys of which a table in a config has one if it is a single value: a schedule, a choice of views or a mask.
@@ -22,6 +22,8 @@ pub struct Description {
     pub bases: Vec<String>,
     /// Folder of its scenes; `None` for the built-in ones.
     pub data: Option<PathBuf>,
+    /// Mean wall-clock seconds of a run on two CPU cores, if the experiment says so.
+    pub seconds_per_run: Option<f64>,
     /// Runs by scene, variant and seed.
     pub runs: Vec<RunPlan>,
     /// The text of its file.
@@ -36,7 +38,8 @@ pub fn describe(name: &str) -> Result<Description> {
     let layers = Layers::read(name)?;
     let Experiment { about, runs } = Experiment::plan(name, &Selection::default())?;
     let bases = layers.bases().map(str::to_owned).collect();
-    Ok(Description { title: about.title, bases, data: about.data, runs, text: layers.text.clone() })
+    let About { title, data, seconds_per_run, .. } = about;
+    Ok(Description { title, bases, data, seconds_per_run, runs, text: layers.text.clone() })
 }
 
 /// A key of a config, its value, and what set it.

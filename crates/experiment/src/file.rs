@@ -49,6 +49,8 @@ pub(crate) struct File {
     pub(crate) preset: Option<Preset>,
     /// Training time of each run in seconds.
     pub(crate) budget_seconds: Option<f64>,
+    /// Mean wall-clock seconds of a run on two CPU cores, from reading its scene to its figures: said before the runs start.
+    seconds_per_run: Option<f64>,
     /// Laid over the preset.
     #[serde(default)]
     pub(crate) config: Table,
@@ -98,6 +100,11 @@ impl Layers {
     /// Returns the last file's own name for its results; by default its file name.
     pub(crate) fn result_name(&self) -> String {
         self.files.last().and_then(|(_, file)| file.name.clone()).unwrap_or_else(|| self.name.clone())
+    }
+
+    /// Returns the last file's `seconds_per_run`; what the files that it changes say is of other settings.
+    pub(crate) fn seconds_per_run(&self) -> Option<f64> {
+        self.files.last().and_then(|(_, file)| file.seconds_per_run)
     }
 
     /// Returns the value in the last file that has one.

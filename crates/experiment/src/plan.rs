@@ -46,6 +46,8 @@ pub struct About {
     pub title: String,
     /// Folder of scenes; none for the built-in ones.
     pub data: Option<PathBuf>,
+    /// Mean wall-clock seconds of a run on two CPU cores; `None` where data or settings are not the experiment's own.
+    pub seconds_per_run: Option<f64>,
     pub(crate) paper: Option<Paper>,
     pub(crate) claims: Vec<Claim>,
     pub(crate) plot: Option<Plot>,
@@ -92,7 +94,7 @@ impl Outline {
         let name = layers.result_name();
         check_name("experiment", &name)?;
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
-        let budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
+        let run_budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
         // All scenes that there are in the user's own data.
         let names = match &selection.scenes[..] {
             [] if selection.data.is_some() => None,
@@ -106,10 +108,14 @@ impl Outline {
         };
         check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
-        let about = About::of(&layers, data);
+        let mut about = About::of(&layers, data);
+        let Selection { data, preset, set, budget, .. } = selection;
+        if data.is_some() || preset.is_some() || budget.is_some() || !set.is_empty() {
+            about.seconds_per_run = None;
+        }
         let variants = chosen_variants(&layers, selection)?;
-        let (preset, set) = (selection.preset, selection.set.clone());
-        Ok(Self { about, experiment: experiment.to_owned(), layers, budget, scenes, seeds, variants, preset, set })
+        let (preset, set, experiment) = (*preset, set.clone(), experiment.to_owned());
+        Ok(Self { about, experiment, layers, budget: run_budget, scenes, seeds, variants, preset, set })
     }
 
     /// Returns how many runs in a row differ in their seed only.
@@ -242,7 +248,15 @@ impl About {
     /// Describes a sweep of the experiment: the paper has no figures for settings of ours.
     pub(crate) fn swept(self) -> Self {
         let title = format!("Sweep of {}", self.title);
-        Self { name: format!("{SWEEP}{}", self.name), title, paper: None, claims: Vec::new(), plot: None, ..self }
+        Self {
+            name: format!("{SWEEP}{}", self.name),
+            title,
+            paper: None,
+            claims: Vec::new(),
+            plot: None,
+            seconds_per_run: None,
+            ..self
+        }
     }
 
     fn of(layers: &Layers, data: Option<PathBuf>) -> Self {
@@ -251,6 +265,7 @@ impl About {
             title: layers.last(|file| file.title.clone()).unwrap_or_else(|| name.clone()),
             name,
             data,
+            seconds_per_run: layers.seconds_per_run(),
             paper: layers.last(|file| file.paper.clone()),
             claims: layers.last(|file| file.claims.clone()).unwrap_or_default(),
             plot: layers.last(|file| file.plot.clone()),

@@ -262,7 +262,8 @@ fn over(scenes: &[Vec<f64>], repeat: &str) -> String {
     }
 }
 
-fn counted(count: usize, what: &str) -> String {
+/// Returns a count with its noun, such as `1 run` or `2 runs`.
+pub fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 

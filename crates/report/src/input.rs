@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use indexmap::IndexMap;
 
-use crate::claim::{Claim, TestedClaim};
+use crate::claim::{Claim, TestedClaim, counted};
 use crate::figures::Figure;
 use crate::published::Published;
 use crate::quantity::Quantity;
@@ -64,8 +64,7 @@ impl ReportInput {
         let counts = || self.records.iter().map(|record| record.train_views.len());
         let views = match (counts().min(), counts().max()) {
             (None | Some(0), _) | (_, None) => return title,
-            (Some(1), Some(1)) => "1 training view".to_owned(),
-            (Some(least), Some(most)) if least == most => format!("{least} training views"),
+            (Some(least), Some(most)) if least == most => counted(least, "training view"),
             (Some(least), Some(most)) => format!("{least} to {most} training views"),
         };
         format!("{title}, {views}")

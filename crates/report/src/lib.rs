@@ -50,7 +50,7 @@ mod tensorboard;
 mod text;
 mod text_table;
 
-pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict};
+pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict, counted};
 pub use colormap::{depth_image, error_image, normal_image, turbo};
 pub use comparison::PictureComparison;
 pub use error::ReportError;

@@ -11,7 +11,7 @@ use infonerf_dataset::{PoseSearch, SceneSource, from_images, info, video_folder,
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
-use infonerf_report::{Record, VIEWER_PAGE};
+use infonerf_report::{Record, VIEWER_PAGE, counted};
 
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
@@ -145,7 +145,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     };
     let [least, most] = [quick, slow].map(|poses| time(poses + budget + orbit + around));
     let [budget, around, orbit] = [budget, around, orbit].map(time);
-    outln!("{}: {count} photographs, about {least} to {most} in all:", args.path.display());
+    outln!("{}: {}, about {least} to {most} in all:", args.path.display(), counted(count, "photograph"));
     outln!("  poses            {poses}\n  check            seconds");
     outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
@@ -208,7 +208,8 @@ fn result(record: &Record) -> String {
         let (steps, seconds) = (record.iterations, record.train_seconds);
         return format!("{steps} steps in {seconds:.1} s; no photograph is held out, so that no figure is measured");
     }
-    format!("{}, measured on {} photographs that were held out", summary(record), record.test_views.count)
+    let held_out = counted(record.test_views.count, "held-out photograph");
+    format!("{}, measured on {held_out}", summary(record))
 }
 
 /// Writes the orbit of the run of `plan` in `folder`, and its page, unless they are there and the fields were not `trained` just

@@ -11,7 +11,7 @@ use infonerf_metrics::{
     Descriptor, Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select,
 };
 use infonerf_render::Pivot;
-use infonerf_report::PictureComparison;
+use infonerf_report::{PictureComparison, counted};
 use infonerf_scene::{TestProtocol, View};
 use infonerf_train::{Evaluated, Evaluation, TestView};
 
@@ -134,12 +134,13 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
         }
         let trained = read_run(plan, folder, &device)?;
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
+        let count = measured(&trained).len();
         let views = if test.test() == TestProtocol::Training {
-            "training views, each without its own residual"
+            format!("{}, each without its own residual", counted(count, "training view"))
         } else {
-            "test views"
+            counted(count, "test view")
         };
-        outln!("{label}: {} {views} ({test})", measured(&trained).len());
+        outln!("{label}: {views} ({test})");
         if args.scales.is_empty() {
             each_view(&trained, &networks)?;
         } else {

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use infonerf_dataset::SceneSource;
 use infonerf_experiment::{RunPlan, Trained};
 use infonerf_export::{Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
-use infonerf_report::{VIEWER_PAGE, write_atomically};
+use infonerf_report::{VIEWER_PAGE, counted, write_atomically};
 
 use crate::print::outln;
 use crate::selection::DeviceArgs;
@@ -152,8 +152,8 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surfa
     if args.format == FormatName::Splat {
         let splats = trained.splats(&surface);
         let fidelity = trained.splat_fidelity(&splats)?.map_or(String::new(), |found| {
-            let (views, splats, fields) = (found.views, found.splats, found.fields);
-            format!(", which show {views} test views with {splats:.2} dB PSNR (the field itself: {fields:.2} dB)")
+            let (views, splats, fields) = (counted(found.views, "test view"), found.splats, found.fields);
+            format!(", which show {views} with {splats:.2} dB PSNR (the field itself: {fields:.2} dB)")
         });
         let bytes = ply_splats(&splats, trained.scene().origin);
         return Ok(((bytes, format!("{} gaussians{fidelity}", splats.len())), surface));

@@ -10,6 +10,7 @@ use infonerf_train::Preset;
 
 use crate::completion;
 use crate::print::outln;
+use crate::units::expected_time;
 
 /// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
@@ -50,7 +51,7 @@ pub(crate) fn run(args: &ListArgs) -> Result<ExitCode> {
 }
 
 fn print_description(name: &str, described: &Description) {
-    let Description { title, bases, data, runs, text } = described;
+    let Description { title, bases, data, seconds_per_run, runs, text } = described;
     let distinct = |key: fn(&RunPlan) -> String| {
         let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
         Vec::from_iter(values).join(", ")
@@ -66,6 +67,7 @@ fn print_description(name: &str, described: &Description) {
         ("presets", distinct(|plan| plan.preset.name().to_owned())),
         ("training", distinct(RunPlan::training)),
         ("runs", runs.len().to_string()),
+        ("time", seconds_per_run.map_or_else(String::new, |seconds| expected_time(seconds, runs.len()))),
     ] {
         if !values.is_empty() {
             outln!("{what:9} {values}");

@@ -6,7 +6,7 @@ use clap::Subcommand;
 use infonerf_dataset::{PoseSearch, PoseSolver, check_folder, export, from_images, info, info_page, outline};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
-use infonerf_report::write_atomically;
+use infonerf_report::{counted, write_atomically};
 use infonerf_scene::image::{dimensions, list_images};
 use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
@@ -178,7 +178,7 @@ pub(crate) fn print_doubts(dir: &Path) -> Result<Vec<String>> {
         outln!("{warning}");
     }
     if warnings.is_empty() {
-        outln!("{}: {views} views, nothing to warn of", dir.display());
+        outln!("{}: {}, nothing to warn of", dir.display(), counted(views, "view"));
     }
     Ok(warnings)
 }
