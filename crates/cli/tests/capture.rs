@@ -27,7 +27,8 @@ fn posed_photographs_are_learned_measured_and_shown() {
     let capture =
         |parts: &[&str]| place.tiny_without("eval.test", "capture photos --budget 1s --out results").says(parts);
     let next = "next: `infonerf view results`, or the same command with --budget 5s";
-    let parts = ["40 photographs, about ", "none to find", "measured on 5 photographs", " frames of 24x24", next];
+    let parts =
+        ["40 photographs, about ", "none to find", "measured on 5 held-out photographs", " frames of 24x24", next];
     let said = capture(&parts);
     let files = paths(&place, &said);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();

@@ -182,7 +182,7 @@ fn a_run_is_evaluated_again() {
     let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
     let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
     assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
-    place.run(format!("eval {run} --test first-1")).says(&["1 test views (first-1)"]);
+    place.run(format!("eval {run} --test first-1")).says(&["1 test view (first-1)"]);
     // One row a run: full size is the record's, and the difference is from there.
     let said = place.run(format!("eval {run} {run} --scale 1/2,1/4")).said();
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
