@@ -314,6 +314,7 @@ fn experiments_and_their_settings_are_described() {
         "scenes    ",
         "castle",
         "data      built-in",
+        "training  ",
         "time      about 2 minutes on two cores",
         "[variants.",
     ];
