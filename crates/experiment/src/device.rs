@@ -1,4 +1,4 @@
-//! The backend that computes: one of those that this program was built with.
+//! Devices: the backends that this program was built with, and how one of them is opened.
 
 use std::fmt;
 use std::path::Path;
@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use infonerf_metrics::{METRICS, Networks};
 use infonerf_pretrained::Store;
 
-/// A device by name.
+/// Name of a device, as on the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DeviceName {
@@ -42,7 +42,7 @@ const BUILT_IN: &[DeviceName] = &[
 ];
 
 impl DeviceName {
-    /// Returns how many fields are trained at a time: one on each core of a CPU, one on a GPU.
+    /// Returns the number of fields that are trained at a time: one on each core of a CPU, one on a GPU.
     pub fn fields_side_by_side(self) -> usize {
         if self.is_cpu() { rayon::current_num_threads() } else { 1 }
     }
@@ -59,8 +59,8 @@ impl DeviceName {
         }
     }
 
-    /// Returns the device that this name stands for in this program: never [`DeviceName::Auto`]. Whether the machine
-    /// has one is for [`open`] to see.
+    /// Resolves the name to a device that this program was built with: never [`DeviceName::Auto`]. [`open`] checks whether the
+    /// machine has such a device.
     ///
     /// # Errors
     /// If it is not built in.
@@ -113,7 +113,7 @@ pub struct OpenDevice {
 /// If it is not built in, or there is no such GPU.
 pub fn open(name: DeviceName) -> Result<OpenDevice> {
     let name = name.built_in()?;
-    #[cfg(feature = "autotune")]
+    #[cfg(any(feature = "vulkan", feature = "cuda"))]
     keep_kernels();
     let device = match name {
         #[cfg(feature = "flex")]
@@ -136,9 +136,9 @@ pub fn open(name: DeviceName) -> Result<OpenDevice> {
     Ok(OpenDevice { device, name, adapter })
 }
 
-/// Keeps compiled kernels, and which of them are the fastest, in the user's cache for later processes. Everything else is as
-/// CubeCL's own `cubecl.toml` and environment variables say.
-#[cfg(feature = "autotune")]
+/// Keeps compiled kernels in the user's cache, for later processes. All other settings come
+/// from CubeCL's own `cubecl.toml` and environment variables.
+#[cfg(any(feature = "vulkan", feature = "cuda"))]
 fn keep_kernels() {
     use burn::cubecl::config::cache::CacheConfig;
     use burn::cubecl::config::{CubeClRuntimeConfig, RuntimeConfig};
@@ -147,13 +147,13 @@ fn keep_kernels() {
     if let CacheConfig::Target = config.environment.path {
         config.environment.path = CacheConfig::Global;
     }
-    // False where a device was opened before, with this configuration.
+    // Returns false if an earlier call has set this configuration already.
     let _ = CubeClRuntimeConfig::try_set(config);
 }
 
-/// Refuses a device on which the driver would crash: CubeCL 0.11.3 declares shared memory wrongly on devices without
-/// `VK_KHR_workgroup_memory_explicit_layout` (`lower_shared_implicit` of cubecl-spirv), of which Mesa's lavapipe is the one
-/// that we know. With `vulkan` built in, `wgpu` compiles to SPIR-V as well.
+/// Returns an error for a device whose driver would crash. CubeCL 0.11.3 (`lower_shared_implicit` of cubecl-spirv) declares
+/// shared memory wrongly on devices without `VK_KHR_workgroup_memory_explicit_layout`. The only one known is Mesa's lavapipe.
+/// With `vulkan` built in, `wgpu` compiles to SPIR-V as well.
 fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {
     let affected = spirv && matches!(name, DeviceName::Wgpu | DeviceName::Vulkan) && adapter.contains("llvmpipe");
     ensure!(
@@ -164,8 +164,8 @@ fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {
     Ok(())
 }
 
-/// Returns the networks of learned metrics whose weights are at hand: in `weights` (a file or a folder), the folder of
-/// the environment variable `INFONERF_WEIGHTS`, or the user's cache.
+/// Returns the networks of learned metrics whose weights are found: in `weights` (a file or a folder), in the folder that
+/// the environment variable `INFONERF_WEIGHTS` names, or in the user's cache.
 ///
 /// # Errors
 /// If weights are there and cannot be read, or `weights` is a folder without any.

@@ -1,4 +1,4 @@
-//! Checksums of all that a run's figures depend on: a run is only continued if none of them has changed.
+//! Identity of a run: checksums of all that its numbers depend on. A run is only continued if none of them has changed.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
@@ -16,7 +16,7 @@ use crate::run_plan::{RunPlan, file_paths};
 /// File name in a run's folder.
 const NAME: &str = "identity.json";
 
-/// Keys of an identity, and what each is a checksum of.
+/// Keys of an identity, each with a description of what its checksum covers.
 const PARTS: [(&str, &str); 5] = [
     ("config", "the config"),
     ("data", "the scene's files"),
@@ -73,7 +73,7 @@ impl Identity {
         Ok(infonerf_report::write_atomically(&folder.join(NAME), &text)?)
     }
 
-    /// Names the contents of the scene's files.
+    /// Returns the checksum of the scene's files, or the name of a built-in scene.
     pub(crate) fn data(&self) -> &str {
         self.0.get("data").map_or("", String::as_str)
     }
@@ -90,7 +90,7 @@ impl Identity {
         let differences = differences(&begun.parse()?, &config.parse()?);
         let other = differences.iter().find(|difference| !difference.is_growth);
         if begun != config && (other.is_some() || differences.is_empty()) {
-            let difference = other.map_or("it is written differently", |difference| &difference.text);
+            let difference = other.map_or("its text differs", |difference| &difference.text);
             bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
         }
         let Some(then) = Self::read(folder) else {
@@ -113,7 +113,7 @@ impl Identity {
     /// Describes what has grown since the run began; `None` if nothing has.
     pub(crate) fn grown(&self) -> Option<String> {
         let grown = self.0.get(GROWN)?;
-        Some(format!("training went on after its end: {grown}; what a schedule had reached by then began again"))
+        Some(format!("training went on after its end: {grown}; schedules were computed anew for the new length"))
     }
 
     /// Names the parts that differ from the run that was begun as `then`.
@@ -125,18 +125,18 @@ impl Identity {
 
 /// A key whose value differs between two configs.
 struct Difference {
-    /// Whether it is more of the same training.
+    /// Whether the key is one of `GROWING` and its value has grown.
     is_growth: bool,
     text: String,
 }
 
-/// Returns the keys at which two configs differ, in their order.
+/// Returns the keys at which two configs differ, in alphabetical order.
 fn differences(then: &Table, now: &Table) -> Vec<Difference> {
     let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
     let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
     let difference = |key: &String| {
         let [then, now] = [&then, &now].map(|config| config.get(key).map_or("absent", String::as_str));
-        let grows = then.parse::<f64>().ok().zip(now.parse().ok()).is_some_and(|(then, now)| then < now);
+        let grows = then.parse::<f64>().ok().zip(now.parse::<f64>().ok()).is_some_and(|(then, now)| then < now);
         let is_growth = grows && GROWING.contains(&key.as_str());
         (then != now).then(|| Difference { is_growth, text: format!("{key} was {then} and is {now}") })
     };
@@ -169,11 +169,11 @@ fn folder_checksum(folder: &Path) -> Result<String> {
     Ok(checksum)
 }
 
-/// Files that folders of results have, and scenes do not.
+/// Names of files that mark a folder as one of results, which is not part of a scene.
 const RESULT_FILES: [&str; 4] = ["lock", "identity.json", "results.json", "manifest.jsonl"];
 
-/// Collects the files below `folder` in the order of their names. Left out are folders of results, which may lie in that of
-/// the scene, and folders that links lead back to.
+/// Collects the files below `folder` in the order of their names. Skips folders of results, which may lie inside a scene's
+/// folder, and folders that were visited before, to which links may lead back.
 fn collect(folder: &Path, seen: &mut HashSet<PathBuf>, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
     if !seen.insert(folder.canonicalize()?) {
         return Ok(());
@@ -213,7 +213,7 @@ fn files_checksum(plan: &RunPlan) -> Result<String> {
     for (_, unused) in config.loss.specs_mut().filter(|(_, spec)| spec.weight().is_zero()) {
         unused.weights_file().into_iter().for_each(|(_, path)| path.clear());
     }
-    // A run's folder stands for its weights. A missing file is an error once it is used.
+    // The folder of a run stands for the weights of its checkpoint. A missing file is reported later, when it is used.
     let file = |path: &mut PathBuf| if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
     let files: Vec<PathBuf> = file_paths(&mut config).into_iter().map(file).filter(|path| path.is_file()).collect();
     let mut hasher = blake3::Hasher::new();
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn a_scene_is_its_images_without_results_and_circles_of_links() {
-        // Another folder each time: a process reads each once.
+        // Each scene has a folder of its own, since a process computes the checksum of a folder only once.
         let scene_with = |add: &dyn Fn(&Path)| {
             let folder = tempfile::tempdir().unwrap();
             write(folder.path(), "train/r_0.png", "one");

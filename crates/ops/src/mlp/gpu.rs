@@ -4,16 +4,18 @@ use burn::backend::ops::FloatTensorOps;
 use burn::cubecl::{self, prelude::*};
 use burn::tensor::{self, FloatDType};
 use burn_cubecl::CubeBackend;
-use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::tall::transposed_product;
+use super::product::product;
+use super::tall::{sum_rows, transposed_product};
 use super::{Activation, Dense, Precision};
 use crate::cube::{CubeKernel, Pass, alpha_of, apply, empty, empty_like, launch, ln_1p};
 
-/// Threads that share the sums of a bias's gradient.
-const THREADS: usize = 1 << 14;
+/// Number of threads that share the sums of a bias's gradient: what fills a large GPU.
+const THREADS: usize = 1 << 18;
+/// Max number of partial sums of an element of a bias's gradient.
+const MAX_SUMS: usize = 1 << 12;
 
 /// Evaluates `activation(x W + b)` of at least one row.
 pub(super) fn dense(
@@ -32,22 +34,19 @@ struct DenseKernel {
 }
 
 impl DenseKernel {
-    fn product(&self, a: CubeTensor, b: CubeTensor) -> CubeTensor {
-        let product = match self.precision {
-            Precision::F32 => CubeBackend::float_matmul(a, b),
-            Precision::Bf16 => {
-                let [a, b] = [a, b].map(|factor| CubeBackend::float_cast(factor, FloatDType::BF16));
-                CubeBackend::float_cast(CubeBackend::float_matmul(a, b), FloatDType::F32)
-            }
-        };
-        into_contiguous(product)
+    /// Rounds a factor to the precision of products.
+    fn rounded(&self, factor: CubeTensor) -> CubeTensor {
+        match self.precision {
+            Precision::F32 => factor,
+            Precision::Bf16 => CubeBackend::float_cast(factor, FloatDType::BF16),
+        }
     }
 }
 
 impl CubeKernel for DenseKernel {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [x, weight, bias] = inputs else { unreachable!("a layer has an input, a matrix and a bias") };
-        let out = self.product(x.clone(), weight.clone());
+        let out = product(self.rounded(x.clone()), self.rounded(weight.clone()));
         launch!(activate::launch, out.meta.num_elements(); &out, bias; self.activation);
         out
     }
@@ -56,13 +55,14 @@ impl CubeKernel for DenseKernel {
         let [x, weight, bias] = pass.inputs else { unreachable!("a layer has an input, a matrix and a bias") };
         let out = pass.output;
         let [rows, columns] = out.meta.shape().dims();
-        let sums = THREADS.div_ceil(columns).clamp(1, rows);
+        let sums = 1 << (THREADS / columns).clamp(1, rows.min(MAX_SUMS)).ilog2();
         let (dy, bias_sums) = (empty_like(out), empty(out, [sums, columns]));
         launch!(activate_backward::launch, sums * columns; out, pass.grad, &dy, &bias_sums; sums, self.activation);
-        let dweight =
-            pass.wanted[1].then(|| transposed_product::<CubeBackend>(x.clone(), dy.clone(), |a, b| self.product(a, b)));
-        let dbias = reshape(CubeBackend::float_sum_dim(bias_sums, 0), bias.meta.shape().clone());
-        let dx = pass.wanted[0].then(|| self.product(dy, CubeBackend::float_transpose(weight.clone())));
+        let dbias = reshape(sum_rows::<CubeBackend>(bias_sums), bias.meta.shape().clone());
+        let dy = self.rounded(dy);
+        let dweight = || transposed_product::<CubeBackend>(self.rounded(x.clone()), dy.clone(), product);
+        let dweight = pass.wanted[1].then(dweight);
+        let dx = pass.wanted[0].then(|| product(dy, CubeBackend::float_transpose(self.rounded(weight.clone()))));
         vec![dx, dweight, Some(dbias)]
     }
 }

@@ -6,6 +6,8 @@ mod gpu;
 mod host;
 mod network;
 mod plain;
+#[cfg(feature = "cube")]
+mod product;
 #[cfg(any(feature = "cube", test))]
 mod tall;
 

@@ -36,11 +36,22 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
     // Counts are whole numbers below 2^24, which f32 holds exactly.
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
-    let outputs = Outputs::new([[samples.max(1), 1], [samples.max(1), 1], [samples.max(1), 3]].map(Shape::new));
+    if samples == 0 {
+        let device = geometry.device();
+        let [distance, delta] = [(); 2].map(|()| tensor::Tensor::empty([0], &device));
+        return PackedSamples {
+            segments,
+            distance,
+            delta,
+            positions: tensor::Tensor::empty([0, 3], &device),
+            on_host: None,
+        };
+    }
+    let outputs = Outputs::new([[samples, 1], [samples, 1], [samples, 3]].map(Shape::new));
     let kernel = Write { walk, rays: RayOffsets::new(&segments), outputs: outputs.clone() };
     let buffer: tensor::Tensor<1> = apply(kernel, (geometry, jitter, density));
-    let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1).narrow(0, 0, samples));
-    let positions = outputs.output::<2>(&buffer, 2).narrow(0, 0, samples);
+    let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1));
+    let positions = outputs.output::<2>(&buffer, 2);
     PackedSamples { segments, distance, delta, positions, on_host: None }
 }
 
@@ -185,8 +196,8 @@ fn count(
     counts[ray] = kept;
 }
 
-/// Writes the samples of each ray. Rounding may differ between both kernels: a sample that was counted and is not found
-/// again has length 0.
+/// Writes the samples of each ray. Rounding may differ between both kernels: a counted sample that is not found again is
+/// written at the far end with length 0.
 #[cube(launch)]
 fn write(
     rays: &Tensor<f32>,

@@ -27,7 +27,7 @@ impl CubeKernel for Variation {
         let tables = &inputs[0];
         let sums = empty(tables, [SUMS]);
         launch!(squares::launch, SUMS; tables, &sums; self.0.levels.clone());
-        CubeBackend::float_sum_dim(sums, 0)
+        CubeBackend::float_sum(sums)
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
