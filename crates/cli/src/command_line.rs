@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_report::write_atomically;
 
 use crate::print::errln;
@@ -14,12 +14,13 @@ const FILE: &str = "command.txt";
 /// Saves the command line in an experiment's folder, without `--out`.
 fn save(folder: &Path) -> Result<()> {
     let mut words = vec!["infonerf".to_owned()];
-    let mut args = std::env::args().skip(1);
+    let mut args = std::env::args_os().skip(1);
     while let Some(word) = args.next() {
-        match word.as_str() {
-            "--out" => drop(args.next()),
-            word if word.starts_with("--out=") => {}
-            word => words.push(word.to_owned()),
+        match word.into_string() {
+            Ok(word) if word == "--out" => drop(args.next()),
+            Ok(word) if word.starts_with("--out=") => {}
+            Ok(word) => words.push(word),
+            Err(word) => bail!("the command line is not saved: {} is no Unicode", word.display()),
         }
     }
     let line = shlex::try_join(words.iter().map(String::as_str)).context("the command line")?;

@@ -6,12 +6,12 @@ use std::path::Path;
 use glam::DVec3;
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
-use crate::files::json::{self, Node};
+use crate::files::json::{self, Node, pair};
 use crate::loaders::read_pose;
 
 /// Maximum number of keyframes or frames of a path.
 const MAX_FRAMES: usize = 10_000;
-/// Frames per second, and seconds, of a path whose file names none.
+/// Default frames per second and length in seconds, for a file without `fps` or `seconds`.
 const DEFAULT_FPS: f64 = 20.0;
 const DEFAULT_SECONDS: f64 = 4.0;
 
@@ -26,20 +26,20 @@ pub struct CameraPath {
     pub fps: f64,
     /// Number of frames that the file asks for.
     pub frames: usize,
-    /// Width and height of the pictures in pixels, if the file says.
+    /// Width and height of the images in pixels, if the file states both.
     pub size: Option<(u32, u32)>,
 }
 
 impl CameraPath {
-    /// Reads a path in one of two forms, which their list of cameras distinguishes:
+    /// Reads a path. The name of its list of cameras selects one of two forms:
     ///
     /// - `camera_path`, as nerfstudio writes it (`camera_path.json`): every entry is a frame;
-    /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
-    ///   keyframe if `is_cycle` is true.
+    /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns
+    ///   to its first keyframe if `is_cycle` is true.
     ///
-    /// An entry has `camera_to_world`, a 4×4 matrix, row by row, in the coordinates of the scene's files with OpenGL's axes, and
-    /// may have `fov`, vertical and in degrees, which then all must have. Next to the list there may be `fps` (20),
-    /// `render_width` and `render_height`. Other fields are ignored.
+    /// An entry has `camera_to_world`: a row-major 4×4 matrix in the coordinates of the scene's files, with OpenGL's
+    /// axes. Either all entries or none have `fov`, the vertical field of view in degrees. The file may also have `fps`
+    /// (20), `render_width` and `render_height`. Other fields are ignored.
     ///
     /// # Errors
     /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
@@ -74,15 +74,15 @@ impl CameraPath {
         let fps = number("fps", 1e-3..=1e3, "0.001 to 1000 frames per second")?.unwrap_or(DEFAULT_FPS);
         let seconds = number("seconds", 1e-3..=1e4, "0.001 to 10000 seconds")?.unwrap_or(DEFAULT_SECONDS);
         let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MAX_FRAMES) };
-        let side = |key| number(key, 1.0..=8192.0, "a side of 1 to 8192 pixels");
-        let size = side("render_width")?.zip(side("render_height")?);
-        let size = size.map(|(width, height)| (width as u32, height as u32));
+        let expected = "a side of 1 to 8192 pixels";
+        let side = |node: Node<'_>| Ok(node.within(1.0..=8192.0, expected)?.round() as u32);
+        let size = pair(|_| &root, ["render_width", "render_height"], expected, side)?;
         let is_cycle = root.optional("is_cycle", |node| node.flag("true or false"))?;
         let closed = !complete && is_cycle.unwrap_or(false);
         Ok(Self { keyframes, closed, fps, frames, size })
     }
 
-    /// Returns the path in a scene whose origin lies at `origin` in the coordinates of its files.
+    /// Returns the path in the coordinates of a scene: `origin`, the scene's origin in its files' coordinates, is subtracted.
     pub fn about(&self, origin: DVec3) -> Self {
         let mut path = self.clone();
         path.keyframes.iter_mut().for_each(|keyframe| keyframe.pose.w_axis -= origin.extend(0.0));
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
     use infonerf_procedural::train_cameras;
 
-    /// Exported coordinates lead back to the scene's.
+    /// Checks that exported coordinates minus the origin are the scene's.
     #[test]
     fn paths_far_from_the_origin_of_the_world() {
         let exact = train_cameras(8)[0].to_world;

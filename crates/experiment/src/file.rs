@@ -12,10 +12,10 @@ use toml::{Spanned, Table, Value};
 use crate::published::Paper;
 use crate::sweep::figures::Plot;
 
-/// Makes the list of names with the text of each file.
+/// Defines `BUILT_IN` from the names of the files.
 macro_rules! built_in {
     ($($name:literal,)*) => {
-        /// Names and texts of the built-in experiments: a file in `experiments/`, and its name here.
+        /// Names and texts of the built-in experiments, each from `experiments/<name>.toml`.
         const BUILT_IN: &[(&str, &str)] = &[$(($name, include_str!(concat!("../experiments/", $name, ".toml"))),)*];
     };
 }
@@ -27,50 +27,50 @@ built_in! {
     "released-small",
 }
 
-/// Experiments in a row of which each changes the next, at most.
+/// Maximum number of experiments that a file is based on, one through the other.
 const MAX_CHAIN: usize = 8;
 
 /// An experiment file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct File {
-    /// One line on what it shows.
+    /// Title: one line on what the experiment shows.
     pub(crate) title: Option<String>,
-    /// Another experiment that this one changes.
+    /// Name or path of the experiment that this one is based on.
     base: Option<String>,
-    /// The experiment's name in results; by default the file's.
+    /// Name of the experiment in results; by default the file name.
     pub(crate) name: Option<String>,
     /// Folder of scenes.
     pub(crate) data: Option<PathBuf>,
     pub(crate) scenes: Option<Vec<String>>,
     pub(crate) seeds: Option<Vec<u64>>,
-    /// Preset to start from; without one each scene's own: `capture` for photographs, else `fast`. `capture` gives way to
-    /// `dense` where there are many photographs.
+    /// Preset to start from; by default `capture` for scenes of photographs, else `fast`. `capture` is replaced by `dense` for
+    /// scenes with many photographs.
     pub(crate) preset: Option<Preset>,
     /// Training time of each run in seconds.
     pub(crate) budget_seconds: Option<f64>,
-    /// Mean wall-clock seconds of a run on two CPU cores, from reading its scene to its figures: said before the runs start.
-    seconds_per_run: Option<f64>,
-    /// Laid over the preset.
+    /// Mean wall-clock seconds of a run on two CPU cores, from reading its scene to its metrics; printed before the runs start.
+    seconds_per_run: Option<u32>,
+    /// Config that is laid over the preset.
     #[serde(default)]
     pub(crate) config: Table,
-    /// The variants that are compared: each laid over `preset` and `config`, or over a `preset` of its own (`auto` for the one that suits
-    /// the scene). The place of a name in the file is its place in tables.
+    /// Variants that are compared; tables have them in the order of the file. Each variant is laid over `preset` and `config`, or
+    /// over a `preset` of its own (`auto`: the preset that suits the scene).
     #[serde(default)]
     variants: BTreeMap<Spanned<String>, Value>,
     /// A paper's published figures, shown next to the results.
     pub(crate) paper: Option<Paper>,
-    /// Statements on the order of the variants, to be tested.
+    /// Claims about the order of the variants, to be tested.
     pub(crate) claims: Option<Vec<Claim>>,
     pub(crate) plot: Option<Plot>,
 }
 
-/// An experiment file with the files that it changes.
+/// An experiment file with all files that it is based on.
 pub(crate) struct Layers {
     /// The file's own name, without extension.
     pub(crate) name: String,
     pub(crate) text: String,
-    /// Each with the name that it was read by; the furthest first.
+    /// Names (or paths) and contents of the files. Each file is the base of the next; the last is the experiment's own.
     files: Vec<(String, File)>,
 }
 
@@ -97,14 +97,14 @@ impl Layers {
         BUILT_IN.iter().any(|(known, _)| *known == name).then(|| Self::read(name).ok())?
     }
 
-    /// Returns the last file's own name for its results; by default its file name.
+    /// Returns the name of the experiment in results: the one that the last file sets, by default its file name.
     pub(crate) fn result_name(&self) -> String {
         self.files.last().and_then(|(_, file)| file.name.clone()).unwrap_or_else(|| self.name.clone())
     }
 
-    /// Returns the last file's `seconds_per_run`; what the files that it changes say is of other settings.
+    /// Returns the `seconds_per_run` of the last file. Values of the files that it is based on hold for other settings.
     pub(crate) fn seconds_per_run(&self) -> Option<f64> {
-        self.files.last().and_then(|(_, file)| file.seconds_per_run)
+        self.files.last().and_then(|(_, file)| file.seconds_per_run).map(f64::from)
     }
 
     /// Returns the value in the last file that has one.
@@ -121,12 +121,12 @@ impl Layers {
         table
     }
 
-    /// Returns the config of every file, with the file's name; the furthest first.
+    /// Returns the name and the config of every file, each after the file that it is based on.
     pub(crate) fn configs(&self) -> impl Iterator<Item = (&str, &Table)> {
         self.files.iter().map(|(name, file)| (name.as_str(), &file.config))
     }
 
-    /// Returns the names of the experiments that the file changes, the nearest first.
+    /// Returns the names of the experiments that the last file is based on, the nearest first.
     pub(crate) fn bases(&self) -> impl Iterator<Item = &str> {
         self.files.iter().rev().skip(1).map(|(name, _)| name.as_str())
     }
@@ -157,11 +157,11 @@ impl Layers {
 pub(crate) struct Variant {
     pub(crate) name: String,
     pub(crate) start: Start,
-    /// Laid over what it starts from.
+    /// Config that is laid over `start`.
     pub(crate) changes: Table,
 }
 
-/// Base on which the configs of a variant start.
+/// Config that a variant starts from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Start {
     /// The experiment's preset and `config`.
@@ -183,8 +183,8 @@ impl Variant {
     }
 }
 
-/// Returns the names and titles of the built-in experiments that can be run: one without variants and base is there for
-/// others to build on.
+/// Returns the names and titles of the built-in experiments that can be run. An experiment with neither variants nor a base
+/// only serves as the base of others.
 ///
 /// # Errors
 /// If one of them cannot be read, which a test excludes.
@@ -195,7 +195,7 @@ pub fn list() -> Result<Vec<(&'static str, String)>> {
     Ok(files.into_iter().filter(runs).map(|(name, file)| (name, file.title.unwrap_or_default())).collect())
 }
 
-/// Reads an experiment: the name of its results, its text, and what the text holds.
+/// Reads an experiment, and returns its name, its text and the parsed file.
 fn read(name: &str) -> Result<(String, String, File)> {
     if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
         return Ok((name.to_owned(), (*text).to_owned(), parse(name, text)?));

@@ -10,22 +10,22 @@ use crate::config::Config;
 use crate::model::sees_images;
 
 const FLOAT: u64 = 4;
-/// Floats that a field keeps per parameter: itself and Adam's two moments.
+/// Number of floats that a field keeps per parameter: itself and Adam's two moments.
 const KEPT: u64 = 3;
-/// Floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
+/// Number of floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
 const OF_STEP: u64 = 2;
-/// Floats of a pixel as it is loaded: RGB and alpha.
+/// Number of floats of a loaded pixel: RGB and alpha.
 const LOADED: u64 = 4;
-/// Floats of a pixel as batches are drawn from: RGB.
+/// Number of floats of a pixel from which batches are drawn: RGB.
 const DRAWN: f64 = 3.0;
-/// Floats of a pixel as an image-conditioned field takes it: RGB.
+/// Number of floats of a pixel that an image-conditioned field is given: RGB.
 const SEEN: u64 = 3;
-/// Bytes of a cell of an occupancy grid: its density, and two flags.
-const CELL: u64 = 6;
-/// Floats of a pixel that pictures take residuals from: RGB and distance.
+/// Bytes of a cell of an occupancy grid: its density (4), a flag (1) and its state (2).
+const CELL: u64 = 7;
+/// Number of floats of a pixel from which pictures take residuals: RGB and distance.
 const RESIDUAL: u64 = 4;
 
-/// Memory of a run's parts, in bytes, as they are held at the same time.
+/// Memory, in bytes, of the parts of a run that are held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryPlan {
     parts: [(&'static str, u64); 6],
@@ -73,7 +73,7 @@ impl MemoryPlan {
         self.parts.iter().fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
     }
 
-    /// Refuses a plan that needs more memory than can be had without swapping, if the system reports it.
+    /// Refuses a plan that needs more memory than is available without swapping, if the system reports that.
     ///
     /// # Errors
     /// As [`Self::check`].
@@ -96,8 +96,8 @@ impl MemoryPlan {
     }
 }
 
-/// Returns the memory that can be had without swapping, in bytes; `None` if the system does not report it: that of the
-/// machine, or what is left to the control group of this process (a container, a Slurm job) where that is less.
+/// Returns the memory that is available without swapping, in bytes: of the machine, or of the control group of this
+/// process (a container, a Slurm job) if that is less. `None` if the system does not report it.
 pub fn available_memory() -> Option<u64> {
     let mut system = System::new();
     system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
@@ -105,7 +105,7 @@ pub fn available_memory() -> Option<u64> {
         system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, ProcessRefreshKind::nothing());
         system.process(id)
     });
-    // A container may not see the path of its group, and has it at the root.
+    // A container may not see the path of its group, which is then at the root.
     let group = process.and_then(|process| process.cgroup_limits()).or_else(|| system.cgroup_limits());
     least(system.available_memory(), group)
 }
@@ -121,10 +121,10 @@ fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
 }
 
-/// Returns the greatest number of samples at which a step evaluates fields, along rays of all kinds that the terms
-/// need: `train.target_samples`, scaled from seen rays to all rays, where that is set, but no fewer than in the first
-/// step, when no space is known to be empty. A coarse pass has a gradient, and so keeps its activations, along seen
-/// rays alone.
+/// Returns the max number of samples at which a step evaluates fields, along all rays that the terms need. If it is set,
+/// `train.target_samples` gives this number, scaled from seen rays to all rays, but no fewer than in the first step, when
+/// no space is known to be empty. A coarse pass has a gradient along seen rays alone, and only then keeps its
+/// activations.
 fn samples(config: &Config) -> u64 {
     let (train, render) = (&config.train, &config.render);
     let needs = config.loss.needs();
@@ -142,7 +142,7 @@ fn samples(config: &Config) -> u64 {
     };
     match train.target_samples as u64 {
         0 => of_rays(render.samples.largest()),
-        // It is for seen rays.
+        // The target is the number of samples along seen rays.
         target => (target + target * others / seen.max(1)).max(of_rays(render.samples.at(Moment::START))),
     }
 }
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(plan(&with(&["train.rays=100"]), 1).total(), one.total() + 5000 * 12 * 4);
     }
 
-    /// Activations of every kind of ray, and those of the coarse pass along seen ones.
+    /// Checks that the activations of every kind of ray count, and those of the coarse pass along seen rays.
     #[test]
     fn rays_of_all_kinds_count() {
         let samples = |settings: &[&str]| {

@@ -13,6 +13,9 @@ type Result<T> = std::result::Result<T, SceneError>;
 
 const MAX_BYTES: u64 = 256 << 20;
 
+/// Numbers that Python writes although JSON has none of them.
+const NOT_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
+
 /// Plausible focal lengths and image sides, in pixels.
 pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
@@ -22,7 +25,7 @@ pub(crate) fn read(path: &Path) -> Result<Value> {
 }
 
 /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
-/// Python's `NaN` and `Infinity` become null.
+/// Python's `NaN` and `Infinity` become strings, which are no numbers.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&strict(bytes)));
@@ -63,9 +66,10 @@ impl<'a> Node<'a> {
         Ok(items.iter().enumerate().map(node).collect())
     }
 
-    /// Whether this is null, or an array with a null among its elements.
-    pub fn holds_null(&self) -> bool {
-        self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
+    /// Returns whether the value, or an element of it, is null or one of Python's numbers that are not finite.
+    pub fn is_incomplete(&self) -> bool {
+        let absent = |value: &Value| value.is_null() || value.as_str().is_some_and(|text| NOT_FINITE.contains(&text));
+        absent(self.value) || self.value.as_array().is_some_and(|items| items.iter().any(absent))
     }
 
     pub fn number(&self, expected: &str) -> Result<f64> {
@@ -95,7 +99,7 @@ impl<'a> Node<'a> {
         self.fault(expected, short(self.value))
     }
 
-    /// Returns an error that this value is not what was expected, with a description of what it is.
+    /// Returns an error with the path of the value, what was `expected` and what was `found`.
     pub fn fault(&self, expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
         SceneError::field(self.file, self.field.clone(), expected, found)
     }
@@ -105,14 +109,31 @@ impl<'a> Node<'a> {
     }
 }
 
-/// Leaves out comments, `//` to the end of the line and `/* … */`, and replaces numbers that are not finite by null.
+/// Reads two fields that are stated together or not at all; `place` finds the node that has a field.
+pub(crate) fn pair<'n, 'a: 'n, T>(
+    place: impl Fn(&str) -> &'n Node<'a>,
+    keys: [&str; 2],
+    expected: &str,
+    read: impl Fn(Node<'a>) -> Result<T>,
+) -> Result<Option<(T, T)>> {
+    match keys.map(|key| place(key).find(key)) {
+        [None, None] => Ok(None),
+        [Some(first), Some(second)] => Ok(Some((read(first)?, read(second)?))),
+        [first, _] => {
+            let [stated, absent] = if first.is_some() { keys } else { [keys[1], keys[0]] };
+            place(absent).get(absent, &format!("{expected} next to `{stated}`")).map(|_| None)
+        }
+    }
+}
+
+/// Removes comments (`//` to the end of the line, `/* … */`), and makes strings of numbers that are not finite.
 fn strict(bytes: &[u8]) -> Vec<u8> {
     // Strings are matched too, so that nothing within them is taken for a comment.
     let parts = Regex::new(r#"(?s-u)"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/|-?Infinity|NaN"#);
     let replaced = |part: &Captures<'_>| match part[0][0] {
         b'"' => part[0].to_vec(),
         b'/' => Vec::new(),
-        _ => b"null".to_vec(),
+        _ => [b"\"", &part[0], b"\""].concat(),
     };
     parts.map_or_else(|_| bytes.to_vec(), |parts| parts.replace_all(bytes, replaced).into_owned())
 }
@@ -144,14 +165,15 @@ mod tests {
     }
 
     #[test]
-    fn comments_are_skipped_and_numbers_that_are_not_finite_are_null() {
+    fn comments_are_skipped_and_numbers_that_are_not_finite_become_strings() {
         let text = br#"{ // a rig's "poses"
             "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
         let marked = [b"\xef\xbb\xbf", &text[..]].concat();
         let value = parse(Path::new("a.json"), &marked).unwrap();
         let root = Node::root(Path::new("a.json"), &value);
         let (a, c) = (root.get("a", "").unwrap(), root.get("c", "").unwrap());
-        assert!(a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && root.find("b").is_none());
+        assert!(a.is_incomplete() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && root.find("b").is_none());
+        assert!(a.items("").unwrap()[1].number("a number").err().unwrap().to_string().contains("NaN"));
         assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
     }
 

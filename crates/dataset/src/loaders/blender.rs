@@ -23,10 +23,10 @@ const DISTANCES: std::ops::RangeInclusive<f64> = 4.0..=4.06;
 /// Reads a folder in Blender's format. Test views come from `transforms_test.json`, or from `transforms_val.json` if that
 /// is missing; without any, every eighth training view is held out.
 ///
-/// Three optional fields go beyond the format: `near` and `far`, `aabb`, and in a frame `ray_depth_file_path`, an `.npy`
-/// of exact distances. Without them near and far are 2 and 6 and the box is ±1.5 for NeRF's synthetic scenes alone. What
-/// else is in this layout is estimated from its cameras, with a warning: photographs as any other capture, images with
-/// transparent ground as an object.
+/// Optional fields extend the format: `near` and `far`, `aabb`, and in a frame `ray_depth_file_path`, an `.npy` file of
+/// exact distances. Without them, NeRF's synthetic scenes have near 2, far 6 and a box of ±1.5. For other scenes these
+/// are estimated from the cameras, with a warning: photographs as in any capture, images with a transparent background
+/// as one object.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let mut train = read_transforms(&dir.join(MARKER))?;
     let (test, val) = (dir.join("transforms_test.json"), dir.join("transforms_val.json"));
@@ -65,7 +65,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     Ok(Found { warnings, selections, ..Found::new(dir, Format::Blender, train, test, extent) })
 }
 
-/// Returns what is known of the space, and a warning if it has to be estimated.
+/// Returns the known extent, and a warning if parts of it have to be estimated.
 fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> (StatedExtent, Option<String>) {
     let bounds = train.bounds.or(train.cube);
     if (train.range.is_some() && train.bounds.is_some()) || is_published(&train.frames, cameras, transparent) {
@@ -89,8 +89,8 @@ fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> 
     (StatedExtent::Estimated(estimate), Some(warning))
 }
 
-/// Whether the frames are those of NeRF's synthetic scenes: images with an alpha channel (if one is there to tell), cameras
-/// on one sphere of 4.03 about the origin, and a field of view as the only intrinsics.
+/// Returns whether the frames are from NeRF's synthetic scenes: the first image, if it exists, has an alpha channel,
+/// all cameras are 4.03 from the origin, and a field of view is the only intrinsic parameter.
 fn is_published(frames: &[Frame], cameras: &[Camera], transparent: Option<bool>) -> bool {
     transparent != Some(false)
         && frames.iter().all(|frame| matches!(frame.intrinsics, Intrinsics::Fov(_)))
@@ -130,7 +130,7 @@ mod tests {
         assert!((camera.fx - 4.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-12);
         assert_eq!(scene.all_train_cameras[1], *camera);
         assert_eq!(scene.train[0].depth, None);
-        // The image is composited, then averaged; its camera goes with it.
+        // The image is composited, then averaged, and its camera is scaled.
         let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
         let full = image(8, 0).to_f32();
         let sum: f32 = [0, 1, 8, 9].map(|i| full.pixels[i]).iter().map(|[r, _, _, a]| r * a + 1.0 - a).sum();
@@ -155,7 +155,7 @@ mod tests {
         assert!(message(&dir, &request()).contains("field `aabb`"));
     }
 
-    /// The scene is ten times as large and far from the origin.
+    /// Makes the scene ten times as large and moves it away from the origin.
     #[test]
     fn cameras_elsewhere_give_other_bounds_and_a_warning() {
         let (_guard, dir) = folder();
@@ -245,7 +245,7 @@ mod tests {
         assert_eq!(scene.train.len(), 2);
         let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first train/r_1";
         assert_eq!(scene.warnings, [lost]);
-        // Three rows, sixteen numbers, and a scaled rotation.
+        // Poses as three rows, as sixteen numbers, and with a scaled rotation.
         let pose = pose(0);
         let rows: Vec<_> = pose.as_array().unwrap()[..3].to_vec();
         let flat: Vec<_> = pose.as_array().unwrap().iter().flat_map(|row| row.as_array().unwrap().clone()).collect();

@@ -14,15 +14,15 @@ use crate::frame::{Frame, find_by_end};
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
-/// Folders of whole images that other programs write: COLMAP's, and the one that 3DGS' scripts begin with.
+/// Folders of full-size images: COLMAP's, and the input of 3DGS' scripts.
 const WHOLE: [&str; 2] = ["images", "input"];
 
 /// Reads a folder with a COLMAP reconstruction.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
-/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`. Those without their image are
-/// left out, with one warning. Every 8th by name, starting with the first, is held out for test. The points that training
-/// photographs see give bounds, near and far; of a reconstruction that does not say who sees a point, all do, with a
+/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`. Frames without an image
+/// are left out with a warning. Every 8th by name, starting with the first, is held out for test. The points that
+/// training photographs see give bounds, near and far. If the reconstruction has no observations, all points do, with a
 /// warning.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let models = models(dir);
@@ -63,7 +63,7 @@ fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
     if roots.is_empty() { vec![dir.to_owned()] } else { roots }
 }
 
-/// Warns of the photographs in `folder` of which COLMAP has found no pose.
+/// Returns a warning that counts the photographs in `folder` without a pose.
 fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
     let all: Vec<PathBuf> = list_images(folder).ok()?.into_iter().filter(|path| !is_mask_name(path)).collect();
@@ -72,7 +72,7 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
-/// Chooses the folder whose images suit a request for longest side `size`.
+/// Returns the folder of the smallest images whose longest side is at least `size`.
 fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
     let first_in = |folder: &Path| names.iter().find_map(|name| find_by_end(folder, name)).map(|(path, _)| path);
     let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
@@ -145,7 +145,7 @@ mod tests {
         }
     }
 
-    /// Neither their cameras nor the points that they alone see.
+    /// Checks that neither cameras of test photographs nor points that only these see change the space.
     #[test]
     fn test_photographs_do_not_shape_the_space() {
         let (guard, _) = folder(write_binary);
@@ -161,7 +161,7 @@ mod tests {
         write_binary(&place, &all);
         let after = load(guard.path(), &request()).unwrap();
         assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
-        // Of points that nobody is said to see, all count.
+        // Without observations all points count.
         all.images.iter_mut().for_each(|image| image.observations.clear());
         write_binary(&place, &all);
         let unseen = load(guard.path(), &request()).unwrap();
@@ -180,7 +180,7 @@ mod tests {
         assert!(!scene.train[0].camera.lens.is_perspective());
     }
 
-    /// In `input`, named from the project's or another computer's folder, with other extensions.
+    /// Covers images in `input`, paths from the project's folder or another computer, and other extensions.
     #[test]
     fn images_are_found_wherever_they_are() {
         for (disk, named) in

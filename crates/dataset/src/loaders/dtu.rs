@@ -15,7 +15,7 @@ use crate::frame::{Frame, MaskRole};
 
 pub(crate) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
 const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
-/// Lists next to the scans in pixelNeRF's copy.
+/// Lists next to the scans by which pixelNeRF's copy is recognized.
 const LISTS: [&str; 2] = ["new_train.lst", "new_val.lst"];
 pub(crate) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
 
@@ -28,7 +28,7 @@ const PIXELNERF: [usize; 3] = [22, 25, 28];
 const LEFT_OUT: [usize; 15] = [3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 36, 37, 38, 39];
 /// Near and far between which pixelNeRF samples its copy.
 const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
-/// Skew up to this share of the focal length is rounding.
+/// Max skew, divided by the focal length, that counts as rounding.
 const SKEW: f64 = 1e-3;
 
 pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
@@ -37,11 +37,12 @@ pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
 
 /// Reads the folder of a scan.
 ///
-/// Image `i` in the order of the names has the projection `world_mat_i`, and `scale_mat_i` takes the unit sphere, in which
-/// the object lies, to the world. Views keep these numbers. Of a whole scan the 25 views that RegNeRF tests are the test
-/// split and the others the training pool; of another, every 8th is held out.
+/// Image `i` in the order of names has the projection `world_mat_i`. In a scan with fewer images than projections, `i` is the
+/// number that ends an image's name. `scale_mat_i` maps the unit sphere, which contains
+/// the object, to the world. The id of a view is `i`. In a whole scan the test split is RegNeRF's 25 test views, and
+/// the training pool all others; in other scans every 8th view is held out.
 ///
-/// In pixelNeRF's copy (`new_train.lst` next to the scans) there is no sphere: near and far are 0.1 and 5.
+/// pixelNeRF's copy (`new_train.lst` next to the scans) has no sphere: near and far are 0.1 and 5.
 pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
@@ -57,9 +58,11 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
         return Err(SceneError::malformed(&dir.join("mask"), expected, format!("it has {}", masks.len())));
     }
     let size = stored_dimensions(first)?;
+    let projections = matrices.keys().filter(|name| name.starts_with("world_mat_")).count();
     let mut frames = Vec::new();
     for (id, image) in images.iter().enumerate() {
-        let camera = camera(&path, &matrices, id, size)?;
+        let index = if images.len() < projections { number_of(image, projections)? } else { id };
+        let camera = camera(&path, &matrices, index, size)?;
         let name = image.strip_prefix(dir).unwrap_or(image).to_string_lossy().into_owned();
         let mask = masks.get(id).map(|mask| (mask.clone(), MaskRole::Counts));
         frames.push(Frame { id, mask, ..Frame::new(&name, image.clone(), &camera) });
@@ -91,7 +94,18 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
     Ok(found)
 }
 
-/// Returns the unit sphere about the origin, seen by `cameras`.
+/// Returns the number that ends the name of an image of a scan from which others were removed.
+fn number_of(image: &Path, projections: usize) -> Result<usize, SceneError> {
+    let stem = image.file_stem().unwrap_or_default().to_string_lossy();
+    let digits = stem.trim_start_matches(|c: char| !c.is_ascii_digit());
+    digits.parse().map_err(|_| {
+        let expected =
+            format!("one image for each of the {projections} projections, or names that end in their numbers");
+        SceneError::malformed(image, expected, "it has another name")
+    })
+}
+
+/// Returns the space of the unit sphere at the origin, seen by `cameras`.
 fn sphere(cameras: &[Camera]) -> Space {
     let distances = cameras.iter().map(|c| c.position().length());
     let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
@@ -102,7 +116,7 @@ fn sphere(cameras: &[Camera]) -> Space {
     Space { range, bounded, layout: Layout::Object, ..Space::known(cameras, ends, Aabb::cube(Vec3::ZERO, 1.0)) }
 }
 
-/// Makes camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
+/// Makes camera `index` from `world_mat` = `K [R | t]`, and applies the inverse of `scale_mat` to its position.
 pub(crate) fn camera(path: &Path, matrices: &Arrays, index: usize, size: (u32, u32)) -> Result<Camera, SceneError> {
     let world = matrix(path, matrices, &format!("world_mat_{index}"))?;
     let scale = matrix(path, matrices, &format!("scale_mat_{index}"))?;
@@ -134,7 +148,7 @@ fn matrix(path: &Path, matrices: &Arrays, name: &str) -> Result<DMat4, SceneErro
     }
 }
 
-/// Returns the camera of `K [R | t]`, which is given up to scale: the rows of `K R`, made orthogonal from the last up.
+/// Decomposes `K [R | t]`, given up to scale, into a camera. R has the rows of `K R`, orthogonalized from last to first.
 fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     let rows = DMat3::from_mat4(*matrix).transpose();
     let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -157,7 +171,7 @@ fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     if !centre.is_finite() {
         return Err("a singular matrix".into());
     }
-    // The matrix is for pixels whose centres are whole numbers.
+    // In the matrix's coordinates pixel centres are whole numbers.
     let centre_pixel = [m1, m2].map(|row| row.dot(r3) / scale + 0.5);
     Ok(Camera::pinhole(size, focal, centre_pixel, opengl(DMat3::from_cols(r1, r2, r3), centre)))
 }
@@ -178,7 +192,7 @@ mod tests {
     const SCALE: f64 = 250.0;
     const SHIFT: DVec3 = DVec3::new(10.0, -20.0, 600.0);
 
-    /// Returns the matrices of cameras in a world that is larger and elsewhere.
+    /// Returns the matrices of cameras in a world scaled by [`SCALE`] and moved by [`SHIFT`].
     fn arrays(cameras: &[Camera]) -> Vec<NamedArray> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
         let moved = |camera: &Camera| moved(camera, |p| p * SCALE + SHIFT);
@@ -223,10 +237,26 @@ mod tests {
         assert!((near - 3.0311).abs() < 1e-3 && (far - 5.0311).abs() < 1e-3);
         assert_eq!(scene.space.bounds.max, Vec3::ONE);
         assert!(scene.warnings[0].contains("9 views instead of DTU's 49"));
-        // Nothing that is trained on is tested on.
+        // Training views are not tested.
         let all = load(guard.path(), &SceneRequest { train: ViewSelection::Ids(vec![4, 2]), ..request() }).unwrap();
         assert_eq!(all.train.iter().map(|v| v.id).collect::<Vec<_>>(), [4, 2]);
         assert_eq!(all.test.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 1, 3, 5, 6, 7, 8]);
+    }
+
+    #[test]
+    fn images_left_of_a_scan_keep_their_cameras() {
+        let guard = tempfile::tempdir().unwrap();
+        let cameras = folder(guard.path(), 5, false);
+        for removed in [0, 2, 3] {
+            fs::remove_file(guard.path().join(format!("image/{removed:06}.png"))).unwrap();
+        }
+        let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Split, ..request() }).unwrap();
+        assert_same_view(&scene.test[0], &cameras[1]);
+        assert_same_view(&scene.train[0], &cameras[4]);
+        fs::rename(guard.path().join("image/000001.png"), guard.path().join("image/left.png")).unwrap();
+        assert!(
+            message(guard.path(), &request()).contains("left.png: expected one image for each of the 5 projections")
+        );
     }
 
     #[test]

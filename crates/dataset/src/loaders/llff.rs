@@ -16,23 +16,23 @@ use crate::frame::{Frame, numbered};
 
 pub(crate) const MARKER: &str = "poses_bounds.npy";
 
-/// Numbers a view takes in the file: a 3×5 matrix and two depths.
+/// Number of values of a view: a 3×5 matrix and two depths.
 const COLUMNS: usize = 17;
 pub(crate) const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
 /// The nearest depth of all becomes `1 / NEAREST` after scaling.
 const NEAREST: f64 = 0.75;
-/// Nothing is expected nearer than this share of the nearest depth.
+/// Ratio of near to the min depth.
 const MARGIN: f32 = 0.9;
 /// Folders that may hold the images, the largest first.
 pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
 /// Reads a folder in LLFF's format.
 ///
-/// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and farthest point seen.
-/// The matrix's columns are the camera's down, right and backward axes, its position, and (height, width, focal length
-/// in pixels) of the full-size images. Poses are converted to OpenGL, scaled so that the nearest depth becomes 4/3, and
-/// recentred on their mean pose; all as LLFF's loader does it, of all views, with a warning. Views 0, 8, 16, … are held
-/// out for test. Near and far are depths along the viewing axis. The box is what the training cameras see between them.
+/// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and farthest point seen. The
+/// matrix's columns are the camera's down, right and backward axes, its position, and (height, width, focal length in pixels)
+/// of the full-size images. Poses are converted to OpenGL, scaled so that the min depth becomes 4/3, and recentred on their
+/// mean pose. Like LLFF's loader this uses test views too, with a warning. Views 0, 8, 16, … are held out for test. Near and
+/// far are depths along the viewing axis. The box contains what training cameras see between them.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
@@ -138,7 +138,7 @@ fn recentre(poses: Vec<DMat4>) -> Vec<DMat4> {
     poses.into_iter().map(|p| inverse * p).collect()
 }
 
-/// Lists the images of the folder that suits a request for longest side `size`, sorted by name.
+/// Lists, by name, the images of the folder with the smallest images whose longest side is at least `size`.
 fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError> {
     let mut best: Option<Vec<PathBuf>> = None;
     for folder in FOLDERS.map(|f| dir.join(f)) {

@@ -20,7 +20,7 @@ use crate::photographs::unposed;
 
 type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>;
 
-/// The known formats, in the order in which they are looked for: the file that marks a folder, and the folder's reader.
+/// Known formats in the order of detection, each with the file that marks a folder and with its reader.
 const FORMATS: [(Format, &str, Reader); 6] = [
     (Format::Blender, blender::MARKER, blender::read),
     (Format::Transforms, nerfstudio::MARKER, nerfstudio::read),
@@ -42,8 +42,8 @@ pub(crate) fn is_scene(dir: &Path) -> bool {
     FORMATS.iter().any(|(format, marker, _)| has_marker(dir, *format, marker))
 }
 
-/// Reads the folder `dir`, with no image decoded: in the format asked for, else in the first of the known ones that it
-/// fits, with a warning for each before that it has the file of.
+/// Reads the folder `dir` without decoding images, in the requested format or else in the first known one that
+/// succeeds. Each known format that failed before adds a warning.
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
@@ -90,8 +90,8 @@ pub(crate) mod testing {
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Camera, Rgba8, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-    /// Returns the shared test data: `$INFONERF_DATA`, or a folder next to the workspace. Only for tests that are
-    /// ignored.
+    /// Returns the path of `part` in the shared test data: `$INFONERF_DATA`, or a folder next to the workspace. For
+    /// ignored tests only.
     pub fn shared_data(part: &str) -> PathBuf {
         let root = std::env::var_os("INFONERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
@@ -120,12 +120,12 @@ pub(crate) mod testing {
         assert!(warning.is_some_and(|warning| warning.contains(part)), "{part}: {:?}", scene.warnings);
     }
 
-    /// Writes the image that a camera has of `knot`, as a PNG.
+    /// Renders `knot` through `camera` and writes a PNG.
     pub fn write_view(path: &Path, camera: &Camera) {
         infonerf_procedural::render("knot", camera).unwrap().rgba.write_png(path).unwrap();
     }
 
-    /// Asserts that the cameras have the same rays to 1e-5.
+    /// Asserts that the cameras have the same rays up to 1e-5.
     pub fn assert_same_rays(found: &Camera, camera: &Camera) {
         assert_eq!((found.width, found.height), (camera.width, camera.height));
         for y in 0..=camera.height {
@@ -137,7 +137,7 @@ pub(crate) mod testing {
         }
     }
 
-    /// Asserts that the view has the rays of `camera` to 1e-5 and the pixels that [`write_view`] wrote.
+    /// Asserts that the view has the rays of `camera` up to 1e-5, and the pixels of [`write_view`].
     pub fn assert_same_view(view: &View, camera: &Camera) {
         assert_same_rays(&view.camera, camera);
         let expected = infonerf_procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
@@ -257,7 +257,7 @@ mod tests {
         assert!(text.contains(&advice), "{text}");
     }
 
-    /// A stray file of another format does not get in the way, and either can be asked for.
+    /// Checks that a broken file of another format is passed over, and that either format can be requested.
     #[test]
     fn the_format_that_fits_is_read() {
         let guard = tempfile::tempdir().unwrap();

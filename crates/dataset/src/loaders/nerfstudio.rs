@@ -15,8 +15,8 @@ pub(super) const MARKER: &str = "transforms.json";
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
 /// those fields every 8th frame, starting with the first, is held out for test. Frames without their image or pose are
-/// left out, with a warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file if it has them, else
-/// from `aabb_scale`, else they are estimated from the training cameras.
+/// left out, with a warning. Poses keep their scale. `near` and `far`, and the box from `aabb` or `aabb_scale`, are
+/// read from the file, or else estimated from the training cameras.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
@@ -93,6 +93,25 @@ mod tests {
     }
 
     #[test]
+    fn fields_stated_in_part_are_named() {
+        for (field, value, absent) in [
+            ("/near", json!(1.0), "`far`: expected a distance next to `near`"),
+            ("/cx", json!(null), "`cx`: expected a position in pixels next to `cy`"),
+            ("/h", json!(null), "`h`: expected an image side in pixels next to `w`"),
+            ("/fl_x", json!(null), "`fl_x`: expected a focal length in pixels next to `fl_y`"),
+            ("/train_filenames", json!(["images/r_1.png"]), "`test_filenames`: expected a list of file paths next to"),
+            ("/test_filenames", json!(["images/r_1.png"]), "`train_filenames`: expected a list of file paths next to"),
+            ("/is_fisheye", json!(true), "`is_fisheye`: expected false next to the perspective `camera_model`"),
+        ] {
+            let (_guard, dir, json) = folder();
+            edit(&json, "/camera_model", Some(json!("OPENCV")));
+            edit(&json, field, Some(value));
+            let text = message(&dir, &request());
+            assert!(text.contains(absent), "{text}");
+        }
+    }
+
+    #[test]
     fn named_splits() {
         let (_guard, dir, json) = folder();
         edit(&json, "/train_filenames", Some(json!(["images/r_3.png", "./images/r_0.png"])));
@@ -101,7 +120,7 @@ mod tests {
         let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
         assert_eq!(names, ["images/r_0", "images/r_3"]);
         assert_eq!(scene.test.len(), 1);
-        // A frame that a split names and a tracker lost.
+        // A split names a frame without a pose.
         edit(&json, "/frames/3/transform_matrix", Some(json!(null)));
         assert_eq!(load(&dir, &request()).unwrap().train.len(), 1);
         edit(&json, "/test_filenames", Some(json!(["images/r_99.png"])));
@@ -114,7 +133,7 @@ mod tests {
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
 
-    /// One lens a frame; one frame is without its image.
+    /// Gives each frame a lens of its own; the image of one frame is missing.
     #[test]
     fn every_lens_round_trips() {
         let (k, p, full) = ([0.05, -0.02, 0.01, 0.003], [1e-3, -2e-3], [0.2, 0.1, 0.01, 0.1, 0.05, 0.002]);
@@ -180,7 +199,7 @@ mod tests {
         let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
-        // A test view without a pixel is left out, a training view is refused.
+        // A test view without a valid pixel is left out; such a training view is an error.
         write_mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
@@ -192,7 +211,7 @@ mod tests {
         assert!(message(&dir, &chosen).contains("m_1.png: not found"));
     }
 
-    /// Intrinsics of the whole size, for smaller images.
+    /// States intrinsics for larger images than the files.
     #[test]
     fn cameras_are_scaled_to_their_images() {
         let (_guard, dir, json) = folder();

@@ -6,23 +6,23 @@ use infonerf_scene::SceneError;
 use crate::files::FARTHEST;
 use crate::files::json::Node;
 
-/// Greatest difference of `RᵀR` from the identity in any element of an exact rotation: rounding to 4 digits passes, a scale
-/// of 1.001 does not.
+/// Max difference of `RᵀR` from the identity in any element for an exact rotation R: rounding to 4 digits passes, a
+/// scale of 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
-/// Greatest cosine between axes that are corrected to right angles.
+/// Max cosine between axes that are corrected to right angles.
 const SHEAR: f64 = 0.02;
-/// Axes whose lengths differ from their mean by at most this share are corrected to one length.
+/// Max relative difference of the axes' lengths from their mean that is corrected.
 const STRETCH: f64 = 0.15;
 const SCALES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
-/// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, and checks that it is a rigid transform; a scale
-/// of its rotation and a slight shear are taken off, and it returns whether they were. `None` if it is null or has numbers that are not finite, which JSON
-/// files hold as null: the pose of an image that a tracker has lost.
+/// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, as a rigid transform. A scale and slight
+/// shear of its rotation are removed; the flag returns whether they were. `None` if it is null or has nulls, which also
+/// stand for numbers that are not finite: the image has no pose.
 pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, bool)>, SceneError> {
     let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;
-    if rows.iter().any(Node::holds_null) || node.holds_null() {
+    if rows.iter().any(Node::is_incomplete) || node.is_incomplete() {
         return Ok(None);
     }
     let mut values = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
@@ -46,7 +46,7 @@ pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, 
     }
 }
 
-/// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them, or another last row than 0 0 0 1.
+/// Removes scale and slight shear from the rotation of `pose`; `None` if they are too large or the last row is not 0 0 0 1.
 fn mended(pose: &DMat4) -> Option<DMat4> {
     if !pose.row(3).abs_diff_eq(glam::DVec4::W, TOLERANCE) {
         return None;

@@ -1,5 +1,5 @@
-//! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are the file's: `applied_transform`, which
-//! led to them, is not undone.
+//! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are read as they are; nerfstudio's
+//! `applied_transform` is not undone.
 
 use std::ops::Bound;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::pose::read_pose;
 use crate::colmap::lens;
-use crate::files::json::{self, Node, PIXELS};
+use crate::files::json::{self, Node, PIXELS, pair};
 use crate::files::{FARTHEST, file_name};
 use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, without_extension};
 
@@ -34,7 +34,7 @@ pub(crate) struct Transforms {
     pub split: Option<Split>,
 }
 
-/// Names of training frames, of test frames, and the field that the latter are from.
+/// Names of training frames, names of test frames, and the field that names the test frames.
 pub(crate) type Split = (Vec<String>, Vec<String>, &'static str);
 
 /// Reads a `transforms*.json` file; no image is opened.
@@ -77,7 +77,7 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     Ok(Transforms { frames, lost, warnings, range, bounds, cube, split })
 }
 
-/// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
+/// Reads instant-ngp's box: a cube about the origin with edges of `aabb_scale / 0.33`.
 fn read_aabb_scale(node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "a power of two from 1 to 128";
     let scale = node.within(1.0..=128.0, expected)?;
@@ -98,9 +98,7 @@ fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Resu
 }
 
 fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
-    let (Some(near), Some(far)) = (root.find("near"), root.find("far")) else {
-        return Ok(None);
-    };
+    let Some((near, far)) = pair(|_| root, ["near", "far"], "a distance", Ok)? else { return Ok(None) };
     let n = near.within(0.0.., "a distance of at least 0")? as f32;
     let f = far.within(..=FARTHEST, "a distance beyond `near`")? as f32;
     if n >= f {
@@ -124,16 +122,15 @@ fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
 }
 
 fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
-    let test = ["test_filenames", "val_filenames"].into_iter().find_map(|field| Some((field, root.find(field)?)));
-    let (Some(train), Some((test_field, test))) = (root.find("train_filenames"), test) else {
-        return Ok(None);
-    };
+    let test_field = ["test_filenames", "val_filenames"].into_iter().find(|field| root.find(field).is_some());
+    let test_field = test_field.unwrap_or("test_filenames");
+    let expected = "a list of file paths";
     let names = |node: Node<'_>| {
-        let expected = "a list of file paths";
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    Ok(Some((names(train)?, names(test)?, test_field)))
+    let lists = pair(|_| root, ["train_filenames", test_field], expected, names)?;
+    Ok(lists.map(|(train, test)| (train, test, test_field)))
 }
 
 /// Returns the path of an image below `dir`, without extension.
@@ -141,8 +138,8 @@ fn name_of(dir: &Path, image: &Path) -> String {
     without_extension(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy())
 }
 
-/// Finds the image that a file names, also with backslashes. If there is none, returns the path for the error, `.png` if it
-/// has no extension. Extensions are appended: a name such as `r_0.5` keeps its dot.
+/// Returns the path of the image that a file names; `\` separates folders too. If there is no such image, returns the
+/// expected path, with `.png` appended unless it has an image's extension: `r_0.5` becomes `r_0.5.png`.
 fn image_path(dir: &Path, named: &str) -> PathBuf {
     let relative = named.replace('\\', "/");
     let relative = relative.trim_start_matches("./");
@@ -156,7 +153,7 @@ fn image_path(dir: &Path, named: &str) -> PathBuf {
 /// Lens distortion coefficients of nerfstudio and instant-ngp.
 const DISTORTION: [&str; 9] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "omega"];
 const MAX_COEFFICIENT: f64 = 1e6;
-/// Values of `camera_model` that are known; the coefficients decide which lens they mean.
+/// Known values of `camera_model`. Within perspective models, coefficients decide which lens is used.
 const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, FOV";
 
@@ -166,29 +163,27 @@ fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), 
     let lens = read_lens(place)?;
     let focal = |key: &str| place(key).optional(key, |node| node.within(PIXELS, "a positive focal length in pixels"));
     let Some(fx) = focal("fl_x")? else {
+        if place("fl_y").find("fl_y").is_some() {
+            place("fl_x").get("fl_x", "a focal length in pixels next to `fl_y`")?;
+        }
         let expected = "a horizontal field of view between 0 and π radians";
         let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
         let node = place("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?;
         return Ok((Intrinsics::Fov(node.within(range, expected)?), lens));
     };
-    let position = |key: &str| {
-        let range = -*PIXELS.end()..=*PIXELS.end();
-        place(key).optional(key, |node| node.within(range, "a position in pixels"))
-    };
-    let side = |key: &str| {
-        place(key).optional(key, |node| {
-            let expected = "an image side in whole pixels";
-            let side = node.within(1.0..=f64::from(u32::MAX), expected)?;
-            if side.fract() == 0.0 { Ok(side as u32) } else { Err(node.error(expected)) }
-        })
+    let position = |node: Node<'_>| node.within(-*PIXELS.end()..=*PIXELS.end(), "a position in pixels");
+    let side = |node: Node<'_>| {
+        let expected = "an image side in whole pixels";
+        let side = node.within(1.0..=f64::from(u32::MAX), expected)?;
+        if side.fract() == 0.0 { Ok(side as u32) } else { Err(node.error(expected)) }
     };
     let focal = [fx, focal("fl_y")?.unwrap_or(fx)];
-    let centre = position("cx")?.zip(position("cy")?).map(|(x, y)| [x, y]);
-    let size = side("w")?.zip(side("h")?);
+    let centre = pair(place, ["cx", "cy"], "a position in pixels", position)?.map(|(x, y)| [x, y]);
+    let size = pair(place, ["w", "h"], "an image side in pixels", side)?;
     Ok((Intrinsics::Pixels { focal, centre, size }, lens))
 }
 
-/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and the coefficients, each field in its `place`.
+/// Reads the lens from `camera_model` (or instant-ngp's `is_fisheye`) and coefficients; `place` finds a field's node.
 fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, SceneError> {
     let mut values = [0.0; DISTORTION.len()];
     for (value, key) in values.iter_mut().zip(DISTORTION) {
@@ -204,6 +199,9 @@ fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, S
     };
     let unnamed = if is_fisheye { "FISHEYE" } else { "PERSPECTIVE" };
     let named = place("camera_model").optional("camera_model", known)?;
+    if is_fisheye && named.is_some_and(|lens| lens.is_perspective()) {
+        return Err(place("is_fisheye").get("is_fisheye", "")?.error("false next to the perspective `camera_model`"));
+    }
     Ok(named.or_else(|| lens(unnamed, value)).unwrap_or_default())
 }
 

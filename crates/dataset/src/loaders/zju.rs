@@ -15,26 +15,26 @@ use crate::frame::{Frame, MaskRole};
 
 pub(crate) const MARKER: &str = "annots.npy";
 const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
-/// The largest file that is read, in bytes.
+/// Max size of a file in bytes.
 const LARGEST: u64 = 64 << 20;
-/// Folders of masks, the first that is there.
+/// Folders of masks; the first that exists is read.
 const MASKS: [&str; 2] = ["mask_cihp", "mask"];
-/// Folders of the body's vertices and of the pose that was fitted with them, the first that is there.
+/// Folders of the body's vertices and of its fitted pose; the first pair that exists is read.
 const BODIES: [[&str; 2]; 2] = [["new_vertices", "new_params"], ["vertices", "params"]];
 /// The published training cameras.
 const TRAIN: [usize; 4] = [0, 6, 12, 18];
 /// Translations are in millimetres.
 const MILLIMETRES: f64 = 1000.0;
-/// Metres around the body that the box holds.
+/// Margin of the box around the body in metres.
 const MARGIN: f32 = 0.05;
-/// Points along each side of the grid that the masks are carved from.
+/// Number of grid points along each side for carving the visual hull of the masks.
 const CARVED: usize = 48;
 
-/// Reads one frame of a film: `request.frame`, the first if none is asked for.
+/// Reads one frame of a film: `request.frame`, or the first one by default.
 ///
-/// Images stay as they are, their distortion in the lens; outside the person's mask they are black, and that is the
-/// scene's background. The box is the body's vertices with 5 cm around, or what the published training cameras' masks
-/// leave of the space before them. Views are numbered like the cameras; those not among 0, 6, 12, 18 are the test split.
+/// Images keep their distortion, which the lens describes. Outside the person's mask they are black, the scene's
+/// background. The box holds the body's vertices with a margin of 5 cm, or without a body the visual hull of the
+/// published training cameras' masks. Views have their cameras' numbers; all but 0, 6, 12, 18 are the test split.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let bytes = read_file(&path, EXPECTED, LARGEST)?;
@@ -99,8 +99,8 @@ fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<
     Ok(Space { layout: Layout::Object, points, body, ..space })
 }
 
-/// Returns a body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an
-/// angle) and the translation `Th` of its frame in the world. Without one its frame is the world's.
+/// Reads a body's vertices, [n, 3] in metres, and its `pose`: the rotation `Rh` (axis times angle) and the translation
+/// `Th` of its frame in the world. Without `pose` its frame is the world's.
 fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     let expected = "finite vertices of shape [n, 3]";
     let array = npy::read(path, expected)?;
@@ -127,14 +127,14 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     Ok(Body { vertices, axes: rotation.try_normalize().map_or(DMat3::IDENTITY, about).as_mat3(), origin })
 }
 
-/// Returns the box of the points that all masks of the training cameras see a person at.
+/// Returns the box of the grid points that project into the person in the masks of all training cameras.
 fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, SceneError> {
     let about = capture_space(cameras, Vec::new(), Vec::new());
     let mut masks = Vec::new();
     for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
         let Some((path, role)) = &frame.mask else { continue };
         let mask = read_mask(path, *role, (camera.width, camera.height))?;
-        // A view that the person is not in says nothing of where they are.
+        // A view without the person does not constrain the hull.
         if mask.contains(&true) {
             masks.push((camera, mask));
         }
@@ -145,7 +145,7 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
         inside && mask.get(pixel.y as usize * camera.width as usize + pixel.x as usize) == Some(&true)
     };
     let seen = |p: Vec3| masks.iter().all(|(camera, mask)| shows(camera, mask, p));
-    // Twice: over all that the cameras surround, then over what that left.
+    // Two passes: over the cube that the cameras surround, then over the box of the first pass.
     let mut bounds = Aabb::cube(about.centre, about.radius);
     for _ in 0..2 {
         let step = bounds.size() / CARVED as f32;
@@ -161,11 +161,11 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     Ok(Aabb { min: bounds.min - MARGIN, max: bounds.max + MARGIN })
 }
 
-/// The contents of `annots.npy` for one frame.
+/// Contents of `annots.npy` for one frame.
 pub(crate) struct Annotations {
     /// Cameras; their image size is not part of the file.
     pub cameras: Vec<Camera>,
-    /// The images of the frame, one a camera.
+    /// Images of the frame, one for each camera.
     pub images: Vec<String>,
     /// Number of frames.
     pub frames: usize,
@@ -242,7 +242,7 @@ fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4])
         return Err(fault("K", "positive focal lengths", &format!("{fx} and {fy}")));
     }
     let rows = |i: usize| DVec3::new(r[i], r[i + 1], r[i + 2]);
-    // Its rows are the camera's axes: the transpose of what goes from world to camera.
+    // The rows of R, which takes world to camera, are the camera's axes.
     let axes = DMat3::from_cols(rows(0), rows(3), rows(6));
     let pose = opengl(axes, -(axes * DVec3::new(t[0], t[1], t[2])) / MILLIMETRES);
     if let Some(found) = pose::fault(&pose) {
@@ -250,7 +250,7 @@ fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4])
     }
     let c = |i: usize| d.get(i).copied().unwrap_or(0.0);
     let lens = Lens::rational([c(0), c(1), c(4), c(5), c(6), c(7)], [c(2), c(3)]);
-    // Pixels whose centres are whole numbers.
+    // In K pixel centres are whole numbers.
     Ok(Camera::pinhole((1, 1), [fx, fy], [k[2] + 0.5, k[5] + 0.5], pose).with_lens(lens))
 }
 
@@ -322,7 +322,7 @@ mod tests {
         assert!((scene.space.bounds.max - Vec3::new(1.05, 0.55, 1.55)).length() < 1e-6);
         let vertices = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 0.5, 1.5)];
         assert_eq!(scene.space.body, Some(Body::unposed(vertices)));
-        // And how it is posed: a quarter turn about z.
+        // The pose of a body: a quarter turn about z.
         fs::create_dir(guard.path().join("new_params")).unwrap();
         let pose = guard.path().join("new_params/2.npy");
         let vector = |values: [f64; 3]| numbers(&[1, 3], &values);

@@ -17,16 +17,16 @@ use crate::colmap::Reconstruction;
 use crate::files::file_name;
 
 const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
-/// Below this many images no pose can be found.
+/// Min number of images from which poses can be found.
 const MIN_IMAGES: usize = 2;
 
-/// Folder, below the photographs', in which COLMAP works; what is left of it is of an interrupted attempt.
+/// Folder in the scene's folder in which COLMAP works. It exists afterwards only if an attempt was interrupted.
 const WORK: &str = "colmap.partial";
 
 /// Program that finds poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PoseSolver {
-    /// `infonerf-sfm`; where it leaves photographs out, COLMAP as well, if it is installed, and the better of the two.
+    /// `infonerf-sfm`. If it leaves photographs out and COLMAP is installed, COLMAP as well, and the better result of the two.
     #[default]
     Best,
     /// `infonerf-sfm` alone.
@@ -40,7 +40,7 @@ pub enum PoseSolver {
 pub struct PoseSearch {
     /// Program that is used.
     pub solver: PoseSolver,
-    /// Focal length in image widths (of the longer side); else what EXIF data state, else a guess. COLMAP has its own.
+    /// Focal length divided by the longer image side; else that of EXIF data, else a guess. COLMAP does not use it.
     pub focal: Option<f64>,
 }
 
@@ -61,6 +61,9 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     let work = dir.join(WORK);
     let folders = (&*work, &*sparse, &*images);
     let found = match (search.solver, colmap) {
+        (PoseSolver::Colmap, _) if search.focal.is_some() => {
+            Err(SceneError::malformed(dir, "no focal length next to the solver colmap", "colmap does not use it"))
+        }
         (PoseSolver::Colmap, None) => {
             Err(SceneError::malformed(dir, "the colmap program to find the poses", "colmap is not on PATH"))
         }
@@ -79,7 +82,7 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
             }
         }
     };
-    // What cannot be removed is removed by the next attempt, or says so then.
+    // The next attempt removes what cannot be removed now.
     let _ = fs::remove_dir_all(&work);
     found
 }
@@ -127,8 +130,8 @@ fn keep_colmap(
     fs::rename(work.join("sparse"), sparse).map_err(|e| SceneError::io(sparse, e))
 }
 
-/// Returns the number of placed photographs, and the median distance, in pixels, between the places where points are seen
-/// and their projections; infinite without points.
+/// Returns the number of placed photographs, and the median reprojection error of their observations in pixels;
+/// infinite without points.
 fn quality(found: &Reconstruction) -> (usize, f64) {
     let mut residuals = Vec::new();
     for image in &found.images {
@@ -153,7 +156,7 @@ fn photograph_folder(dir: &Path) -> PathBuf {
     if below.is_dir() { below } else { dir.to_owned() }
 }
 
-/// Returns the error that names the way from the photographs in `dir`, if it has some, to a scene.
+/// Returns an error with advice on finding poses, if `dir` has photographs.
 pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
     let folder = photograph_folder(dir);
     if list_images(&folder).ok()?.is_empty() {
@@ -169,7 +172,7 @@ fn first_unread(folder: &Path) -> Option<SceneError> {
     fs::read_dir(folder).ok()?.find_map(|entry| unread_format(&entry.ok()?.path()))
 }
 
-/// Returns the folder of photographs, with at least [`MIN_IMAGES`] images in it.
+/// Returns the folder of photographs, or an error if it has fewer than [`MIN_IMAGES`] images.
 fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
     let folder = photograph_folder(dir);
     if !folder.is_dir() {

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult};
 
 use crate::error::MetricError;
 use crate::mask::Mask;
@@ -53,18 +53,24 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Me
         .map_err(|error| MetricError::file(path, error))
 }
 
-/// Reads the mask at `path`: a pixel is inside unless it is black, so that images of class indices are masks, too.
+/// Reads the mask at `path`: a pixel is inside unless it is black or transparent, so that images of class indices are masks, too.
 pub(super) fn mask(path: &Path) -> Result<Mask, MetricError> {
     if !has_extension(path, &LOSSLESS) {
         return Err(MetricError::file(path, "a mask is a PNG, TIFF or BMP: JPEG and WebP need not keep black exactly"));
     }
-    let image = decoded(path)?.into_rgb16();
-    let inside = image.pixels().map(|pixel| pixel.0 != [0; 3]).collect();
+    let image = decoded(path)?.into_rgba16();
+    let inside = image.pixels().map(|pixel| pixel.0[..3] != [0; 3] && pixel.0[3] > 0).collect();
     Mask::new(inside, image.width() as usize, image.height() as usize)
 }
 
+/// Reads the image at `path`, turned as its EXIF orientation demands.
 fn decoded(path: &Path) -> Result<DynamicImage, MetricError> {
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let reader = reader.map_err(|error| MetricError::file(path, error))?;
-    reader.decode().map_err(|error| MetricError::file(path, error))
+    let decode = || -> ImageResult<DynamicImage> {
+        let mut decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
+        let orientation = decoder.orientation()?;
+        let mut image = DynamicImage::from_decoder(decoder)?;
+        image.apply_orientation(orientation);
+        Ok(image)
+    };
+    decode().map_err(|error| MetricError::file(path, error))
 }

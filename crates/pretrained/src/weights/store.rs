@@ -13,23 +13,25 @@ pub struct Store {
 }
 
 impl Store {
-    /// Searches `explicit` (a folder or a weight file, if given), then the folder in the environment variable
+    /// Searches `explicit` (a folder or a weight file, if given), then that in the environment variable
     /// `INFONERF_WEIGHTS`, then `infonerf/weights` in the user's cache folder.
     ///
     /// # Errors
     /// If `explicit` does not exist or is a file of other weights, or if there is no folder at all.
     pub fn new(explicit: Option<&Path>) -> Result<Self, WeightsError> {
         let (mut files, mut folders) = (Vec::new(), Vec::new());
-        match explicit {
-            Some(path) if path.is_dir() => folders.push(path.to_owned()),
-            Some(path) => {
-                let file = WeightFile::read(path).map_err(WeightsError)?;
-                let found = recognised(&file).map_err(|cause| WeightsError::file(path, cause))?;
-                files.extend(found.into_iter().map(|weights| (weights, path.to_owned())));
+        let variable = std::env::var_os("INFONERF_WEIGHTS").filter(|place| !place.is_empty()).map(PathBuf::from);
+        // A folder that the variable names is made when weights are imported.
+        let is_folder = |path: &Path| path.is_dir() || (explicit != Some(path) && !path.exists());
+        for path in explicit.map(Path::to_owned).into_iter().chain(variable) {
+            if is_folder(&path) {
+                folders.push(path);
+                continue;
             }
-            None => {}
+            let file = WeightFile::read(&path).map_err(WeightsError)?;
+            let found = recognised(&file).map_err(|cause| WeightsError::file(&path, cause))?;
+            files.extend(found.into_iter().map(|weights| (weights, path.clone())));
         }
-        folders.extend(std::env::var_os("INFONERF_WEIGHTS").filter(|folder| !folder.is_empty()).map(PathBuf::from));
         folders.extend(dirs::cache_dir().map(|cache| cache.join("infonerf").join("weights")));
         if folders.is_empty() {
             return Err(WeightsError("no folder to keep weights in: set INFONERF_WEIGHTS to one".to_owned()));

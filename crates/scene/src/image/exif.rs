@@ -14,7 +14,7 @@ const FILM_WIDTH: f64 = 36.0;
 /// Extensions of the formats in which cameras write EXIF.
 const WITH_EXIF: [&str; 5] = ["jpg", "jpeg", "tif", "tiff", "webp"];
 
-/// Returns how the image in `path` is to be turned before it is shown; not at all if the file has no such data.
+/// Returns the orientation that the EXIF data of the image in `path` state; no transform without such data.
 pub fn orientation(path: &Path) -> Orientation {
     let stated = || {
         let data = Reader::new().read_from_container(&mut BufReader::new(File::open(path).ok()?)).ok()?;
@@ -41,8 +41,8 @@ pub(super) fn is_sideways(orientation: Orientation) -> bool {
     matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
-/// Returns the focal length of a JPEG, PNG, TIFF, WebP or HEIF over the longer side of the image: from
-/// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` if the file has no such data.
+/// Returns the focal length of a JPEG, PNG, TIFF, WebP or HEIF divided by the longer side of the image: from
+/// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` without such data.
 pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
     let data = Reader::new().read_from_container(file).ok()?;
     let number = |tag: Tag| match &data.get_field(tag, In::PRIMARY)?.value {
@@ -53,8 +53,13 @@ pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
     if let Some(film) = positive(Tag::FocalLengthIn35mmFilm) {
         return Some(film / FILM_WIDTH);
     }
-    // The resolution counts pixels per centimetre or per inch.
-    let millimetres = if number(Tag::FocalPlaneResolutionUnit) == Some(3.0) { 10.0 } else { 25.4 };
+    // The resolution counts pixels per unit: a centimetre, millimetre or micrometre, else an inch.
+    let millimetres = match number(Tag::FocalPlaneResolutionUnit) {
+        Some(3.0) => 10.0,
+        Some(4.0) => 1.0,
+        Some(5.0) => 1e-3,
+        _ => 25.4,
+    };
     let longer = positive(Tag::PixelXDimension)?.max(positive(Tag::PixelYDimension)?);
     Some(positive(Tag::FocalLength)? * positive(Tag::FocalPlaneXResolution)? / millimetres / longer)
 }
@@ -94,7 +99,9 @@ mod tests {
             ])
         };
         assert!((sensor(2, 4000).unwrap() - 50.0 * 4000.0 / 25.4 / 6000.0).abs() < 1e-12);
-        assert!((sensor(3, 1000).unwrap() - 50.0 * 100.0 / 6000.0).abs() < 1e-12);
+        for (unit, resolution) in [(3, 1000), (4, 100)] {
+            assert!((sensor(unit, resolution).unwrap() - 50.0 * 100.0 / 6000.0).abs() < 1e-12);
+        }
         assert_eq!(stated(&[(Tag::FocalLength, ratio(50, 1))]), None);
         assert_eq!(stated(&[(Tag::FocalLengthIn35mmFilm, Value::Short(vec![0]))]), None);
         assert_eq!(focal_length(&mut Cursor::new(b"no image")), None);
