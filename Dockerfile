@@ -1,4 +1,4 @@
-# docker build -t infonerf . && docker run --rm -v "$PWD/runs:/home/infonerf/runs" infonerf demo
+# Build and run: docker build -t infonerf . && docker run --rm -v "$PWD/runs:/home/infonerf/runs" infonerf demo
 FROM rust:1.95-bookworm AS build
 WORKDIR /src
 COPY . .

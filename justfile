@@ -1,15 +1,15 @@
-# `just` alone lists these. Each is a thin name for a cargo command.
+# `just` without arguments lists these recipes. Each is a short name for a command.
 
 set positional-arguments
 
-# Cargo features of what `exp`, `sweep`, `reproduce` and `bench` run: just features=wgpu exp synthetic-4view
+# Cargo features of the program that `exp`, `sweep`, `reproduce` and `bench` run: just features=wgpu exp synthetic-4view
 features := ""
 run := "cargo run --release " + if features == "" { "--" } else { "--features " + features + " --" }
 
-# What `test-gpu` builds in addition to the tests.
+# Program that `test-gpu` builds in addition to the tests.
 program := env_var_or_default("CARGO_TARGET_DIR", "target") + "/release/infonerf"
 
-# What `python` installs into.
+# Python environment into which `python` installs packages.
 environment := env_var_or_default("CARGO_TARGET_DIR", justfile_directory() + "/target") + "/python"
 
 [private]
@@ -24,7 +24,7 @@ exp NAME *ARGS:
 sweep NAME *ARGS:
     {{ run }} sweep "$@"
 
-# Every table of the paper at a small scale into one report, and whether what it says holds: just reproduce --jobs 2
+# Run the paper's tables at a small scale, and report the figures and which claims hold: just reproduce --jobs 2
 reproduce *ARGS:
     {{ run }} reproduce "$@"
 
@@ -32,7 +32,7 @@ reproduce *ARGS:
 test:
     cargo test --release --workspace
 
-# Sweeps through a Slurm of one node, which this starts and stops: as root, with Slurm installed
+# Test sweeps on a Slurm of one node, which this recipe starts and stops: as root, with Slurm installed
 test-slurm:
     #!/usr/bin/env bash
     set -euo pipefail
@@ -41,53 +41,53 @@ test-slurm:
     trap 'scripts/slurm-node stop' EXIT
     cargo test --release --workspace --test all slurm:: -- --ignored
 
-# Formatting and lints
+# Check formatting and lints
 lint:
     cargo fmt --all --check
     cargo clippy --release --workspace --all-targets -- -D warnings
 
-# Documentation of all crates
+# Build the documentation of all crates
 doc:
     RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
 
-# The documents as a book with search, the crates' documentation in it: needs mdbook 0.5 (cargo install mdbook) and Python 3.11
+# Build a searchable book of the documents and the crates' documentation: needs mdbook 0.5 (cargo install mdbook) and Python 3.11
 book: doc
     scripts/book
 
-# The Python package: its tests, notebook and types, with pandas in an environment of their own
+# Check the Python package: its tests, notebook and types, in a separate environment with pandas
 python:
     python3 -m venv {{ environment }}
     {{ environment }}/bin/pip install --quiet mypy pandas pandas-stubs
     {{ environment }}/bin/mypy
     PYTHON={{ environment }}/bin/python cargo test --release --workspace --test all python:: -- --nocapture
 
-# A wheel with the program and the Python package, in dist/: needs maturin (pip install maturin)
+# Build a wheel with the program and the Python package in dist/: needs maturin (pip install maturin)
 wheel *ARGS:
     maturin build --release --locked --out dist "$@"
 
-# Everything that a change has to pass
+# Run all checks that a change has to pass
 ci:
     .ci/run
 
-# Measure: just bench pareto, skip, step, render, agreement, stress or stress-training
+# Run a benchmark: just bench pareto, skip, step, render, agreement, stress or stress-training
 bench NAME *ARGS:
     {{ run }} bench "$@"
 
-# A GPU, DEVICE being wgpu, vulkan or cuda: agreement with the CPU; a step of the authors' network, kernels compiled and tuned, then kept; time against error
+# Benchmark a GPU (DEVICE: wgpu, vulkan or cuda): agreement with the CPU; a step of the authors' network, before and after kernels are compiled; time against error
 bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
     {{ program }} bench step --device {{ DEVICE }} --preset released
     {{ program }} bench step --device {{ DEVICE }} --preset released
     {{ program }} bench pareto --device {{ DEVICE }} {{ ARGS }}
 
-# Exported pages, the live viewer and the report's layout in headless Chromium: needs it (Debian: apt-get install chromium), on the PATH or named by CHROMIUM
+# Test exported pages, the live viewer and the report's layout: needs Chromium (Debian: apt-get install chromium) on the PATH or named by CHROMIUM
 test-view:
     cargo test --release --workspace --test all browser:: -- --ignored --test-threads 1 --nocapture
 
-# For a GPU machine without network or compiler: programs and a script that measures, in one archive of at most 60 MiB
+# Build an archive of at most 60 MiB with programs and a measuring script, for a GPU machine without network or compiler
 gpu-bundle *FEATURES:
     scripts/gpu-bundle "$@"
 
-# Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run, hard inputs
+# Test the agreement of a GPU, or of a software device such as lavapipe, with the CPU: operations, gradients, training, one run, hard inputs
 test-wgpu: (test-gpu "wgpu")
 
 [private]

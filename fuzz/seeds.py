@@ -1,4 +1,4 @@
-"""Writes fuzz/seeds: small valid files that fuzzing starts from. Needs numpy and pillow."""
+"""Writes fuzz/seeds: small valid files from which fuzzing starts. Needs numpy and pillow."""
 
 import json
 import pickle
@@ -19,7 +19,7 @@ def place(target, name):
 
 
 def pose(i):
-    """A camera that looks at the origin."""
+    """Returns the pose of camera `i`, which looks at the origin."""
     angle = 0.9 * i
     eye = np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 2.4])
     back = eye / np.linalg.norm(eye)

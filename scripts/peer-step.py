@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Time of a training step of the authors' network in PyTorch, the peer of `infonerf bench step --preset released`.
+"""Measures a training step of the authors' network in PyTorch, for comparison with `infonerf bench step --preset released`.
 
-Two NeRF networks (8 layers of 256, Mildenhall et al. 2020, Fig. 7), 1,024 rays of training images and 1,024 unseen ones, 64 coarse
-and 64 + 128 fine samples each, squared error of the seen rays, entropy of the unseen ones, Adam. Prints the median over the steps
-with float32 and with TF32 products.
+The step trains two NeRF networks (8 layers of 256, Mildenhall et al. 2020, Fig. 7) by Adam on 1,024 rays of training images and 1,024
+unseen rays, with 64 coarse and 64 + 128 fine samples each. The loss is the squared error of the seen rays and the entropy of the
+unseen ones. The script prints the median time over the steps, with float32 and with TF32 products.
 
     scripts/peer-step.py [STEPS]
 """

@@ -13,7 +13,7 @@ use serde_json::Value;
 /// Tolerance of the values of fixtures.
 pub const TOLERANCE: f64 = 1e-4;
 
-/// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or a software device.
+/// Returns every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or a software device.
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
 pub fn devices() -> Vec<Device> {
     vec![
@@ -24,7 +24,7 @@ pub fn devices() -> Vec<Device> {
     ]
 }
 
-/// The GPU that the features choose.
+/// Returns the GPU that the features choose.
 #[cfg(feature = "gpu")]
 pub fn gpu() -> Device {
     #[cfg(feature = "cuda")]
@@ -36,7 +36,7 @@ pub fn gpu() -> Device {
     gpu
 }
 
-/// Element `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as in `fixtures/hashed.py`.
+/// Returns element `n` of tensor `l` in [−1, 1): 24 bits of SplitMix64's finaliser, as in `fixtures/hashed.py`.
 pub fn hashed(l: usize, n: usize) -> f64 {
     let mut z = (((l as u64) << 40) + n as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -52,7 +52,7 @@ pub fn fixture(name: &str) -> Value {
 }
 
 /// Returns `module` with new parameters and their number: parameter `l`, in the module's order, becomes `values(l, shape)`, row by
-/// row; it stays if that is `None`.
+/// row; a parameter whose values are `None` stays.
 pub fn with_parameters<M: Module>(module: M, values: impl FnMut(usize, &[usize]) -> Option<Vec<f32>>) -> (M, usize) {
     struct Overwrite<V> {
         values: V,
@@ -144,12 +144,12 @@ pub fn space(fixture: &Value, half_edge: f32) -> Space {
     Space { near, far, range: Range::Distance { near, far }, bounds, ..Space::default() }
 }
 
-/// Returns the largest magnitude.
+/// Returns the maximum of the magnitudes.
 pub fn largest(values: &[f32]) -> f64 {
     values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
 }
 
-/// Checks that each element is within `tolerance`, which is given the expected one, from that.
+/// Checks that each element differs from the expected one `want` by at most `tolerance(want)`.
 pub fn compare_within<A, B>(got: &[A], want: &[B], tolerance: impl Fn(f64) -> f64, what: &str)
 where
     A: Copy + Into<f64>,
@@ -162,8 +162,8 @@ where
     }
 }
 
-/// Checks that no element is further than [`TOLERANCE`] times the largest expected element, or `floor` if that is larger, from
-/// the expected one.
+/// Checks that each element differs from the expected one by at most [`TOLERANCE`] times the largest expected magnitude, or
+/// times `floor` if that is larger.
 pub fn close(got: &[f32], want: &[f32], floor: f64, what: &str) {
     let tolerance = TOLERANCE * largest(want).max(floor);
     compare_within(got, want, |_| tolerance, what);

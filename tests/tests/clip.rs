@@ -27,7 +27,7 @@ fn small(fixture: &Value) -> ClipConfig {
     }
 }
 
-/// Names and shapes of the published file's tensors, in the order of the rule.
+/// Returns names and shapes of the published file's tensors, in the order of the rule.
 fn tensors(config: ClipConfig) -> Vec<(String, Vec<usize>)> {
     let ClipConfig { image, patch, width, hidden, .. } = config;
     let mut all = vec![
@@ -69,7 +69,7 @@ fn encoder(path: &Path, config: ClipConfig, device: &Device) -> ClipVision {
     ClipVision::read(path, config, device).unwrap()
 }
 
-/// Image `k` of the fixture with its height and width.
+/// Returns image `k` of the fixture with its height and width.
 fn pictured(fixture: &Value, k: usize, device: &Device) -> (Tensor<2>, (usize, usize)) {
     let side = |i: usize| whole(&fixture["pictures"][k][i]);
     let (height, width) = (side(0), side(1));

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use crate::setup;
 
-/// A small field of each kind, with part of its detail if that is annealed.
+/// Returns configs of a small field of each kind, with part of the detail of those that anneal it.
 fn fields() -> [FieldConfig; 8] {
     [
         json!({"kind": "nerf", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
@@ -47,7 +47,7 @@ fn sources() -> Sources {
     Sources { views: vec![view].into(), middle: [0.0; 3] }
 }
 
-/// The field with parameters that make it vary. Element `n` of parameter `l` is moved by `moved(l, n)`.
+/// Builds a field with parameters that make it vary; element `n` of parameter `l` is shifted by `moved(l, n)`.
 fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> f64) -> RadianceField {
     let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
     let body = Some(BodyVertices { vertices: &vertices, ..BodyVertices::default() });
@@ -62,14 +62,14 @@ fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> 
 /// Positions of five points.
 const AT: [f32; 15] = [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
 
-/// Checks that a gradient is within a tolerance of the differences on both sides: they differ where a ReLU turns on or a texel
-/// ends in between.
+/// Checks that a gradient lies between the differences on both sides, within a tolerance. The sides differ where a ReLU turns
+/// on or a texel ends in between.
 fn check_between(found: f64, sides: [f64; 2], tolerance: f64, what: &str) {
     let [low, high] = [sides[0].min(sides[1]), sides[0].max(sides[1])];
     assert!((low - tolerance..=high + tolerance).contains(&found), "{what}: {found}, {sides:?}");
 }
 
-/// Samples of two rays.
+/// Makes points that are samples of two rays.
 fn points(positions: &[f32], device: &Device) -> Points {
     let count = positions.len() / 3;
     let each = |value: f32| upload(vec![value; count], [count], device);
@@ -112,7 +112,7 @@ fn gradients_in_positions_are_those_of_differences() {
     }
 }
 
-/// Derivatives along a random direction of each parameter tensor.
+/// Compares derivatives along a random direction of each parameter tensor.
 #[test]
 fn gradients_in_parameters_are_those_of_differences() {
     const STEP: f64 = 1e-3;

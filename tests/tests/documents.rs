@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use infonerf_experiment::{Experiment, Selection};
 use infonerf_train::Preset;
 
-/// Bytes of all documents together, and of one of them.
+/// Maximum number of bytes of all documents together, and of one of them.
 const MAX_BYTES: [usize; 2] = [90 << 10, 11 << 10];
 
 const README_LINES: usize = 100;
 
-/// Characters of a line of prose, without the targets of its links.
+/// Maximum number of characters of a line of prose, without the targets of its links.
 const MAX_LINE: usize = 160;
 
 /// First words of a doc comment that is not understood when it is read alone.
@@ -22,7 +22,7 @@ const ANAPHORA: [&str; 18] = [
     "These", "And", "Or", "As above",
 ];
 
-/// Words, and beginnings of constants, with their replacements.
+/// Words and prefixes of constants that are not used, with their replacements.
 const WORDS: [(&str, &str); 10] = [
     ("slope", "gradient or derivative"),
     ("slopes", "gradients or derivatives"),
@@ -40,7 +40,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Every Markdown document of the repository, with its path from the root.
+/// Returns every Markdown document of the repository, with its path from the root.
 fn documents() -> Vec<(PathBuf, String)> {
     let folders = ["", "docs", "experiments"].map(|folder| root().join(folder));
     let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
@@ -50,7 +50,7 @@ fn documents() -> Vec<(PathBuf, String)> {
     documents
 }
 
-/// The text and target of every link.
+/// Returns the text and target of every link.
 fn links(text: &str) -> impl Iterator<Item = (&str, &str)> {
     text.match_indices("](").filter_map(|(at, _)| {
         let shown = text[..at].rsplit_once('[').map_or("", |(_, shown)| shown);
@@ -58,7 +58,7 @@ fn links(text: &str) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// The anchors that GitHub and mdBook give headings.
+/// Returns the anchors that GitHub and mdBook give headings.
 fn anchors(text: &str) -> Vec<String> {
     let heading = |line: &str| Some(line.strip_prefix('#')?.trim_start_matches('#').trim().to_lowercase());
     let kept = |c: &char| c.is_alphanumeric() || matches!(c, '-' | '_' | ' ');
@@ -214,7 +214,7 @@ fn documents_keep_their_size() {
 fn lines_of_prose_are_short() {
     let mut long = Vec::new();
     for (path, text) in documents_and_readmes() {
-        // Written by `infonerf collect`.
+        // This document is written by `infonerf collect`.
         if path.ends_with("docs/results.md") {
             continue;
         }
@@ -260,14 +260,14 @@ fn words_are_those_of_the_field() {
     assert!(found.is_empty(), "\n{}\n{} words", found.join("\n"), found.len());
 }
 
-/// Documents, and the README of each crate.
+/// Returns the documents, and the README of each crate.
 fn documents_and_readmes() -> Vec<(PathBuf, String)> {
     let crates = fs::read_dir(root().join("crates")).unwrap().map(|entry| entry.unwrap().path().join("README.md"));
     let readmes = crates.filter(|path| path.is_file()).map(|path| (path.clone(), fs::read_to_string(path).unwrap()));
     documents().into_iter().chain(readmes).collect()
 }
 
-/// Every Rust file of the repository, in order.
+/// Returns every Rust file of the repository, sorted by path.
 fn sources() -> Vec<(PathBuf, String)> {
     let mut folders: Vec<PathBuf> = ["crates", "tests", "fuzz"].map(|folder| root().join(folder)).into();
     let mut files = Vec::new();
@@ -289,7 +289,7 @@ fn name_of(path: &Path) -> String {
     path.strip_prefix(root()).unwrap().display().to_string()
 }
 
-/// Numbered lines of a Markdown document outside of blocks of code.
+/// Returns the numbered lines of a Markdown document outside of blocks of code.
 fn prose(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let mut code = false;
     (1..).zip(text.lines()).filter(move |(_, line)| {
@@ -299,7 +299,7 @@ fn prose(text: &str) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// A line of Markdown without the targets of its links.
+/// Returns a line of Markdown without the targets of its links.
 fn shown(line: &str) -> String {
     let mut parts = line.split("](");
     let first = parts.next().unwrap_or_default().to_owned();

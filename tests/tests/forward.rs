@@ -27,7 +27,7 @@ const FREQUENCIES: usize = 10;
 const HALF_EDGE: f32 = 6.0;
 const REQUEST: RenderRequest = RenderRequest { color: true, hidden: true };
 
-/// Config of the published network and sampling, without jitter.
+/// Returns the config of the published network and sampling, without jitter.
 fn config(settings: &[&str]) -> Config {
     Config::of(Preset::Paper, settings).unwrap()
 }
@@ -102,7 +102,7 @@ fn nerf_rule(fixture: &Value, net: usize, l: usize, shape: &[usize]) -> Vec<f32>
     let (probes, last) = (&fixture["weight_probes"][net * LAYERS + layer], values.len() - 1);
     let probed = if let [inputs, outputs] = *shape {
         assert_eq!((l % 2, &probes["shape"]), (0, &json!([outputs, inputs])), "layer {layer}");
-        // Times 2^(−k/2) where layers 0 and 5 read frequency k of the encoded position.
+        // Weights are multiplied by 2^(−k/2) where layers 0 and 5 read frequency k of the encoded position.
         let read = if layer == 0 || layer == 5 { FREQUENCIES } else { 0 };
         for (n, value) in values.iter_mut().enumerate() {
             if let Some(k) = (n / outputs).checked_sub(3).map(|i| i / 6).filter(|k| *k < read) {
@@ -157,7 +157,7 @@ fn check_nerf(device: &Device) {
                 compare(&got[index..=index], want, &format!("{last_interval}, {key} {index}"));
             }
         }
-        // The last interval is left out: infinite, it is no factor to divide by.
+        // The last interval is left out, since an infinite length cannot be divided by.
         let (tau, delta) = (to_host(ray.0.tau.clone()), to_host(ray.0.samples.delta.clone()));
         let mut want = floats(&fixture["ray0_coarse_sigma"]["f64"]);
         want.pop();
@@ -187,7 +187,7 @@ fn frusta_and_their_encoding_agree_with_jax() {
         let RayGaussians { mean, along, across } = frustum_gaussians(t, delta, radii);
         let [mean, along, across] = [mean, along, across].map(|tensor| to_host(tensor)[0]);
         compare_relative(&[mean, along, across], &floats(&row["moments"]), &format!("frustum {index}"));
-        // From the stored Gaussian: at 900 units f32 cannot even hold the phase of the highest frequency.
+        // Features are those of the stored Gaussian. Far slices have none, as f32 does not resolve the highest frequency's phase.
         let found = triple(&fixture["direction"]).map(|d| along * d * d + across * (1.0 - d * d));
         compare_relative(&found, &floats(&row["variance"]), &format!("frustum {index}, variance"));
         if t0 < 10.0 {

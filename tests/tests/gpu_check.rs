@@ -1,4 +1,4 @@
-//! `scripts/gpu-check`, with a stand-in for the program: whatever fails, everything is written down.
+//! `scripts/gpu-check` with a stand-in for the program: every step is recorded, also if some of them fail.
 #![cfg(unix)]
 
 use std::fs;
@@ -8,7 +8,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Stand-in for the program: has no CUDA, fails its stress rows, and leaves results of the comparison with the CPU alone.
+/// Stand-in for the program that has no CUDA, fails the stress rows, and writes results only of the comparison with the CPU.
 const PROGRAM: &str = r#"#!/usr/bin/env bash
 all="$*"
 while (($#)); do

@@ -16,7 +16,7 @@ use serde_json::Value;
 
 use crate::{no_sources, setup};
 
-/// Scale below which gradients are compared with it, as their terms cancel; the largest is 0.15.
+/// Minimum scale of the tolerance of gradients, since their terms cancel; the largest gradient is 0.15.
 const MIN_SCALE: f64 = 1e-3;
 
 fn triples(value: &Value) -> Vec<[f32; 3]> {

@@ -19,7 +19,7 @@ use serde_json::Value;
 
 use crate::{no_sources, setup};
 
-/// Sizes of the field without an encoder.
+/// Returns the config of the field without an encoder.
 fn sizes(fixture: &Value) -> NeuralVolumesConfig {
     let number = |key: &str| whole(&fixture[key]);
     NeuralVolumesConfig {
@@ -38,7 +38,7 @@ fn encoder(fixture: &Value) -> CodeEncoderConfig {
     CodeEncoderConfig { images: whole(&encoder["images"]), size: [size[0], size[1]], width: whole(&encoder["width"]) }
 }
 
-/// Returns a parameter that is no code by the fixture's rule.
+/// Returns an element of a parameter other than a code by the fixture's rule.
 fn rule(shape: &[usize], u: f64) -> f64 {
     match *shape {
         [_] => 0.1 * u,
@@ -48,7 +48,7 @@ fn rule(shape: &[usize], u: f64) -> f64 {
     }
 }
 
-/// Returns a parameter by the fixture's rule, of a field whose first parameters are a code.
+/// Returns an element of a parameter by the fixture's rule, for a field whose first parameters are a code.
 fn rule_of_learned(l: usize, shape: &[usize], u: f64) -> f64 {
     match l {
         0 => u,
@@ -77,12 +77,12 @@ fn learned(fixture: &Value, device: &Device) -> RadianceField {
 fn encoded(fixture: &Value, device: &Device) -> RadianceField {
     let config = NeuralVolumesConfig { encoder: Some(encoder(fixture)), ..sizes(fixture) };
     let (field, parameters) = overwritten(built(fixture, config, device), |_, shape, u| rule(shape, u));
-    // Four convolutions a tower, and three dense layers.
+    // Each image has a tower of four convolutions; three dense layers follow.
     assert_eq!(parameters, encoder(fixture).images * 2 * 4 + 2 * 3 + DECODER);
     field
 }
 
-/// The fixture's images, and one more.
+/// Returns the fixture's images, and one more.
 fn photographs(fixture: &Value) -> Sources {
     let size = wholes(&fixture["encoder"]["picture"]);
     let (height, width) = (size[0], size[1]);

@@ -33,10 +33,10 @@ fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
     }
 }
 
-/// Shape and elements of every parameter.
+/// Shape and elements of each parameter.
 type Weights = Vec<(Vec<usize>, Vec<f32>)>;
 
-/// Returns how far the tensors `which` are from having changed by `change` from `first` to `last`, relative to that change.
+/// Returns the L2 distance of `last − first` from `change` over the tensors `which`, relative to the norm of `change`.
 fn error([first, last]: &[Weights; 2], which: Range<usize>, change: impl Fn(usize) -> Vec<f64>) -> f64 {
     let (mut apart, mut moved) = (0.0, 0.0);
     for tensor in which {
@@ -52,7 +52,7 @@ fn error([first, last]: &[Weights; 2], which: Range<usize>, change: impl Fn(usiz
     (apart / moved).sqrt()
 }
 
-/// Builds a network of the fixture with its first weights: 0 is the coarse one, 1 the fine one.
+/// Builds a network of the fixture with its initial weights; `net` is 0 for the coarse network and 1 for the fine one.
 fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
     let fact = |key: &str| fixture[key].as_f64().unwrap();
     let mut fan_in = 0;
@@ -94,7 +94,7 @@ fn configured(fixture: &Value, run: &Value) -> Config {
     Config::of(Preset::Released, settings).unwrap()
 }
 
-/// Builds the fixture's data set: four images, their cameras and those of others.
+/// Builds the fixture's data set: four images with their cameras, and further cameras.
 fn scene(fixture: &Value) -> Scene {
     let size = whole(&fixture["size"]) as u32;
     let camera = |rows: &Value| {
@@ -148,7 +148,7 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
     let seed = run["seed"].as_u64().unwrap();
     let build = {
         let (fixture, config) = (fixture.clone(), config.clone());
-        // The trainer asks for the fine network with the run's own seed, and for the coarse one with another.
+        // The trainer builds the fine network with the run's own seed, and the coarse one with another seed.
         move |of: u64, device: &Device| network(&fixture, &config, usize::from(of == seed), device)
     };
     let mut trainer = Trainer::with_field(&config, scene.clone(), seed, None, device, build).unwrap();

@@ -25,7 +25,7 @@ const BLOCKS: usize = 5;
 const POOL_AFTER: usize = 3;
 const WIDTH: usize = 512;
 
-/// Names and shapes that torchvision gives the tensors up to layer3, in order.
+/// Returns names and shapes that torchvision gives the tensors up to layer3, in order.
 fn tensors() -> Vec<(String, Vec<usize>)> {
     let mut all = Vec::new();
     let mut layer = |convolution: String, normalisation: String, shape: [usize; 4]| {
@@ -63,7 +63,7 @@ fn write_resnet34(path: &Path) {
 
 /// Returns parameter `visited` of the MLP by the fixture's rule, which counts from `tensors` on.
 fn mlp_rule(tensors: usize, visited: usize, shape: &[usize]) -> Vec<f32> {
-    // Input layer, feature layers side by side, blocks, output layer.
+    // The layers are the input layer, the feature layers side by side, the blocks, and the output layer.
     let layer = visited / 2;
     let last = 2 + 2 * BLOCKS;
     let parts = if layer == 1 { POOL_AFTER } else { 1 };
@@ -72,7 +72,7 @@ fn mlp_rule(tensors: usize, visited: usize, shape: &[usize]) -> Vec<f32> {
         layer if layer >= 2 && layer % 2 == 1 => 0.5,
         _ => 2f64.sqrt(),
     };
-    // The feature layers before this one are several in the rule's count.
+    // The rule counts the feature layers separately, while they are one layer here.
     let first = tensors + 2 * layer + if layer > 1 { 2 * (POOL_AFTER - 1) } else { 0 };
     let width = shape[shape.len() - 1];
     let outputs = width / parts;
@@ -101,7 +101,7 @@ fn config(encoder: EncoderConfig) -> PixelNerfConfig {
 fn field(weights: &Path, device: &Device) -> RadianceField {
     let config = config(EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() });
     let tensors = tensors().len();
-    // Five tensors of the file are a weight and a bias here.
+    // Five tensors of the file (convolution and normalisation) become a weight and a bias.
     let encoder = tensors / 5 * 2;
     let field = FieldConfig::PixelNerf(config).build(&setup(device)).unwrap();
     let (field, parameters) =

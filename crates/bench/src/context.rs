@@ -13,11 +13,11 @@ use serde::Serialize;
 /// Variant of benchmarks that measure one.
 const DEFAULT_VARIANT: &str = "infonerf";
 
-/// Benchmark with the runs that it measures; displayed as program, machine and runs.
+/// Benchmark with the runs that it measures; `Display` prints the program, the machine and the runs.
 pub struct Bench {
     /// Runs to measure, at least one.
     pub(crate) plans: Vec<RunPlan>,
-    /// Runs that are trained and evaluated are in `runs` below the folder of results.
+    /// Session that trains and evaluates runs in `runs` below the folder of results.
     pub(crate) session: Session,
     /// Folder of results.
     pub folder: PathBuf,
@@ -45,9 +45,9 @@ pub(crate) struct Conditions {
 }
 
 impl Bench {
-    /// Prepares the benchmark called `name`, with results in a folder of that name in `out`. It measures the runs of an
-    /// experiment that `selection` names, by default those of the first scene and the variant `infonerf`, for `pareto` of all
-    /// variants. `weights` are those of learned metrics, in addition to the usual places.
+    /// Prepares the benchmark called `name`, with results in a folder of that name in `out`. It measures the runs of `experiment`
+    /// that `selection` names: by default those of the first scene and the variant `infonerf` (of all variants for `pareto`).
+    /// `weights` are those of learned metrics, in addition to the usual places.
     ///
     /// # Errors
     /// If the experiment cannot be planned, or the device or the weights cannot be opened.

@@ -1,8 +1,8 @@
-//! Benchmarks: speed, what speed costs, exactness under stress, and agreement of devices.
+//! Benchmarks: speed, quality against speed, exactness under stress, and agreement of devices.
 //!
-//! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json` and a table as
-//! CSV to the folder of its [`Bench`]; an error is a run that fails or a file that cannot be written. Benchmarks with bounds
-//! return whether all of them hold.
+//! Each benchmark is one file with one function that measures, prints the results, and writes `results.json` and a table as
+//! CSV to the folder of its [`Bench`]. It returns an error if a run fails or a file cannot be written. Benchmarks with bounds
+//! return whether all bounds hold.
 
 mod agreement;
 mod context;

@@ -13,13 +13,13 @@ use crate::output::number;
 use crate::published::PublishedFigures;
 use crate::trial::measured_with;
 
-/// Metrics with a chart of their own.
+/// Keys of the metrics that have a chart.
 const CHARTS: [&str; 4] = ["psnr", "ssim", "lpips_alex", "lpips_vgg"];
 
 const PROTOCOL: &str = "each row is an independent run whose schedule follows the clock; train_seconds is training alone, \
                         without loading and evaluation; points are means over scenes and seeds";
 
-/// Measures quality after each of the training times `budgets`, with the frontier.
+/// Measures quality after each of the training times `budgets`, and prints the Pareto frontier.
 pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut records: Vec<Record> = Vec::new();
@@ -40,7 +40,7 @@ pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> 
     Ok(())
 }
 
-/// Lists scenes and numbers of training views that published figures must match; procedural scenes have no name there.
+/// Lists scenes and numbers of training views that published figures must match. Procedural scenes have no published name.
 fn scenes_and_views(bench: &Bench, records: &[Record]) -> (Vec<String>, Vec<usize>) {
     let published = bench.plans.iter().all(|plan| plan.data.is_some());
     let scene = |record: &Record| if published { record.scene.clone() } else { String::new() };
@@ -71,7 +71,7 @@ fn frontier(table: &Table) -> String {
     names.collect::<Vec<_>>().join(", ")
 }
 
-/// Writes all results so far, which stay if the rest is interrupted.
+/// Writes all results so far, so that they stay if the rest is interrupted.
 fn save(bench: &Bench, records: &[Record]) -> Result<()> {
     bench.save_results(PROTOCOL, records, json!({}))?;
     let table = table(records);

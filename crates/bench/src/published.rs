@@ -18,7 +18,7 @@ pub(crate) struct PublishedFigures {
 #[serde(deny_unknown_fields)]
 struct PublishedSystem {
     name: String,
-    /// Scene; `None` for the mean over all.
+    /// Name of the scene; `None` for the mean over all scenes.
     scene: Option<String>,
     hardware: String,
     /// Training time in seconds.
@@ -33,8 +33,8 @@ impl PublishedFigures {
         toml::from_str(include_str!("../published.toml")).context("published.toml")
     }
 
-    /// Selects figures comparable with runs on `scenes` with numbers of training `views`: for a single scene those for it, and
-    /// otherwise means. Empty if the runs have other scenes or views.
+    /// Selects figures comparable with runs on `scenes` with numbers of training `views`: a system's figures of a single scene if
+    /// it has them, and otherwise its means. Returns none if the runs have other scenes or views.
     fn comparable(&self, scenes: &[String], views: &[usize]) -> Vec<&PublishedSystem> {
         if scenes.iter().any(|scene| !self.scenes.contains(scene)) || views.iter().any(|views| *views != self.views) {
             return Vec::new();

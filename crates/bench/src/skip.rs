@@ -1,4 +1,4 @@
-//! Time, samples and quality of each way of skipping: all off, all on, each off alone, and without unseen rays.
+//! Time, samples and quality of each way of skipping work: all off, all on, each one off alone, and without unseen rays.
 
 use anyhow::{Context, Result};
 use infonerf_report::{Emphasis, Quantity, Record, TextTable, overview_table};
@@ -15,7 +15,7 @@ const FIXED_RAYS: &str = "train.target_samples=0";
 const PROTOCOL: &str = "every run takes the same number of steps of the same number of rays (train.target_samples=0); factors \
                         compare with the run that skips nothing; means over scenes, variants and seeds";
 
-/// Lists name and settings of each case, in the order of the table; the first one skips nothing.
+/// Lists the name and settings of each case, in the order of the table; the first case skips nothing.
 fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
     let ramp = format!("render.samples={}", config.render.samples.largest());
     // Ways of skipping, and the settings that switch each off.
@@ -29,12 +29,12 @@ fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
     let all: Vec<&str> = switches.iter().flat_map(|(_, off)| *off).copied().collect();
     let mut cases = vec![("skip nothing".to_owned(), all.as_slice()), ("skip all".to_owned(), &[])];
     cases.extend(switches.map(|(name, off)| (format!("all but {name}"), off)));
-    // On top of all ways of skipping: the cost of the terms on unseen rays.
+    // The last case measures the cost of the terms on unseen rays, with all ways of skipping on.
     cases.push(("all, no unseen rays".to_owned(), &["loss.entropy.weight=0", "loss.kl.weight=0"]));
     cases.into_iter().map(|(name, settings)| (name, settings.iter().map(|&s| s.to_owned()).collect())).collect()
 }
 
-/// Measures time, samples and quality with each way of skipping switched off; runs of `steps`, if given.
+/// Measures time, samples and quality with each way of skipping switched off, in runs of `steps` if given.
 pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
     print("");
     let mut records: Vec<Record> = Vec::new();
@@ -48,7 +48,7 @@ pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Re
             let (label, seconds, psnr) = (plan.label(), record.train_seconds, number(Quantity::PSNR.value(&record), 2));
             print(&format!("{case}, {label}: {seconds:.1} s, {psnr} dB"));
             records.push(measured_with(record, "case", case.clone()));
-            // Results so far stay if the rest is interrupted.
+            // Results are saved after each run, so that they stay if the rest is interrupted.
             bench.save_results(PROTOCOL, &records, json!({}))?;
         }
     }
@@ -65,7 +65,7 @@ pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Re
     Ok(())
 }
 
-/// Divides samples evaluated and training time of the first case's runs by those of each case's runs of the same variant.
+/// Divides samples and training time of the first case's runs by those of each case's runs of the same variant.
 fn factors(records: &[Record]) -> Vec<(String, [f64; 2])> {
     let variant = |record: &Record| record.setting.as_ref().map(|setting| setting.variant.clone());
     let factor = |run: String| {

@@ -36,7 +36,7 @@ struct PhaseTiming {
     share: f64,
 }
 
-/// Measures milliseconds per step, by phase, from an untrained field or `from` a run; `steps`: a warm-up, then measured ones.
+/// Measures milliseconds per step by phase, from an untrained field or `from` a run. `steps` are `[warm-up, measured]`.
 pub fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
     let mut rows = Vec::new();
     for plan in &bench.plans {
@@ -53,7 +53,7 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: 
         checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))
     };
     let checkpoint = from.map(read).transpose()?;
-    // A finished run takes further steps here.
+    // A finished run takes more steps here.
     let before = checkpoint.as_ref().map_or(0, |checkpoint| checkpoint.progress().step);
     let iterations = plan.config.train.iterations.max(before + warmup + 2 * steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;

@@ -19,7 +19,7 @@ const PROTOCOL: &str = "each row: one run per seed of a tiny field on 24-pixel i
                         other weights and ended with a field that is not empty; faint: ended with empty renders, \
                         for which a run is reported as collapsed";
 
-/// Settings with which a run takes a second.
+/// Settings with which a run takes about a second.
 const TINY: &str = "scene.size=24 eval.test=first-1 eval.information_rays=0 train.rays=96 train.unseen_rays=48 \
                     train.target_samples=0 train.downscale=1 \
                     render.samples={from=24,to=48,end=0.5,curve=\"exponential\"} render.occupancy.resolution=16 \
@@ -79,16 +79,16 @@ const MLP: [(&str, &[&str]); 5] = [
 struct SettingOutcome {
     setting: &'static str,
     runs: usize,
-    /// Runs stopped because a loss was not finite.
+    /// Number of runs stopped because a loss was not finite.
     stopped: usize,
-    /// Runs that ended with weights or renders that are not finite.
+    /// Number of runs that ended with weights or renders that are not finite.
     not_finite: usize,
-    /// Runs that ended, and were reported, as collapsed.
+    /// Number of runs that ended, and were reported, as collapsed.
     collapsed: usize,
     restarts: usize,
-    /// Runs that restarted and ended with a field that is not empty.
+    /// Number of runs that restarted and ended with a field that is not empty.
     recovered: usize,
-    /// Runs that ended with empty renders, which an experiment reports as collapsed.
+    /// Number of runs that ended with empty renders, which an experiment reports as collapsed.
     faint: usize,
     train_psnr: Option<f64>,
 }
@@ -100,7 +100,7 @@ pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -
     let mlp = MLP.map(|(name, settings)| (name, NERF, settings, keep as Change));
     for setting in fast.into_iter().chain(mlp) {
         rows.push(measure(bench, setting, seeds, steps)?);
-        // Results so far stay if the rest is interrupted.
+        // Results are saved after each setting, so that they stay if the rest is interrupted.
         bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;
     }
     let table = TextTable::new(
@@ -163,7 +163,7 @@ impl SettingOutcome {
             }
         };
         let view = &trainer.scene().train[0].clone();
-        // A checkpoint refuses weights that are not finite, an evaluation refuses such pixels.
+        // A checkpoint fails if weights are not finite, an evaluation if pixels are not.
         let rendered = trainer.checkpoint(&mut |_| ());
         let rendered = rendered.and_then(|_| evaluate_view(trainer.renderer(), &[trainer.trained()], view));
         let Ok(rendered) = rendered else {
@@ -191,7 +191,7 @@ fn identical(scene: &mut Scene) {
     scene.train.iter_mut().for_each(|view| *view = first.clone());
 }
 
-/// Turns every camera about its own upright axis by half a turn.
+/// Rotates every camera about its own vertical axis by 180°.
 fn looking_away(scene: &mut Scene) {
     for view in &mut scene.train {
         let pose = &mut view.camera.to_world;

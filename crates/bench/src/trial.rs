@@ -24,8 +24,8 @@ impl Bench {
     }
 }
 
-/// Takes `count` steps, or fewer if the run ends, and returns the seconds of each: steps that are reported together share
-/// their time equally.
+/// Takes `count` steps, or fewer if the run ends, and returns the duration of each in seconds. Steps that are reported together
+/// share their time equally.
 pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
     let mut seconds = Vec::with_capacity(count);
     let mut start = Instant::now();
@@ -56,7 +56,7 @@ pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Re
     Ok(RunPlan { config: Config::from_table(table)?, ..plan.clone() })
 }
 
-/// Labels a run with a value with which it was measured, which tables show in a column `key`.
+/// Labels a record with a value that its run was measured with. Tables show the value in a column `key`.
 pub(crate) fn measured_with(record: Record, key: &str, value: String) -> Record {
     let variant = format!("{}, {key} {value}", record.variant);
     let setting = Setting { variant: record.variant, values: [(key.to_owned(), value)].into_iter().collect() };

@@ -9,7 +9,7 @@ pub(crate) fn uniform(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f
     (0..count).map(|_| low + (high - low) * rng.f32()).collect()
 }
 
-/// Makes a tensor that has a gradient.
+/// Makes a leaf tensor that requires a gradient.
 pub(crate) fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
 }
@@ -19,7 +19,7 @@ pub(crate) fn gradient_of<const D: usize>(leaf: &Tensor<D>, gradients: &Gradient
     leaf.grad(gradients).map(to_host).unwrap_or_default()
 }
 
-/// Widens values for the oracle.
+/// Converts values to `f64` for the oracle.
 pub(crate) fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()
 }

@@ -10,15 +10,15 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::{RayDistribution, Segments, ray_divergence, ray_entropy};
 
 fn main() {
-    // What a renderer has at hand: densities σ at its samples and the lengths δ of their intervals. Rays may have
-    // different numbers of samples, one behind the other in one list: here three, two and none.
+    // A renderer has densities σ at its samples and the lengths δ of their intervals. Rays may have different numbers of
+    // samples, which follow each other in one list: here three, two and none.
     let device = Device::flex().autodiff();
     let rays = Segments::from_counts([3, 2, 0]);
     let sigma = Tensor::<1>::from_floats([0.1, 8.0, 2.0, 0.5, 0.5], &device).require_grad();
     let delta = Tensor::<1>::from_floats([0.2, 0.2, 0.2, 0.3, 0.3], &device);
     let tau = sigma.clone() * delta.clone();
 
-    // The same samples on neighbouring rays, which the information-gain reduction compares with.
+    // Optical depths of the same samples on neighbouring rays, which the information-gain reduction compares with.
     let neighbour = Tensor::<1>::from_floats([0.1, 6.0, 3.0, 0.4, 0.7], &device) * delta;
 
     // H(r) in bits (Eq. 5), which counts where a ray hits something (Eq. 6), and D(P(R) || P(R~)) in nats (Eq. 9).

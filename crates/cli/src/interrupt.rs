@@ -1,4 +1,4 @@
-//! Ctrl-C: finish the step or picture at hand, save, stop.
+//! Ctrl-C: finishes the current step or picture, saves, and stops.
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use infonerf_experiment::execute::STOPPED;
 use crate::print::errln;
 
 static ASKED: AtomicBool = AtomicBool::new(false);
-/// Whether nothing is running that would have to finish.
+/// Whether no step or picture is in progress that would have to finish.
 static IDLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. A second Ctrl-C ends the process at once.

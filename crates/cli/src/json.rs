@@ -7,10 +7,10 @@ use infonerf_experiment::execute::{PlanEvent, RunEnd};
 use infonerf_train::Event;
 use serde_json::{Value, json};
 
-/// Time between two steps that are printed.
+/// Minimum time between two steps that are printed.
 const REFRESH: Duration = Duration::from_secs(1);
 
-/// Turns events into JSON, steps once per second.
+/// Converter of events to JSON, with at most one step per second.
 #[derive(Default)]
 pub(crate) struct JsonEvents {
     runs: usize,

@@ -1,4 +1,4 @@
-//! Where runs happen, and from there to their results: `exp`, `sweep` and `reproduce`.
+//! Execution of the runs of `exp`, `sweep` and `reproduce`, in processes of this machine or as jobs of Slurm.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -19,7 +19,7 @@ use crate::terminal::open_device;
 use crate::units::{parse_mebibytes, parse_time};
 use crate::{command_line, interrupt};
 
-/// Time between two questions to Slurm.
+/// Time between two queries of Slurm.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Where runs happen, and how much of it they may take.
@@ -93,11 +93,11 @@ impl LaunchArgs {
         Ok(given.into_iter().find_map(|(option, given)| given.then_some(option)))
     }
 
-    /// Runs `sweeps` below `out`, each run in a process of its own, prints their tables, and hands `finish` what was written.
+    /// Runs `sweeps` below `out`, each run in a process of its own, prints their tables, and passes what is written to `finish`.
     ///
     /// # Errors
     /// If options do not go together, a sweep cannot be prepared, Slurm refuses, or a file cannot be written. A run that
-    /// fails is no error, but an exit code.
+    /// fails is not an error, but changes the exit code.
     pub(crate) fn run(
         &self,
         sweeps: Vec<Sweep>,

@@ -1,4 +1,4 @@
-//! The live page of runs that train.
+//! Live page of runs in training.
 
 use std::cell::Cell;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -13,11 +13,11 @@ use crate::interrupt;
 use crate::print::outln;
 use crate::terminal::is_terminal;
 
-/// How often a page that is open gets a newer field.
+/// Minimum time between two checkpoints that are saved for an open page.
 const REFRESH: Duration = Duration::from_secs(3);
-/// How long after its last request a page counts as open.
+/// Time after its last request during which a page counts as open.
 const OPEN: Duration = Duration::from_secs(6);
-/// How often a pause is looked at.
+/// Time between two checks of whether a pause has ended.
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// A server of the runs that train in this process.
@@ -28,7 +28,7 @@ pub(crate) struct Live {
 }
 
 impl Live {
-    /// Serves the runs below `folder`, which is made if need be, on `port` of this machine alone.
+    /// Serves the runs below `folder`, which is created if necessary, on `port` of this machine alone.
     pub(crate) fn start(folder: &Path, port: u16, device: OpenDevice) -> Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         let control = TrainingControl::default();
@@ -41,8 +41,8 @@ impl Live {
         self.server.url()
     }
 
-    /// Keeps serving the finished runs in `folder` until Ctrl-C if somebody is at the terminal, and prints how to look at them
-    /// again; neither unless output is `as_text`.
+    /// Keeps serving the finished runs in `folder` until Ctrl-C if standard output is a terminal, and prints how to view them
+    /// again. Does nothing of this unless output is `as_text`.
     pub(crate) fn keep(&self, folder: &Path, as_text: bool) {
         self.control.end();
         if !as_text {

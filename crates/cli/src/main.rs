@@ -26,11 +26,11 @@ use clap_complete::CompleteEnv;
 use command::Args;
 use print::errln;
 
-/// Exit code of anything that the user can put right.
+/// Exit code of errors, which the user can correct.
 const USER_ERROR: u8 = 2;
 
 fn main() -> ExitCode {
-    // Answers a shell that completes a command line, and ends; else returns at once.
+    // Prints completions and exits if a shell asks for them; otherwise returns at once.
     CompleteEnv::with_factory(Args::command).complete();
     let args = match Args::try_parse() {
         Ok(args) => args,
@@ -46,14 +46,14 @@ fn main() -> ExitCode {
     })
 }
 
-/// Shows help, or what is wrong with the arguments in one line.
+/// Prints help, or in one line the fault of the arguments.
 fn refused(error: &clap::Error) -> ExitCode {
     if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        // Help that nobody reads is no fault.
+        // Errors of printing help, such as a closed pipe, are ignored.
         let _ = error.print();
     } else {
         let text = error.render().to_string();
-        // What follows is the usage, which --help has as well.
+        // The usage is cut off, since --help prints it as well.
         let said = text.split("\n\nUsage:").next().unwrap_or_default();
         errln!("{}", one_line(said.split("\n\nFor more information").next().unwrap_or_default()));
     }

@@ -20,7 +20,7 @@ macro_rules! errln {
 
 pub(crate) use {errln, outln};
 
-/// Writes to standard output. Without a reader nothing happens; any other fault is kept for [`fault`].
+/// Writes to standard output. A closed pipe is ignored; any other error is kept for [`fault`].
 pub(crate) fn out(text: fmt::Arguments<'_>) {
     keep(io::stdout().write_fmt(text));
 }
@@ -30,7 +30,7 @@ pub(crate) fn err(text: fmt::Arguments<'_>) {
     let _ = io::stderr().write_fmt(text);
 }
 
-/// Returns why standard output did not take everything, unless its reader has gone.
+/// Returns the first error of standard output, except that of a closed pipe.
 pub(crate) fn fault() -> Option<&'static io::Error> {
     keep(io::stdout().flush());
     FAULT.get()

@@ -18,7 +18,7 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     let bar = ProgressBar::new(count as u64).with_prefix(label.to_owned());
     let left = |state: &ProgressState, text: &mut dyn fmt::Write| {
         if state.pos() > 0 {
-            // A bar that cannot be shown is no fault.
+            // Errors of formatting the bar are ignored.
             let _ = write!(text, ", {:#} left", HumanDuration(state.eta()));
         }
     };
@@ -31,7 +31,7 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
 pub(crate) struct ProgressDisplay {
     bar: ProgressBar,
     label: String,
-    /// Fields that are trained at a time.
+    /// Number of fields that are trained at a time.
     at_once: usize,
     shown: Option<Instant>,
 }

@@ -1,4 +1,4 @@
-//! Shows people how far the runs of experiments are, and what became of them.
+//! Prints the progress and the results of experiments.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use crate::terminal::fitted;
 use crate::units::expected_time;
 use crate::{command_line, interrupt};
 
-/// Unfinished runs that are named, at most.
+/// Maximum number of unfinished runs that are named.
 const MAX_NAMED: usize = 8;
 
 pub(crate) struct Reporter {
@@ -28,9 +28,9 @@ pub(crate) struct Reporter {
     in_process: bool,
     out: PathBuf,
     runs: usize,
-    /// Progress of the runs in processes of their own.
+    /// Progress bar of the runs in processes of their own.
     bar: ProgressBar,
-    /// The run of this process.
+    /// Index and progress of the current run of this process.
     progress: Option<(usize, ProgressDisplay)>,
 }
 
@@ -130,7 +130,7 @@ impl Reporter {
     }
 }
 
-/// Returns the main figures of a run on one line.
+/// Returns the main metrics of a run on one line.
 pub(crate) fn summary(record: &Record) -> String {
     let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
     let on = if record.test_views.protocol == "training" { " on training views" } else { "" };
@@ -140,7 +140,7 @@ pub(crate) fn summary(record: &Record) -> String {
     format!("PSNR {psnr} dB{on}, SSIM {ssim}, {steps} steps in {seconds:.1} s{collapsed}")
 }
 
-/// Prints which statements on the order of variants hold, if the experiment has some.
+/// Prints the experiment's claims on the order of variants, each with its verdict and findings.
 fn print_claims(input: &ReportInput) {
     for claim in input.tested_claims() {
         outln!("{:13} {}", claim.verdict.to_string(), claim.statement);

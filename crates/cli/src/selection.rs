@@ -81,7 +81,7 @@ pub(crate) struct NetworkArgs {
 }
 
 impl NetworkArgs {
-    /// Returns the networks whose weights are at hand.
+    /// Returns the networks whose weights are found.
     pub(crate) fn open(&self, device: &OpenDevice) -> anyhow::Result<Networks> {
         infonerf_experiment::networks(self.weights.as_deref(), device)
     }

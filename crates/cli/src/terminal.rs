@@ -40,7 +40,7 @@ pub(crate) fn open_device(name: DeviceName) -> anyhow::Result<OpenDevice> {
     Ok(device)
 }
 
-/// Reads the fields of the run in `folder`, and prints what there is to warn of.
+/// Reads the fields of the run in `folder`, and prints the warnings of reading.
 pub(crate) fn read_run(plan: RunPlan, folder: &Path, device: &OpenDevice) -> anyhow::Result<Trained> {
     let trained = Trained::read(plan, folder, device)?;
     trained.warnings.iter().for_each(|warning| errln!("warning: {warning}"));

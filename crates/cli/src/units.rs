@@ -18,7 +18,7 @@ pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
     size.ok_or_else(|| "expected a size of at least 1M, such as 8G or 500M".to_owned())
 }
 
-/// Returns what `runs` of `seconds` each take in all: `about 5 minutes on two cores`.
+/// Formats the total time of `runs` that take `seconds` each, such as `about 5 minutes on two cores`.
 pub(crate) fn expected_time(seconds: f64, runs: usize) -> String {
     let whole = Duration::from_secs_f64(seconds * runs as f64);
     format!("about {} on two cores", HumanDuration(whole))

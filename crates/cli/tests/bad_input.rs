@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::common::Workplace;
 use serde_json::{Value, json};
 
-/// A scene on disk.
+/// Makes a workplace with a scene on disk.
 fn with_scene() -> Workplace {
     let place = Workplace::new();
     place.run("scene export knot data/knot --size 24").succeeds();
@@ -15,7 +15,7 @@ fn with_scene() -> Workplace {
 
 const ON_DATA: &str = "exp fast-losses --data data --scene knot --variant factored";
 
-/// Changes a file, runs, and puts the file back.
+/// Changes a file, asserts that a run fails with `parts`, and restores the file.
 fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&str]) {
     let path = place.path("data/knot").join(file);
     let whole = fs::read(&path).unwrap();

@@ -8,7 +8,7 @@ use infonerf_scene::Image;
 use crate::common::{Workplace, assert_has, records};
 use crate::photographs::room;
 
-/// Returns the paths that `said` ends with, which have to exist.
+/// Returns the paths of report, orbit and page in the output `said`, and asserts that they exist.
 fn paths(place: &Workplace, said: &str) -> Vec<String> {
     let path = |name: &str| {
         let line = said.lines().rev().find_map(|line| line.strip_prefix(name));
@@ -19,7 +19,7 @@ fn paths(place: &Workplace, said: &str) -> Vec<String> {
     ["report: ", "orbit: ", "page: "].map(path).into()
 }
 
-/// With 40 photographs five are held out; an unfinished orbit is made up for, and nothing is trained twice.
+/// With 40 photographs five are held out. A missing orbit is rendered later, and nothing is trained twice.
 #[test]
 fn posed_photographs_are_learned_measured_and_shown() {
     let place = Workplace::new();
@@ -46,7 +46,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     assert!(training().starts_with(&first), "it goes on");
 }
 
-/// Poses are found once; of few photographs all are learned from, and no error on them is given for a result.
+/// Poses are found once. Few photographs are all trained on, and no metrics on them are reported.
 #[test]
 fn few_photographs_without_poses_are_learned_from() {
     let place = Workplace::new();
@@ -54,7 +54,7 @@ fn few_photographs_without_poses_are_learned_from() {
     let capture = |parts: &[&str]| {
         place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path("")).says(parts)
     };
-    let unmeasured = "no photograph is held out, so that no figure is measured";
+    let unmeasured = "no photograph is held out, so no figure is measured";
     let said = capture(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
     assert!(!said.contains("PSNR"), "{said}");
     let record = &records(&place.path("runs/capture"))[0];
@@ -78,7 +78,7 @@ fn what_is_no_folder_of_photographs_is_refused() {
     place.run("capture photos").fails_with(&["photos: expected at least two photographs: it has 1"]);
 }
 
-/// In each stretch of eight frames all but one are blurred.
+/// The video has one sharp frame in every eight; the others are blurred.
 #[test]
 fn sharpest_frames_of_a_video_are_learned_from() {
     let place = Workplace::new();

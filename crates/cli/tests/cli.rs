@@ -9,7 +9,7 @@ use crate::common::{Invocation, Workplace, assert_has, events, files, records, t
 use infonerf_metrics::METRICS;
 use serde_json::{Value, json};
 
-/// The keys of a record, in order.
+/// Returns the keys of a record, in order.
 fn keys() -> Vec<&'static str> {
     let before = "experiment scene variant seed preset device train_views test_views evaluation image_size iterations \
                   train_seconds render_seconds_per_image samples_total samples_evaluated";
@@ -18,7 +18,7 @@ fn keys() -> Vec<&'static str> {
     before.split(' ').chain(metrics).chain(after.split(' ')).collect()
 }
 
-/// Characters of the longest rule of a table.
+/// Returns the number of characters of the longest rule of a table.
 fn rule(said: &str) -> usize {
     said.lines().filter(|line| line.starts_with('─')).map(|line| line.chars().count()).max().unwrap()
 }
@@ -121,7 +121,7 @@ fn interrupted(place: &Workplace, args: &str, out: &str, field: &str) -> std::pr
     output
 }
 
-/// The checkpoint before the newest one serves where the newest one is damaged.
+/// If the newest checkpoint is damaged, the run continues from the one before it.
 #[cfg(unix)]
 #[test]
 fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
@@ -143,7 +143,7 @@ fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
     let before = left();
     let said = again().env("COLUMNS", "40").says(&[" dB", "finished before"]);
     assert!(rule(&said) <= 40, "{said}");
-    // Another config is not the same run, and a run is not removed for one that cannot be.
+    // A run with another config is refused, and a run that is impossible does not remove an earlier one.
     let other = || again().args("--set train.lr=1e-3");
     other().fails_with(&["config.toml", "train.lr was ", "and is 0.001", "--overwrite", "--out"]);
     other().args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
@@ -153,7 +153,7 @@ fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
     assert_eq!(before.1, left().1);
 }
 
-/// Three fields, more than some machines train side by side; stopped in the middle.
+/// An ensemble of three fields, more than some machines train side by side, is stopped in the middle.
 #[cfg(unix)]
 #[test]
 fn an_ensemble_goes_on_to_the_same_numbers() {
@@ -183,7 +183,7 @@ fn a_run_is_evaluated_again() {
     let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
     assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
     place.run(format!("eval {run} --test first-1")).says(&["1 test view (first-1)"]);
-    // One row a run: full size is the record's, and the difference is from there.
+    // Each run has a row: PSNR at full size, which is the record's, and at smaller sizes with the difference from it.
     let said = place.run(format!("eval {run} {run} --scale 1/2,1/4")).said();
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
     assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
@@ -194,7 +194,7 @@ fn a_run_is_evaluated_again() {
     assert!(half != full, "{said}");
 }
 
-/// A capture that holds out views of one list is another one where training views are tested.
+/// A capture that holds out views of one list has other training views if training views are tested.
 #[test]
 fn a_run_is_not_tested_by_views_that_it_learned_from() {
     let place = Workplace::new();
@@ -231,7 +231,7 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     assert_eq!(loaded, again[0]);
 }
 
-/// An experiment file of one's own, on another one.
+/// A user's experiment file is based on a built-in experiment.
 #[test]
 fn an_experiment_file_changes_another() {
     let place = Workplace::new();
@@ -251,7 +251,7 @@ fn an_experiment_file_changes_another() {
     assert!((1..1_000_000).contains(&record["iterations"].as_u64().unwrap()));
 }
 
-/// A PixelNeRF so small that it is quick.
+/// Settings of a PixelNeRF that is small and quick.
 const TINY_PIXELNERF: &str = "--set field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=2,\
                               pool_after=1,width=8,frequencies=2,lowest_frequency=1.5,density='softplus'} \
                               --set train={batch='held-out',iterations=4,rays=32,unseen_rays=16} \
@@ -270,7 +270,7 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     pretrain().says(&["3 scenes", "train.init=out/pixelnerf-pretrain"]);
     let scenes = "scenes = [\"random-0\", \"random-1\", \"random-2\"]";
     assert_has(&place.read("out/pixelnerf-pretrain/config.toml"), &[scenes]);
-    // Again: nothing is left to do. With other steps: another run.
+    // The same command has nothing left to do. Another learning rate is refused, since it is another run.
     pretrain().says(&["4 steps in ", "train.init=out/pixelnerf-pretrain"]);
     let other = || pretrain().args("--set train.lr=1e-3");
     other().fails_with(&["out/pixelnerf-pretrain/config.toml", "train.lr was ", "--overwrite"]);
@@ -327,7 +327,7 @@ fn experiments_and_their_settings_are_described() {
     {
         assert!(printed.lines().any(|line| line.starts_with(start) && line.contains(origin)), "{start}: {printed}");
     }
-    // It is a part of an experiment file.
+    // The printed config is valid as a part of an experiment file.
     let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
     place.write("mine.toml", file);
     let again = place.run("config mine.toml --variant infonerf").said();
@@ -342,7 +342,7 @@ fn shells_complete_names_and_keys() {
     fs::create_dir_all(place.path("data/lego")).unwrap();
     place.write("mine.toml", "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n");
     let candidates = |line: &str| -> BTreeSet<String> {
-        // A space at the end: the next word begins.
+        // With a space at the end, the next word is completed.
         let said = line.split(' ').fold(place.run("-- infonerf"), Invocation::arg).env("COMPLETE", "fish").said();
         said.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect()
     };
@@ -404,7 +404,7 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     place.tiny(run).args("--quiet --json").fails_with(&["--json"]);
 }
 
-/// `head` has seen enough, and has gone: that costs no run, and is no error.
+/// A closed pipe, such as that of `head`, costs no run and is not an error.
 #[test]
 fn output_that_nobody_reads_loses_nothing() {
     let place = Workplace::new();

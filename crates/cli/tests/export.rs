@@ -35,7 +35,7 @@ fn every_format_is_written_and_described() {
         let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
         assert!(written.starts_with(start), "{format}");
         assert_eq!(said.contains("chamfer distance to the exact surface"), format != "cameras", "{said}");
-        // The same bytes each time.
+        // Another export writes the same bytes.
         export(&place, format, "--out again").succeeds();
         assert_eq!(fs::read(place.path("again")).unwrap(), written, "{format}");
     }
@@ -129,7 +129,7 @@ fn impossible_exports_and_paths_are_refused() {
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
     export("--device vulkan").fails_with(&["not built in"]);
-    // Nothing is half opaque in a field that has only begun.
+    // A field that has hardly been trained has no half-opaque ray, and so no surface.
     place.tiny("exp fast-losses --scene knot --variant factored --out begun").succeeds();
     let run = "begun/fast-losses/knot/factored/seed0";
     place.run(format!("export {run} --format ply")).fails_with(&["no surface", "expected at least 0.5"]);
@@ -171,7 +171,7 @@ fn cameras_follow_every_path() {
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
         render(path, "--frames 3").says(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
-        // Frames and animation of the path before are gone.
+        // Frames and animation of the previous path are removed.
         let left = [count(&folder, ".png"), frames(&folder.join("normals")), count(&folder, ".gif")];
         assert_eq!(left, [3, 0, 1]);
     }

@@ -32,7 +32,7 @@ fn the_gpu_agrees_with_the_cpu() {
     place.run(format!("bench agreement --device {DEVICE}")).says(&["agree with flex"]);
 }
 
-/// No driver is one line, and not a panic.
+/// A missing driver is reported in one line, without a panic.
 #[test]
 #[cfg(not(feature = "cuda"))]
 fn no_adapter_is_a_clear_error() {

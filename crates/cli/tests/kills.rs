@@ -1,5 +1,5 @@
 //! Runs that are killed, starved of disk or of memory, or run twice at once: resumed, they reach the unbroken run's numbers, or
-//! say in one line what is wrong.
+//! report in one line what is wrong.
 //!
 //! `INFONERF_KILLS=50 cargo test --release --workspace --test all kills:: -- --nocapture` is the long form.
 
@@ -12,12 +12,12 @@ use std::time::{Duration, Instant};
 use crate::common::{Workplace, events, records, text, wait_for, without_times};
 use serde_json::Value;
 
-/// A checkpoint after every step: most of the run's life is spent writing.
+/// Run with a checkpoint after every step, which spends most of its time writing.
 const RUN: &str = "exp fast-losses --scene knot --variant infonerf --set train.iterations=120 \
                    --set train.checkpoint_every=1 --set loss.kl.weight=1e-3";
 const FOLDER: &str = "fast-losses/knot/infonerf/seed0";
 
-/// All that a run leaves in numbers: its records and the log of its steps.
+/// Returns all numbers that a run leaves: its records and the log of its steps.
 fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
     (without_times(&records(&place.path(out).join("fast-losses"))), events(&place.path(out).join(FOLDER)))
 }
@@ -43,7 +43,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
         loop {
             let said = place.path("stderr");
             let mut child = command(&place, &args).stderr(fs::File::create(&said).unwrap()).spawn().unwrap();
-            // The last run of all is let live.
+            // After the last kill, the run is left to end.
             let end = (kills < wanted).then(|| Instant::now() + life.mul_f64(rng.f64()));
             let ended = loop {
                 if let Some(status) = child.try_wait().unwrap() {
@@ -71,7 +71,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
     );
 }
 
-/// Files may not grow beyond a limit, as on a full disk: one line that names the file, and what was saved before serves.
+/// If files may not grow beyond a limit, as on a full disk, one line names the file, and earlier checkpoints stay usable.
 #[test]
 fn a_full_disk_is_told_of_and_does_no_harm() {
     let place = Workplace::new();
@@ -118,7 +118,7 @@ fn what_cannot_fit_into_memory_is_refused() {
     place.tiny(RUN).args(args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
 }
 
-/// Bit equality, not a tolerance: the number of threads changes who computes, not what.
+/// Numbers are equal bit by bit for any number of threads.
 #[test]
 fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();

@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, without_times};
 use serde_json::Value;
 
-/// A folder in which Slurm's commands are those of `tests/schedulers`.
+/// Workplace in which Slurm's commands are the stand-ins of `tests/schedulers`.
 struct Cluster(Workplace);
 
 impl Cluster {
@@ -19,7 +19,7 @@ impl Cluster {
         Self(place)
     }
 
-    /// With Slurm's commands on the PATH.
+    /// Adds the stand-ins for Slurm's commands to the PATH of the command.
     fn scheduled(&self, invocation: Invocation) -> Invocation {
         let fakes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers");
         let path = format!("{}:{}", fakes.display(), std::env::var("PATH").unwrap());
@@ -34,7 +34,7 @@ impl Cluster {
         self.sweep("runs").args("--launch slurm")
     }
 
-    /// The script of a job that Slurm was given.
+    /// Returns the script of a job that was submitted.
     fn script(&self, id: u32) -> String {
         fs::read_to_string(self.0.path("jobs").join(format!("{id}.sh"))).unwrap_or_default()
     }
@@ -79,12 +79,12 @@ fn array_jobs_give_the_local_table() {
     }
     assert!(first.starts_with("# --parsable --account=vision ") && !first.contains("--dependency"), "{first}");
     assert_has(&first, &["exec ", "\"$((0 + SLURM_ARRAY_TASK_ID))\""]);
-    // Three at a time in all, not in each array.
+    // Three tasks at a time are the limit of all arrays together, so the second array waits for the first.
     let after_first = "#SBATCH --dependency=\"afterany:100\"";
     assert_has(&second, &["--array=\"0-1%3\"", "\"$((6 + SLURM_ARRAY_TASK_ID))\"", after_first]);
     assert_has(&merge, &["#SBATCH --dependency=\"afterany:100:101\"", " --merge"]);
 
-    // Item 3 is lost on the way.
+    // Item 3 is not run.
     for (job, tasks) in [(100, &[5, 4, 2, 1, 0][..]), (101, &[1, 0])] {
         for &task in tasks {
             let output = cluster.task(job, task);
@@ -96,7 +96,7 @@ fn array_jobs_give_the_local_table() {
     assert_has(&text(&merged.stderr), &["1 of 8 runs are not finished: knot/infonerf_"]);
     assert_eq!(cluster.numbers("runs").len(), 7);
 
-    // The same command submits it alone.
+    // The same command submits only the missing item.
     cluster.slurm().says(&["8 runs, 7 of them finished before", "1 run submitted"]);
     assert_has(&cluster.script(103), &["--array=\"3\"\n"]);
     assert!(cluster.task(103, 3).status.success());
@@ -116,7 +116,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     cluster.slurm().env("PATH", cluster.0.path("jobs")).fails_with(&["scontrol: not found", "Slurm"]);
     let nowhere = cluster.slurm().args("--partition nowhere");
     nowhere.fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
-    // A full queue: what it took stays, and is known.
+    // With a full queue, the jobs that were accepted stay submitted and are named.
     let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MAX_JOBS", "1");
     full.fails_with(&["items 6 to 7 were not submitted", "as 100", "submit limit"]);
     let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("LIVE", "100");

@@ -9,7 +9,7 @@ use infonerf_dataset::colmap::Reconstruction;
 use infonerf_dataset::{SceneSource, load};
 use infonerf_scene::{Image, SceneRequest, TestProtocol, View, ViewSelection};
 
-/// Writes pictures of the built-in room to `dir`, and says how they were made.
+/// Writes pictures of the built-in room to `dir`, and returns their views.
 pub(crate) fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
     let train = ViewSelection::Ids(ids.to_vec());
     let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..Default::default() };
@@ -21,7 +21,7 @@ pub(crate) fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
     views
 }
 
-/// One of the five shows something else.
+/// Four of five photographs are placed; the fifth shows something else.
 #[test]
 fn poses_of_photographs_alone() {
     let place = Workplace::new();
@@ -57,7 +57,7 @@ fn write_colmap(place: &Workplace, script: &str) {
     fs::set_permissions(place.path("colmap"), fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// A COLMAP that fails is no reason to give up; photographs of different things are, and leave nothing behind.
+/// A COLMAP that fails is ignored. Photographs of different things are refused, and no files are left behind.
 #[cfg(unix)]
 #[test]
 fn photographs_that_cannot_be_placed() {
@@ -77,7 +77,7 @@ fn photographs_that_cannot_be_placed() {
     run().fails_with(&["c.png"]);
 }
 
-/// This program places four of five photographs; a stand-in for COLMAP writes what it is given.
+/// The program places four of five photographs, and a stand-in for COLMAP those that it is given.
 #[cfg(unix)]
 #[test]
 fn better_poses_of_two_solvers_are_kept() {
@@ -87,7 +87,7 @@ fn better_poses_of_two_solvers_are_kept() {
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
     write_colmap(&place, "#!/bin/sh\nif [ \"$1 $2\" = 'mapper --database_path' ]; then cp -r model \"$7/0\"; fi\n");
     place.write("model/cameras.txt", "1 SIMPLE_PINHOLE 360 360 300 180 180\n");
-    // Returns what is printed where COLMAP places some photographs and `expected` are placed in the end.
+    // Returns the output if COLMAP places `placed`, and asserts that `expected` photographs are placed in the end.
     let from_images = |arguments: &str, placed: &[&str], expected: usize| {
         let image = |(i, name): (usize, &&str)| format!("{} 1 0 0 0 {i} 0 0 1 {name}.png\n1 1 -1\n", i + 1);
         let images: String = placed.iter().enumerate().map(image).collect();

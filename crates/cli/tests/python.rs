@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process::Command;
 
-/// Says what was not tested and why, past the capture of the test's output.
+/// Prints what was not tested and why, in spite of the capture of the test's output.
 fn not_run(what: &str) {
     io::stderr().write_all(format!("NOT RUN: Python: {what}\n").as_bytes()).unwrap();
 }

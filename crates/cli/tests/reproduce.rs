@@ -2,7 +2,7 @@
 
 use crate::common::{Invocation, Workplace, records};
 
-/// A network of a few neurons and a few steps of a few rays.
+/// Settings of a network of a few neurons, trained for a few steps of a few rays.
 const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
                     --set render.samples=8 --set render.occupancy.warmup=2 --set train.iterations=3 --set train.rays=16 \
                     --set eval.test=first-1 --set eval.information_rays=16";
@@ -20,12 +20,12 @@ fn statements_are_tested_beside_the_papers_figures() {
     let root = place.path("runs/reproduce");
     assert_eq!((records(&root.join("baseline")).len(), records(&root.join("information")).len()), (8, 3));
     let html = place.read("runs/reproduce/report.html");
-    // The paper's figure, a difference of protocol, and a verdict.
+    // The page has the paper's figure, a difference of protocol, and a verdict.
     assert!(html.contains("18.41") && html.contains("Images: 16 pixels here; 800 pixels in the paper."));
     assert!(["holds", "does not hold", "undecided"].iter().any(|verdict| html.contains(verdict)));
     assert!(html.contains("href=\"baseline/report.html\"") && root.join("baseline/report.html").is_file());
 
-    // Rows are in the order of the file, and views are what their names say.
+    // Rows are in the order of the file, and narrow and wide variants have different views.
     let list = records(&root.join("baseline"));
     let order: Vec<&str> = list.iter().map(|record| record["variant"].as_str().unwrap()).collect();
     let rows = ["none", "kl", "entropy", "both"];

@@ -18,7 +18,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let place = Workplace::new();
     let args = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-4,1e-3,1e-2 \
                 --grid loss.kl.weight=0,1e-5,1e-4,1e-3 --set train.iterations=1500 --set train.checkpoint_every=50";
-    // A name that scripts have to quote, and Slurm to take literally.
+    // The name has characters that scripts have to quote and Slurm has to take literally.
     let slurm_out = "a \"b\" 100%";
     let sweep = |out: &str, more: &str| place.tiny_without("train.iterations", args).args("--out").arg(out).args(more);
     let mut command = sweep(slurm_out, "--launch slurm --cpus 1 --jobs 2 --watch").into_command();

@@ -15,7 +15,7 @@ fn every_operation_holds_its_bounds() {
     assert_eq!(results["non_finite"], 0);
     let rows = results["rows"].as_array().unwrap();
     assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
-    // An exception says why, and is one of few.
+    // There are only few exceptions.
     let exceptions = rows.iter().filter(|row| !row["exception"].is_null()).count();
     assert!(exceptions * 20 < rows.len(), "{exceptions} of {}", rows.len());
 }
@@ -30,7 +30,7 @@ fn the_older_backend_agrees_with_flex() {
         assert!(rows.iter().any(|row| row["what"] == what && row["numbers"].as_u64() > Some(0)), "{what}: {said}");
     }
     assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
-    // Two bodies of each operation, so not the same to the last digit.
+    // The devices implement each operation differently, so that not all results are equal to the last digit.
     assert!(rows.iter().any(|row| row["error"].as_f64() > Some(0.0)), "{said}");
     place.run("bench agreement --device flex").fails_with(&["--device flex", "another device"]);
 }

@@ -19,7 +19,7 @@ fn folder(place: &Workplace, out: &str) -> PathBuf {
     place.path(out).join(FOLDER)
 }
 
-/// When each run finished.
+/// Returns the record of each finished run with its time of modification.
 fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
     let variants = fs::read_dir(folder.join("knot")).into_iter().flatten().flatten();
     let runs = variants.flat_map(|variant| fs::read_dir(variant.path()).unwrap().flatten());
@@ -34,7 +34,7 @@ fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
     found
 }
 
-/// The manifest's items give the same alone, in any order, and two at a time.
+/// Items of the manifest give the same numbers alone, in any order, and two at a time.
 #[test]
 fn every_combination_is_run_once() {
     let place = Workplace::new();
@@ -51,7 +51,7 @@ fn every_combination_is_run_once() {
     }
     assert!(fs::read_to_string(whole.join("table.md")).unwrap().contains('±'));
 
-    // Again: nothing is left to do, and nothing changes.
+    // The same command has nothing left to do, and changes nothing.
     let before = finished(&whole);
     sweep(&place, "runs").says(&["8 runs, 8 of them finished before"]);
     assert_eq!(before, finished(&whole));
@@ -68,7 +68,7 @@ fn every_combination_is_run_once() {
     item(5).says(&["finished before"]);
     item(8).fails_with(&["manifest.jsonl", "item 8"]);
     place.run("sweep-item nothing.jsonl 0").fails_with(&["nothing.jsonl"]);
-    // What is left to do is the table.
+    // Only the table is left to be written.
     sweep(&place, "items").says(&["8 runs, 8 of them finished before"]);
     assert_eq!(numbers("runs"), numbers("items"));
 
@@ -83,14 +83,14 @@ fn every_combination_is_run_once() {
     sweep(&place, "runs").args("--set train.rays=17").fails_with(&["config.toml", "another config"]);
 }
 
-/// The runs that are there are removed first, and once: also those of another config, and not those that were not asked for.
+/// Existing runs are removed first and once, also those of another config, but not those that are not selected.
 #[test]
 fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
     let exp = |steps: &str| {
         place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(format!("--set {steps}"))
     };
-    // Its claims are told.
+    // The experiment's claims are printed.
     exp("train.iterations=3").args("--variant infonerf").says(&["the paper's losses improve on RGB alone"]);
     exp("train.iterations=3").args("--json").fails_with(&["--json", "--jobs"]);
     let listed = || finished(&place.path("runs/fast-losses"));
@@ -107,7 +107,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
     exp("train.iterations=2").says(&["1 of them finished before"]);
 }
 
-/// Four by four weights of the paper's losses.
+/// Sweep of four by four weights of the paper's losses.
 const WEIGHTS: &str = "sweep fast-losses --scene knot --variant infonerf --space paper";
 
 #[test]
@@ -122,7 +122,7 @@ fn a_sweep_that_was_killed_goes_on() {
     child.wait().unwrap();
     let before = finished(&killed);
     assert!(before.len() < 16, "the sweep had ended before it was killed");
-    // The process of the item that was running sees that it is alone.
+    // The process of the item that was running ends, since its parent has ended.
     std::thread::sleep(Duration::from_secs(1));
 
     weights("killed").succeeds();
@@ -133,7 +133,7 @@ fn a_sweep_that_was_killed_goes_on() {
     assert_eq!(list("unbroken"), list("killed"));
 }
 
-/// The scene has 100 views.
+/// A view 1000 does not exist in the scene of 100 views, and 1e8 steps take too long.
 #[test]
 fn a_run_that_fails_or_takes_too_long_is_reported_and_the_others_go_on() {
     let place = Workplace::new();

@@ -30,9 +30,9 @@ pub(crate) enum MaskRole {
     /// Masked metrics use only the pixels that are not black, and the others show nothing: the mask is the image's
     /// alpha.
     Matte,
-    /// Pixels that are not black are the capture's, see [`infonerf_scene::MaskUse`].
+    /// Only pixels that are not black belong to the capture, see [`infonerf_scene::MaskUse`].
     Capture,
-    /// Capture mask with the opposite sense: white pixels are left out: instant-ngp's `dynamic_mask_*`.
+    /// instant-ngp's `dynamic_mask_*`, the inverse of [`Self::Capture`]: white pixels are left out.
     Dynamic,
 }
 
@@ -56,7 +56,7 @@ impl Frame {
         camera.with_lens(self.lens).resized(width, height)
     }
 
-    /// Returns the camera for an image of the stated size, or else of twice the principal point, or of the focal lengths.
+    /// Returns the camera for the stated image size, or else for twice the principal point, the focal lengths, or 1×1 pixels.
     pub fn nominal_camera(&self) -> Camera {
         let side = |side: f64| side.round().clamp(1.0, 1e6) as u32;
         let (width, height) = match self.intrinsics {
@@ -92,7 +92,7 @@ impl Intrinsics {
     }
 }
 
-/// Returns the cameras of `frames`; the first image that is there gives the size of all that do not state theirs.
+/// Returns the cameras of `frames`. Frames without a stated size take the size of the first image file that exists.
 pub(crate) fn cameras_of(frames: &[Frame]) -> Result<Vec<Camera>, SceneError> {
     let size = frames.iter().find(|frame| frame.image.is_file()).map(|frame| dimensions(&frame.image)).transpose()?;
     let camera = |frame: &Frame| match (frame.stated_size(), size) {
@@ -102,7 +102,7 @@ pub(crate) fn cameras_of(frames: &[Frame]) -> Result<Vec<Camera>, SceneError> {
     Ok(frames.iter().map(camera).collect())
 }
 
-/// Leaves out the frames whose image is missing, with a warning. If all are, all are kept: the error will name one.
+/// Removes frames without an image file, and returns a warning. If all lack one, all are kept: loading reports the first.
 pub(crate) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
     let total = frames.len();
     let (there, missing): (Vec<_>, Vec<_>) = frames.into_iter().partition(|f| f.image.is_file());
@@ -116,14 +116,14 @@ pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
 }
 
-/// Finds the image in `folder` that a file names: with the extension as it is, another or none, and by the end of a path of
-/// another computer. Returns its path and its name within the folder.
+/// Finds the image in `folder` that a file calls `name`. Its extension may differ or be missing. Of a path of another
+/// computer the longest end that exists here is used. Returns its path and its name within the folder.
 pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str) -> Option<(PathBuf, &'n str)> {
     let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
     starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)))
 }
 
-/// Takes the extension off a path if it is that of an image.
+/// Removes the extension of an image from a path.
 pub(crate) fn without_extension(relative: &str) -> String {
     let path = Path::new(relative);
     let bare = if is_image_name(path) { path.with_extension("") } else { path.to_owned() };

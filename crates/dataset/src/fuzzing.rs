@@ -1,7 +1,6 @@
 //! The file readers applied to bytes: entry points for the fuzzers in `fuzz/` and for the tests that replay them.
 //!
-//! Each goes as far as it can without touching the disk: fuzzing asks that it returns at all, with finite numbers if it
-//! accepts the bytes.
+//! Nothing touches the disk. Fuzzing checks that each reader returns, and that accepted bytes give finite numbers.
 
 use std::path::Path;
 
@@ -20,8 +19,8 @@ use crate::loaders::{dtu, llff, zju};
 /// Maximum number of frames from which poses are derived, which bounds the time of one input.
 const MAX_FRAMES: usize = 64;
 
-/// Reads `bytes` as `target` does, and selects, perturbs and casts rays through the cameras in them as training does.
-/// Returns whether they are accepted.
+/// Reads `bytes` with the reader `target`. Then selects and perturbs the cameras and casts rays through them, as
+/// training does. Returns whether the bytes are accepted.
 pub fn run(target: &str, bytes: &[u8]) -> bool {
     let path = Path::new(target);
     let cameras = match target {
@@ -43,7 +42,7 @@ pub fn run(target: &str, bytes: &[u8]) -> bool {
     let bounds = capture_space(&cameras, Vec::new(), Vec::new()).bounds;
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for selection in [ViewSelection::Seed { seed: 0, count: 2 }, ViewSelection::Wide { count: 2, seed: 0 }] {
-        // Refused where there are fewer cameras.
+        // Fewer cameras are an error.
         let _ = selection.select(&cameras);
     }
     let unseen = ViewRegion::new(&cameras).sample(&mut rng);
@@ -77,7 +76,7 @@ fn poses_bounds(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
     Some(cameras)
 }
 
-/// Reads a file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
+/// Reads a file of a COLMAP reconstruction, binary or text: cameras, images or points.
 fn colmap(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
     let text = String::from_utf8_lossy(bytes);
     let sources = || [Values::binary(path, bytes), Ok(Values::text(path, &text))];

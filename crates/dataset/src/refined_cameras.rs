@@ -5,24 +5,24 @@ use infonerf_sfm::{Uncertainty, refine};
 
 use crate::colmap::opengl;
 
-/// Deviations of given cameras: radians, shares of the mean distance from the scene's centre, and shares of the focal
-/// length.
+/// Standard deviations of given cameras: angle in radians, position divided by the mean distance from the scene's
+/// centre, and logarithm of the focal length.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const SHIFT: f64 = 0.03;
 const FOCAL: f64 = 0.05;
-/// Given cameras stay if points fall within this many times their distance by refined ones: what is left is noise.
+/// Max ratio of the given cameras' median error to the refined ones' at which the given ones are kept.
 const AS_GOOD: f64 = 1.25;
-/// Given cameras by which points fall more pixels than this from where they are seen are not just inexact.
+/// Median error in pixels above which given cameras are not only inexact.
 const ABSURD: f64 = 50.0;
 
-/// Corrects the training cameras of `scene` by matches between the training photographs: bundle adjustment that begins at
-/// the given cameras and is weakly drawn to them ([`infonerf_sfm::refine`]), with one factor for all focal lengths if
-/// `focal`. No test view has a part in it.
+/// Refines the training cameras of `scene` by matches between the training photographs: bundle adjustment that starts
+/// at the given cameras and is weakly pulled towards them ([`infonerf_sfm::refine`]), with one factor for all focal
+/// lengths if `focal`. No test view is used.
 ///
-/// The pull also fixes the frame: no similarity of all refined cameras would be nearer to the given ones, in these deviations.
-/// A camera whose photograph shares too few points with others stays as it is, and so do all if the given ones explain what
-/// the photographs share as well: [`Scene::notes`] and [`Scene::warnings`] hold what was done. The given cameras are kept in
-/// [`Scene::unrefined_cameras`].
+/// The pull also fixes the frame: no similarity of all refined cameras would be nearer to the given ones, in these
+/// deviations. A camera whose photograph shares too few points with others is kept. All are kept if the given ones
+/// explain the shared points about as well. [`Scene::notes`] and [`Scene::warnings`] report what was done. The given
+/// cameras are kept in [`Scene::unrefined_cameras`].
 #[must_use]
 pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     let given = scene.given_cameras();
@@ -53,7 +53,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
                 }
             }
         }
-        // One factor for all: the cameras that no photograph here has refined are of the same lens.
+        // All cameras share the lens, so the factor applies to cameras of other views too.
         scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras).for_each(refocus);
         let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let by = PoseError::of(&now, &given, centre);
@@ -90,7 +90,7 @@ mod tests {
         load(source, &SceneRequest { train, test, image_size: Some(size), ..Default::default() }).unwrap()
     }
 
-    /// Refinement uses the lens: with a distortion that the images do not have, they give worse cameras.
+    /// Checks that refinement uses the lens: a distortion that the images do not have gives worse cameras.
     #[test]
     fn cameras_of_a_built_in_scene_are_refined() {
         let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };

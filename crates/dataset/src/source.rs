@@ -12,11 +12,11 @@ use crate::{capture, loaders};
 pub enum SceneSource {
     /// A built-in scene, one of [`infonerf_procedural::NAMES`] or `random-<seed>`.
     Procedural(String),
-    /// A folder in one of the known formats, which its files show, looked for in this order:
+    /// Folder in a known format. The first of these files that it has shows which:
     /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
     /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
     Folder {
-        /// The folder that holds that file.
+        /// Folder that has that file.
         path: PathBuf,
     },
 }

@@ -17,7 +17,7 @@ fn files(kind: &str, target: &str) -> Vec<Vec<u8>> {
     paths.iter().map(|path| fs::read(path).unwrap()).collect()
 }
 
-/// A few bytes changed, taken out, or put in.
+/// Returns `bytes` with a few of them changed, removed or duplicated.
 fn mutated(mut bytes: Vec<u8>, rng: &mut ChaCha8Rng) -> Vec<u8> {
     for _ in 0..rng.random_range(1..6) {
         let at = rng.random_range(0..=bytes.len());
@@ -43,7 +43,7 @@ fn seeds_findings_and_mutations_are_read_or_refused() {
         let (seeds, findings) = (files("seeds", target), files("findings", target));
         assert!(!seeds.is_empty(), "fuzz/seeds/{target} is empty");
         for (i, bytes) in seeds.iter().enumerate() {
-            // Files that NumPy wrote are all read.
+            // All seeds of these readers are valid files.
             let whole = read(bytes);
             assert!(whole || !["colmap", "cameras_npz", "annots"].contains(&target), "seed {i} of {target}");
         }
@@ -52,7 +52,7 @@ fn seeds_findings_and_mutations_are_read_or_refused() {
         }
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let accepted = (0..count).filter(|i| read(&mutated(seeds[i % seeds.len()].clone(), &mut rng))).count();
-        // Not all are refused at the first byte, and not all are let through.
+        // Some mutations are accepted and some are refused.
         assert!(accepted > 0 && accepted < count, "{target}: {accepted} of {count} accepted");
     }
 }

@@ -10,23 +10,23 @@ use crate::file::{Layers, Start};
 use crate::plan::{About, Experiment, Selection, assign};
 use crate::run_plan::RunPlan;
 
-/// Keys of which a table in a config has one if it is a single value: a schedule, a choice of views or a mask.
+/// Keys that mark a table of a config as a single value: a schedule, a choice of views or a mask.
 const VALUE_TAGS: [&str; 4] = ["from", "steps", "kind", "rule"];
 
 /// An experiment before it runs.
 #[derive(Clone, Debug)]
 pub struct Description {
-    /// One line on what it shows.
+    /// Title: one line on what the experiment shows.
     pub title: String,
-    /// The experiments that it changes, the nearest first.
+    /// Names of the experiments that this one is based on, the nearest first.
     pub bases: Vec<String>,
-    /// Folder of its scenes; `None` for the built-in ones.
+    /// Folder of the scenes; `None` for built-in scenes.
     pub data: Option<PathBuf>,
     /// Mean wall-clock seconds of a run on two CPU cores, if the experiment says so.
     pub seconds_per_run: Option<f64>,
     /// Runs by scene, variant and seed.
     pub runs: Vec<RunPlan>,
-    /// The text of its file.
+    /// Text of the experiment's file.
     pub text: String,
 }
 
@@ -45,11 +45,11 @@ pub fn describe(name: &str) -> Result<Description> {
 /// A key of a config, its value, and what set it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigKey {
-    /// Dotted.
+    /// Dotted name of the key.
     pub key: String,
     /// Value as TOML.
     pub value: String,
-    /// `preset fast`, `fast-losses.toml`, `variant nerf` or `--set`.
+    /// Source of the value: `preset fast`, `fast-losses.toml`, `variant nerf` or `--set`.
     pub origin: String,
 }
 
@@ -72,7 +72,7 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
     let mut set = Table::new();
     assign(&mut set, &selection.set)?;
     origins.push(("--set".to_owned(), set));
-    // By way of text, in which 0.001 in single precision is 0.001.
+    // Through text, which writes the `f32` 0.001 as 0.001 and not as 0.0010000000474974513.
     let whole: Table = toml::to_string(&plan.config)?.parse()?;
     let described = |(key, value): (String, String)| {
         let origin = origins.iter().rev().find(|(_, table)| sets(table, &key)).map(|(origin, _)| origin.clone());
@@ -88,7 +88,7 @@ pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Resul
 /// As [`Experiment::plan`].
 pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
     let mut keys = BTreeSet::new();
-    // The kind of a field does not make a single value of the section.
+    // The section `field` has a key `kind` as well, but is not a single value.
     let is_value = |key: &str, table: &Table| key != "field" && VALUE_TAGS.iter().any(|tag| table.contains_key(*tag));
     for plan in describe(name)?.runs {
         keys.extend(values(&Table::try_from(&plan.config)?, &is_value).into_iter().map(|(key, _)| key));
@@ -96,13 +96,13 @@ pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
     Ok(keys)
 }
 
-/// Returns every value of `table` that is no table, as TOML, with its dotted key.
+/// Returns the dotted key and the TOML text of every value in `table` that is not itself a table.
 pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
     values(table, &|_, _| false).into_iter().map(|(key, value)| (key, value.to_string())).collect()
 }
 
-/// Returns every value in `table` with its dotted key: those that are no tables, and tables that `is_value` holds for, given
-/// their own keys.
+/// Returns every value in `table` with its dotted key. A nested table counts as one value if `is_value` holds for its last key
+/// and itself; otherwise its entries are returned.
 fn values<'a>(table: &'a Table, is_value: &dyn Fn(&str, &Table) -> bool) -> Vec<(String, &'a Value)> {
     let of_entry = |(key, value): (&'a String, &'a Value)| match value {
         Value::Table(table) if !is_value(key, table) => {
@@ -113,7 +113,7 @@ fn values<'a>(table: &'a Table, is_value: &dyn Fn(&str, &Table) -> bool) -> Vec<
     table.iter().flat_map(of_entry).collect()
 }
 
-/// Whether `table` sets the value of a dotted key, or something that it is a part of.
+/// Whether `table` has a value at the dotted `key`, or a value that is not a table at a parent of `key`.
 fn sets(table: &Table, key: &str) -> bool {
     let (first, rest) = key.split_once('.').unwrap_or((key, ""));
     match table.get(first) {

@@ -22,15 +22,15 @@ use crate::records::read_records;
 use crate::run::Trained;
 use crate::run_plan::RunPlan;
 
-/// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that
-/// find points of the latter: enough for distances of a fraction of a voxel.
+/// Number of points sampled on a surface to compare it with the exact one. `TRUTH_SIZE` is the side, in pixels, of the cameras
+/// that sample the exact surface. Both suffice for distances of a fraction of a voxel.
 const SURFACE_POINTS: usize = 100_000;
 const TRUTH_SIZE: u32 = 48;
 /// Maximum number of test views on which splats are measured.
 const TEST_VIEWS: usize = 8;
 /// Number of images that splats are fitted to in addition to those of the training cameras.
 const SPLAT_VIEWS: usize = 36;
-/// Longest side of these images, and steps of the fit.
+/// Longest side, in pixels, of the images that splats are fitted to. `SPLAT_STEPS` is the number of steps of the fit.
 const SPLAT_SIDE: u32 = 200;
 const SPLAT_STEPS: usize = 240;
 
@@ -58,7 +58,7 @@ impl Trained {
     }
 
     /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random
-    /// poses in the region that they span. Test views have no part in them.
+    /// poses in the region that they span. Test views are not used.
     pub fn splats(&self, surface: &Surface) -> Vec<Gaussian> {
         let (scene, models) = (self.scene(), self.fields());
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
@@ -67,7 +67,7 @@ impl Trained {
         let first = &training[0];
         let side = first.width.max(first.height).min(SPLAT_SIDE);
         let (width, height) = resized_dimensions(first.width, first.height, side);
-        // Splats have no lens.
+        // Splats are rendered without lens distortion.
         let camera = first.resized(width, height).with_lens(Lens::default());
         let target = |pose| {
             let camera = camera.with_pose(pose);
@@ -80,8 +80,8 @@ impl Trained {
         splats
     }
 
-    /// Measures `splats` and the fields on up to eight test views; `None` without test views or behind a lens, through
-    /// which splats are not rendered.
+    /// Measures `splats` and the fields on up to eight test views. Returns `None` if no test view has a camera without lens
+    /// distortion, since splats are only rendered without.
     ///
     /// # Errors
     /// If images cannot be compared.
@@ -103,8 +103,8 @@ impl Trained {
         Ok((count > 0).then_some(SplatFidelity { views: count, splats, fields }))
     }
 
-    /// Measures the distance of `surface` from the exact one that the training cameras see; `None` for other than
-    /// built-in scenes.
+    /// Measures the Chamfer distance between `surface` and the exact surface that the scene's training cameras see; `None` for
+    /// scenes that are not built in.
     ///
     /// # Errors
     /// If there is no such built-in scene.
@@ -116,8 +116,8 @@ impl Trained {
 }
 
 impl RunPlan {
-    /// Describes how an export of the run in `folder` differs from what its record measures: `first_field` if it has
-    /// only the first of several fields, and no export has residuals. `None` if it does not differ.
+    /// Describes how an export of the run in `folder` differs from the model that its record measures; `None` if it does not.
+    /// With `first_field`, the export has only the first of several fields. No export has residuals.
     pub fn export_note(&self, folder: &Path, first_field: bool) -> Option<String> {
         let several = first_field && self.members() > 1;
         let fields = several.then(|| format!("the first of {} fields alone", self.members()));
@@ -132,8 +132,8 @@ impl RunPlan {
         (!parts.is_empty()).then(|| format!("{}{whole}", parts.join(", ")))
     }
 
-    /// Returns the training and test cameras as the `transforms.json` of nerfstudio and instant-ngp, to stand next to
-    /// the scene's images: intrinsics at the size of the image files, each file once.
+    /// Returns the training and test cameras as a `transforms.json` for nerfstudio and instant-ngp, to be placed next to the
+    /// scene's images. Intrinsics are at the size of the image files, and each file is listed once.
     ///
     /// # Errors
     /// If the scene cannot be loaded.
@@ -146,18 +146,18 @@ impl RunPlan {
         let mut seen = HashSet::new();
         if let Some(frames) = cameras["frames"].as_array_mut() {
             frames.retain(|frame| seen.insert(frame["file_path"].as_str().map(str::to_owned)));
-            // nerfstudio reads the camera's model of the file, not of a frame.
+            // nerfstudio reads `camera_model` at the top level of the file, not in a frame.
             let model = frames.first().map(|frame| frame["camera_model"].clone());
             cameras["camera_model"] = model.unwrap_or_default();
         }
-        // It evaluates on these while it trains.
+        // nerfstudio evaluates on `val_filenames` while it trains.
         cameras["val_filenames"] = cameras["test_filenames"].clone();
         Ok(cameras)
     }
 }
 
-/// Scales the camera of `view` to the size of its image file below `folder`. A file of another shape, as one that EXIF
-/// turns, is left alone.
+/// Scales the camera of `view` to the size of its image file below `folder`. If the file has another aspect ratio, such as one
+/// that EXIF rotates, the camera is left as it is.
 fn at_file_size(view: &mut View, folder: &Path) {
     let Ok((width, height)) = image::image_dimensions(folder.join(&view.file)) else { return };
     let camera = &view.camera;

@@ -18,20 +18,20 @@ use crate::run_plan::RunPlan;
 use crate::scenes::{check_name, find_scenes};
 use crate::sweep::figures::Plot;
 
-/// Runs of an experiment, and what they change. An empty part is as the experiment has it.
+/// Choice among the runs of an experiment, with changes to them. An empty field leaves the experiment's own value.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
     /// Folder that holds the scenes' folders; without it the experiment's, or the built-in procedural scenes.
     pub data: Option<PathBuf>,
-    /// Scenes.
+    /// Names of scenes.
     pub scenes: Vec<String>,
-    /// Variants.
+    /// Names of variants.
     pub variants: Vec<String>,
-    /// Seeds.
+    /// Seeds of the runs.
     pub seeds: Vec<u64>,
     /// Preset that the config starts from; `None` for the experiment's, else the one that suits each scene.
     pub preset: Option<Preset>,
-    /// `dotted.key=value`, each changing a key of every config.
+    /// Assignments `dotted.key=value`, each of which changes a key of every config.
     pub set: Vec<String>,
     /// Training time of each run in seconds; the schedules follow the clock.
     pub budget: Option<f64>,
@@ -42,7 +42,7 @@ pub struct Selection {
 pub struct About {
     /// Name in results.
     pub name: String,
-    /// One line on what it shows.
+    /// Title: one line on what the experiment shows.
     pub title: String,
     /// Folder of scenes; none for the built-in ones.
     pub data: Option<PathBuf>,
@@ -73,17 +73,17 @@ impl Experiment {
     }
 }
 
-/// An experiment that was read once, for any number of settings.
+/// An experiment that is read once and planned for any number of settings.
 pub(crate) struct Outline {
     pub(crate) about: About,
-    /// Name or path that it was read by.
+    /// Name or path of the experiment.
     experiment: String,
     layers: Layers,
     budget: Option<f64>,
     scenes: Vec<ChosenScene>,
     seeds: Vec<u64>,
     variants: Vec<Variant>,
-    /// Preset that was asked for, which holds for any number of views, and settings.
+    /// Preset of the selection, which is used for any number of views.
     preset: Option<Preset>,
     set: Vec<String>,
 }
@@ -95,7 +95,7 @@ impl Outline {
         check_name("experiment", &name)?;
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
         let run_budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
-        // All scenes that there are in the user's own data.
+        // In the user's own data, all scenes by default.
         let names = match &selection.scenes[..] {
             [] if selection.data.is_some() => None,
             [] => layers.last(|file| file.scenes.clone()),
@@ -118,12 +118,12 @@ impl Outline {
         Ok(Self { about, experiment, layers, budget: run_budget, scenes, seeds, variants, preset, set })
     }
 
-    /// Returns how many runs in a row differ in their seed only.
+    /// Returns the number of seeds, which is the number of consecutive runs that differ only in their seed.
     pub(crate) fn seeds(&self) -> usize {
         self.seeds.len()
     }
 
-    /// Lists the runs, by scene, variant and seed, with `set` after what the selection sets.
+    /// Lists the runs by scene, variant and seed. The assignments of `set` apply after those of the selection.
     pub(crate) fn runs(&self, set: &[String]) -> Result<Vec<RunPlan>> {
         let mut configs: BTreeMap<_, Config> = BTreeMap::new();
         let mut runs = Vec::new();
@@ -152,7 +152,7 @@ impl Outline {
                         config: config(preset)?,
                     };
                     if preset == Preset::Capture && self.preset.is_none() {
-                        // A scene that cannot be read is loading's to refuse.
+                        // If the scene cannot be read, loading it reports the error.
                         let views = plan.pixels().map_or(0, |pixels| pixels.views);
                         plan.preset = preset.for_views(views, scene.layout);
                         plan.config = config(plan.preset)?;
@@ -196,7 +196,7 @@ struct ChosenScene {
 
 impl ChosenScene {
     /// Chooses the preset that suits the scene: `capture` suits photographs without a uniform background, `fast`
-    /// everything else. A scene that cannot be read is loading's to refuse.
+    /// everything else. If the scene cannot be read, loading it reports the error.
     fn new((name, source): (String, SceneSource)) -> Self {
         let (backdrop, layout) = source.setting().unwrap_or_default();
         let suitable = if backdrop == Some(Backdrop::Unknown) { Preset::Capture } else { Preset::Fast };
@@ -229,12 +229,12 @@ fn check_distinct(what: &str, mut items: impl Iterator<Item = String>) -> Result
     twice.map_or(Ok(()), |item| bail!("{what} {item}: given twice"))
 }
 
-/// How the names of sweeps begin.
+/// Prefix of the names of sweeps.
 const SWEEP: &str = "sweep-";
 
 impl About {
-    /// Describes the built-in experiment, or the sweep of one, whose results are called `name`; of any other experiment the
-    /// name alone is known.
+    /// Describes the built-in experiment, or the sweep of one, whose results are called `name`. The description of any other
+    /// experiment has the name alone.
     #[must_use]
     pub fn of_results(name: &str) -> Self {
         let known = |name: &str| {
@@ -245,7 +245,7 @@ impl About {
         known(name).or_else(swept).unwrap_or_else(|| Self { name: name.into(), title: name.into(), ..Self::default() })
     }
 
-    /// Describes a sweep of the experiment: the paper has no figures for settings of ours.
+    /// Describes a sweep of the experiment, without the paper's figures and the claims, which hold for other settings.
     pub(crate) fn swept(self) -> Self {
         let title = format!("Sweep of {}", self.title);
         Self {
@@ -272,10 +272,10 @@ impl About {
         }
     }
 
-    /// Collects what a report of `records`, the results of `runs`, is made of; of the claims, those whose variants `runs` have.
+    /// Collects the input of a report of `records`, the results of `runs`. Claims about variants that `runs` lack are left out.
     ///
     /// # Errors
-    /// If its chart cannot be drawn.
+    /// If the experiment's plot cannot be drawn.
     pub fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
         let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
         let mut input = ReportInput::new(&self.name, &self.title, records);
@@ -298,7 +298,7 @@ mod tests {
     use crate::file::list;
     use crate::testing::selected;
 
-    /// Over any preset, and as it comes back from a run's `config.toml`.
+    /// Every built-in experiment can be planned over any preset, and its runs can be read back from their `config.toml`.
     #[test]
     fn every_built_in_experiment_is_valid() {
         for (name, title) in list().unwrap() {
@@ -314,7 +314,7 @@ mod tests {
         }
     }
 
-    /// Keys in which the configs of two variants of an experiment differ.
+    /// Returns the keys (`section.key`) at which the configs of two variants of an experiment differ.
     fn differences(experiment: &str, variants: [&str; 2]) -> Vec<String> {
         let runs = Experiment::plan(experiment, &selected(&[], &variants, &[])).unwrap().runs;
         let [one, other] = variants.map(|variant| {
@@ -326,7 +326,7 @@ mod tests {
         keys.collect::<BTreeSet<String>>().into_iter().collect()
     }
 
-    /// Other methods differ from NeRF in what makes them, and in nothing else.
+    /// Configs of other methods differ from NeRF's only in the keys that define the method.
     #[test]
     fn baselines_are_what_they_are_called() {
         for experiment in ["baselines", "baselines-paper"] {
@@ -352,7 +352,7 @@ mod tests {
         assert_eq!(presets("capture", Some(Preset::Capture)), (Preset::Capture, Preset::Capture));
     }
 
-    /// Table has 42 training views, of which `capture` takes all; the cameras of room face forward.
+    /// The scene `table` has 42 training views, all of which `capture` uses. The cameras of `room` face forward.
     #[test]
     fn many_photographs_have_a_larger_field() {
         let of = |scene: &str, experiment: &str, set: &[&str], preset: Option<Preset>| {

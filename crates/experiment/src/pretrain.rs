@@ -14,18 +14,18 @@ use crate::run_plan::RunPlan;
 
 /// The result of pre-training.
 pub struct Pretrained {
-    /// Folder of the weights: what `train.init` takes.
+    /// Folder of the weights, a value for `train.init`.
     pub folder: PathBuf,
     /// Progress of the pre-training.
     pub progress: Progress,
-    /// Whether it is done; otherwise it was stopped and can be resumed.
+    /// Whether all steps are taken; otherwise the training was stopped and can be resumed.
     pub finished: bool,
 }
 
-/// Trains one model on all scenes of `experiment`, which has one variant and one seed, in a folder of its name.
+/// Trains one model on all scenes of `experiment`, which has one variant and one seed, in the experiment's folder.
 ///
 /// # Errors
-/// As [`Session::run`] (its weights are finished once all steps are taken), and if the experiment has several variants or seeds.
+/// As [`Session::run`], and if the experiment has several variants or seeds.
 pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_>) -> Result<Pretrained> {
     let plan = experiment.runs.first().context("expected at least one scene")?;
     if experiment.runs.iter().any(|other| (&other.variant, other.seed) != (&plan.variant, plan.seed)) {
@@ -58,20 +58,20 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     Ok(Pretrained { folder, progress: field.trainer.progress().clone(), finished: field.is_over() })
 }
 
-/// Returns how far the model in `folder` is, if there is nothing more to train.
+/// Returns the progress of the model in `folder` if all steps are taken.
 fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> {
     let progress = Checkpoint::load(folder)?.0.map(|checkpoint| checkpoint.progress().clone());
     Ok(progress.filter(|progress| progress.step >= plan.config.train.iterations))
 }
 
-/// Returns a plan with as few test views as can be: none is looked at.
+/// Returns the plan with a single test view, the minimum, since pre-training uses none.
 fn with_one_test_view(plan: &RunPlan) -> Result<RunPlan> {
     let mut plan = plan.clone();
     plan.config.eval.test = "first-1".parse().map_err(anyhow::Error::msg)?;
     Ok(plan)
 }
 
-/// Refuses scenes that would not fit into memory together, before any is loaded.
+/// Returns an error if the scenes would not fit into memory together, before any of them is loaded.
 fn check_memory(plans: &[RunPlan]) -> Result<()> {
     let mut all = PixelCount { views: 0, train: 0, test: 0 };
     for plan in plans {

@@ -1,4 +1,4 @@
-//! A paper's published figures, as an experiment file holds them, and how its protocol differs from ours.
+//! A paper's published figures in an experiment file, and how the paper's protocol differs from that of our runs.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::run_plan::RunPlan;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Paper {
-    /// Paper and table.
+    /// Name of the paper and its table.
     source: String,
     /// Means by variant over the paper's scenes.
     #[serde(default)]
@@ -22,7 +22,7 @@ pub(crate) struct Paper {
     /// Figures by scene and variant.
     #[serde(default)]
     scenes: BTreeMap<String, BTreeMap<String, Figures>>,
-    /// How the figures were obtained, in words. Aspects that are left out are not compared.
+    /// Description of each aspect of the paper's protocol. Aspects that are left out are not compared.
     #[serde(default)]
     protocol: BTreeMap<Aspect, String>,
     /// Further remarks.
@@ -41,7 +41,7 @@ enum PublishedFigure {
     Spread([f64; 2]),
 }
 
-/// An aspect of a protocol: one of those that figures depend on.
+/// Aspect of a protocol that figures depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Aspect {
@@ -86,7 +86,7 @@ fn row((variant, figures): (&String, &Figures), scene: Option<String>) -> Publis
 }
 
 impl Aspect {
-    /// Returns its heading and how `runs` have it; `None` if that is more than can be said.
+    /// Returns the heading of the aspect, and its description for `runs` (`None` if it is unknown before scenes are read).
     fn of(self, runs: &[&RunPlan]) -> (&'static str, Option<String>) {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
         match self {
@@ -128,10 +128,10 @@ impl Aspect {
     }
 }
 
-/// Terms of the paper's objective, and how it calls their weights.
+/// Terms of the paper's objective, each with the paper's symbol for its weight.
 const PAPER_TERMS: [(&str, &str); 3] = [("rgb", ""), ("entropy", "λ₁"), ("kl", "λ₂")];
 
-/// Returns the weights of the paper's losses, where they are on.
+/// Describes the weights of the paper's losses that are on, such as `λ₁ = 0.001`.
 fn weights(runs: &[&RunPlan]) -> String {
     let of = |(term, symbol): (&str, &str)| {
         let weight = |plan: &RunPlan| {
@@ -145,7 +145,7 @@ fn weights(runs: &[&RunPlan]) -> String {
     PAPER_TERMS.into_iter().filter_map(of).collect::<Vec<_>>().join(", ")
 }
 
-/// Terms of the objective that are not the paper's.
+/// Lists the active terms of the objective that are not the paper's, or `none`.
 fn priors(runs: &[&RunPlan]) -> String {
     let names = runs.iter().flat_map(|plan| plan.config.loss.active().map(|(name, _)| name));
     let others = names.filter(|name| PAPER_TERMS.iter().all(|(paper, _)| paper != name));

@@ -1,8 +1,8 @@
-//! Records of runs on disk: a file in each run's folder, and `results.json` with all of an experiment's.
+//! Records of runs on disk: a file in each run's folder, and `results.json` with all records of an experiment.
 //!
 //! `results.json` is derived from the runs' own files, `<scene>/<variant>/seed<N>/record-<preset>.json`, and may be written
-//! by several processes at once without a lock: whoever writes it looks again afterwards and starts over if a run has come
-//! in between. A record is on disk before its process first derives the list, so that the last process to rename
+//! by several processes at once without a lock: a process that has written it reads it again, and starts over if another run
+//! was added in between. A record is on disk before its process first derives the list, so that the last process to rename
 //! `results.json` sees every record.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,7 +14,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use infonerf_report::{Record, run_directory, write_atomically};
 use serde_json::Value;
 
-/// File name of the list.
+/// File name of the list of an experiment's records.
 pub(crate) const LIST: &str = "results.json";
 const ATTEMPTS: usize = 1000;
 
@@ -36,7 +36,7 @@ fn write_records(path: &Path, records: &[Record]) -> Result<()> {
     Ok(write_atomically(path, &bytes)?)
 }
 
-/// Writes the file of a run below the experiment's `folder` that marks the run as finished.
+/// Writes a run's own record below the experiment's `folder`. The file marks the run as finished.
 pub(crate) fn save_own_record(folder: &Path, record: &Record) -> Result<()> {
     let run = folder.join(run_directory(&record.scene, &record.variant, record.seed));
     write_records(&run.join(format!("record-{}.json", record.preset)), std::slice::from_ref(record))
@@ -51,8 +51,8 @@ pub fn save_record(folder: &Path, record: &Record) -> Result<()> {
     list_records(folder, std::slice::from_ref(record))
 }
 
-/// Lists `records` in the `results.json` of the experiment's `folder`, in addition to those that are listed and those that
-/// its runs hold. Entries keep their place, new ones come last; those of deleted runs stay.
+/// Adds `records`, and the records of all runs below the experiment's `folder`, to its `results.json`. Entries keep their
+/// places, new ones come last, and entries of deleted runs stay.
 pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
     let path = folder.join(LIST);
     let given: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
@@ -67,8 +67,8 @@ pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
     bail!("{}: other processes kept writing it; the records themselves are saved", path.display())
 }
 
-/// Merges records by key. Those of `listed` keep their places and are replaced by those of `given` (in the order of
-/// `given`) or of `stored` that have their keys; the others are added at the end.
+/// Merges records by key. Records of `listed` keep their places, where newer records of the same key from `given` (in the
+/// order of `given`) or `stored` replace them. The other records of `given` and of `stored` follow at the end.
 fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Record> {
     let given_keys: BTreeSet<_> = given.iter().map(Record::key).collect();
     let keyed = stored.into_iter().map(|record| (record.key(), record));
@@ -84,7 +84,7 @@ fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Reco
     merged
 }
 
-/// Returns the records that the runs below `folder` hold themselves.
+/// Returns the records in the folders of all runs below `folder`.
 fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     let mut folders = vec![folder.to_path_buf()];
     for _level in ["scene", "variant", "seed"] {
@@ -100,7 +100,7 @@ fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// Whether `path` is the file of a finished run.
+/// Whether `path` is the own record of a finished run.
 pub(crate) fn is_own_record(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))
@@ -129,7 +129,7 @@ fn parse_records(text: &str) -> Result<Vec<Record>> {
     values.into_iter().enumerate().map(parse).collect()
 }
 
-/// Returns the first key of a default record that `value` lacks, or whose value does not fit; and what was expected.
+/// Returns the first required key that `value` lacks, or the first key whose value does not fit, with the reason.
 fn offending_field(value: &Value) -> Option<(String, String)> {
     let given = value.as_object()?;
     let default = serde_json::to_value(Record::default()).ok()?;

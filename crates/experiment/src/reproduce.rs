@@ -8,11 +8,11 @@ use infonerf_report::{ReportInput, write_collection};
 use crate::plan::{Experiment, Selection};
 use crate::sweep::Sweep;
 
-/// How an experiment becomes one chapter of many: what it runs where nothing else is selected. What is empty is as the
-/// experiment has it.
+/// Chapter of the report: an experiment, and the runs of it that are the default. An empty field leaves the experiment's own
+/// value.
 struct Chapter {
     experiment: &'static str,
-    /// Whether the scenes are photographs, whose formats are not those of the synthetic scenes.
+    /// Whether the scenes are captures (photographs), whose formats differ from those of the synthetic scenes.
     captures: bool,
     variants: &'static [&'static str],
     set: &'static [&'static str],
@@ -20,7 +20,7 @@ struct Chapter {
     full: ChapterExtent,
 }
 
-/// Scenes and view sets.
+/// Scenes and seeds of a chapter; each seed has a set of training views.
 #[derive(Clone, Copy)]
 struct ChapterExtent {
     scenes: &'static [&'static str],
@@ -29,9 +29,9 @@ struct ChapterExtent {
 
 /// Extent of the experiment itself.
 const OWN: ChapterExtent = ChapterExtent { scenes: &[], seeds: &[] };
-/// For chapters of many variants: an hour in all.
+/// Extent of chapters with many variants, with which all chapters together take about an hour.
 const TWO_BY_TWO: ChapterExtent = ChapterExtent { scenes: &["crane", "knot"], seeds: &[0, 1] };
-/// Extent that the claims of those chapters need.
+/// Extent that testing the claims needs: four scenes and five sets of training views.
 const FOUR_BY_FIVE: ChapterExtent =
     ChapterExtent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
 
@@ -45,7 +45,7 @@ const fn capture(experiment: &'static str, variants: &'static [&'static str], se
     Chapter { experiment, captures: true, variants, set, small: OWN, full }
 }
 
-/// The variants of a capture and its settings.
+/// Variants of the chapters on captures. `SMALL` has the settings of these chapters.
 const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
 const SMALL: &[&str] = &["scene.size=160", "train.iterations=300"];
 
@@ -75,12 +75,12 @@ pub fn experiments() -> [&'static str; CHAPTERS.len()] {
     CHAPTERS.map(|chapter| chapter.experiment)
 }
 
-/// Returns the sweeps of the experiments called `names`, or of all where that is empty: an hour on two cores, or, with `full`,
-/// four scenes and five view sets for every claim of the paper's regime, which is a night.
+/// Returns the sweeps of the experiments called `names`, or of all experiments if `names` is empty. They take an hour on two
+/// cores. With `full` they have four scenes and five view sets for every claim of the paper's regime, and take a night.
 ///
-/// Settings in `selection` take precedence over an experiment's own extent. Its data and scenes are those of the
-/// synthetic experiments: captures take part in them only where `names` has captures alone, and are the built-in ones
-/// otherwise.
+/// Settings in `selection` take precedence over a chapter's own extent. Data and scenes of `selection` apply to captures only
+/// if all of `names` are captures. Otherwise they apply to the synthetic experiments alone, and captures use their built-in
+/// scenes.
 ///
 /// # Errors
 /// If a name is not one of [`experiments`], and as [`Experiment::plan`].
@@ -144,7 +144,7 @@ mod tests {
         let mixed = sweeps(&["synthetic-4view".into(), "zju-4view".into()], false, &selection).unwrap();
         assert!(mixed[0].runs().all(|plan| plan.scene == "orrery"));
         assert!(mixed[1].runs().all(|plan| plan.scene == "figure"), "the figure, not the orrery, which is no capture");
-        // Of a small capture every run is small.
+        // Every run of a capture has the settings `SMALL`.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));
         assert_eq!((capture.len(), all[1].len()), (5, 16));

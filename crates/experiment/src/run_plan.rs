@@ -30,17 +30,17 @@ pub struct RunPlan {
     pub data: Option<PathBuf>,
     /// Name of the variant.
     pub variant: String,
-    /// Decides the training views and all random numbers.
+    /// Seed of the training views and of all random numbers.
     pub seed: u64,
     /// The preset that the config started from.
     pub preset: Preset,
-    /// Training time in seconds, if the clock decides.
+    /// Training time in seconds; `None` if the number of steps is fixed.
     pub budget: Option<f64>,
-    /// Everything else that its numbers depend on.
+    /// Config: all other settings that the run's numbers depend on.
     pub config: Config,
 }
 
-/// The `config.toml` of a run: an experiment file of that one run, complete.
+/// Contents of a run's `config.toml`: a complete experiment file with this run alone.
 #[derive(Serialize, Deserialize)]
 struct Complete {
     title: String,
@@ -57,12 +57,12 @@ struct Complete {
 }
 
 impl RunPlan {
-    /// Returns the run's name for people.
+    /// Returns the run's label, `scene/variant/seedN`.
     pub fn label(&self) -> String {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
     }
 
-    /// Describes how long it trains.
+    /// Describes the length of the training, in seconds or in steps.
     pub fn training(&self) -> String {
         match self.budget {
             Some(seconds) => format!("{seconds} s"),
@@ -80,7 +80,7 @@ impl RunPlan {
         folder.join(format!("record-{}.json", self.preset.name()))
     }
 
-    /// Returns how many fields the run trains.
+    /// Returns the number of fields that the run trains.
     pub fn members(&self) -> usize {
         self.config.train.ensemble.members(self.budget)
     }
@@ -90,8 +90,8 @@ impl RunPlan {
         if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
     }
 
-    /// Returns the `index`th field before its first step. `other`, if there is another field of the plan already,
-    /// shares what training makes of the scene.
+    /// Returns a trainer of the `index`th field before its first step. `other`, if the plan has another field already, shares
+    /// what training computes from the scene.
     ///
     /// # Errors
     /// As [`Trainer::new`].
@@ -130,8 +130,8 @@ impl RunPlan {
         Ok(if by_matches { with_refined_cameras(scene, cameras.focal != Focal::Fixed) } else { scene })
     }
 
-    /// Refuses a run that would not fit into memory with `side_by_side` of its fields being trained at a time, before anything
-    /// is loaded; its scene may be `loaded` by an earlier run.
+    /// Returns an error if the run would not fit into memory with `side_by_side` of its fields being trained at a time, before
+    /// anything is loaded. With `loaded`, the scene is in memory already.
     ///
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
@@ -193,7 +193,7 @@ impl RunPlan {
             seeds: vec![self.seed],
             preset: self.preset,
             budget_seconds: self.budget,
-            // By way of text, in which 0.001 in single precision is 0.001, and not 0.0010000000474974513.
+            // Through text, which writes the `f32` 0.001 as 0.001 and not as 0.0010000000474974513.
             config: toml::to_string(&config)?.parse()?,
             variants: BTreeMap::from([(self.variant.clone(), Table::new())]),
         };
@@ -242,7 +242,7 @@ impl RunPlan {
     }
 }
 
-/// Returns a fault of a request by the key of the config that it comes from.
+/// Replaces the name of a request's field in an error by the config key that the field comes from.
 fn named_by_key(error: SceneError) -> anyhow::Error {
     let SceneError::Request { field, expected, found } = error else { return error.into() };
     let key = match field {
@@ -256,7 +256,7 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
     Fault::new(key, expected, found).into()
 }
 
-/// Returns the paths of all files that a config names, but for the scene's; those that it does not use are empty.
+/// Returns the paths of all files that a config names, except the scene's. The path of an unused file is empty.
 pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
     let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
     let of_terms = of_terms.map(|(_, path)| path);
@@ -276,7 +276,7 @@ mod tests {
     use crate::plan::{Experiment, Selection};
     use crate::testing::{first_run, selected};
 
-    /// As in `parity.rs`: there is no half in the pixel positions of the released code.
+    /// The released code does not add 0.5 to pixel positions, so its rays pass through corners; see `parity.rs`.
     #[test]
     fn released_rays_pass_through_corners() {
         let [centre, corner] = [Preset::Paper, Preset::Released].map(|preset| {

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use infonerf_procedural as procedural;
 
-/// Seeds of one range, at most.
+/// Maximum number of seeds in one range.
 const MAX_SEEDS: u64 = 10_000;
 /// Maximum length of a folder's name in bytes that file systems allow.
 const MAX_BYTES: usize = 255;
@@ -24,8 +24,8 @@ pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     if first <= last && last - first < MAX_SEEDS { Ok(first..=last) } else { Err(fault()) }
 }
 
-/// Refuses a name that some file system refuses for a folder: it is empty, a path, `.` or `..`, has control characters or
-/// one of `<>:"|?*`, ends with a dot or space, or is too long.
+/// Returns an error for a name that some file system does not allow for a folder: it is empty, a path, `.` or `..`, has
+/// control characters or one of `<>:"|?*`, ends with a dot or space, or is too long.
 pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
     let reserved = |c: &char| c.is_control() || r#"/\<>:"|?*"#.contains(*c);
     let fault = match name {
@@ -41,7 +41,7 @@ pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
     bail!("{what} {name:?}: expected a name that can be a folder's: {fault}")
 }
 
-/// Finds the scenes called `names`, or all that there are: below `data`, or built in if that is `None`.
+/// Finds the scenes called `names`, by default all: in the folder `data` or, without one, among the built-in scenes.
 pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
     let Some(data) = data else {
         let names = names.unwrap_or_else(|| procedural::CLASSICS.iter().map(|&name| name.to_owned()).collect());
@@ -89,7 +89,7 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
         };
         bail!("{expected}; if it is one scene: --data {} --scene {}", parent.display(), name.display());
     }
-    // Runs and images may lie next to scenes. If none is a scene, loading reports what one needs.
+    // Folders of runs and images may lie next to scenes. If no folder is a scene, loading reports what a scene needs.
     let scenes: Vec<String> = names.iter().filter(|name| is_scene(&data.join(name))).cloned().collect();
     Ok(if scenes.is_empty() { names } else { scenes })
 }
@@ -110,7 +110,7 @@ mod tests {
         }
     }
 
-    /// Photographs, or the files of a scene, where a folder of scenes is expected.
+    /// A folder of photographs, or of the files of a scene, is refused where a folder of scenes is expected.
     #[test]
     fn a_scene_itself_is_refused_with_what_to_type() {
         let guard = tempfile::tempdir().unwrap();

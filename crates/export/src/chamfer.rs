@@ -5,9 +5,9 @@ use rayon::prelude::*;
 /// Distance between two sets of points, scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chamfer {
-    /// Mean distance of the points found to the nearest true one.
+    /// Mean distance from a found point to the nearest true point.
     pub accuracy: f64,
-    /// Mean distance of the true points to the nearest one found.
+    /// Mean distance from a true point to the nearest found point.
     pub completeness: f64,
 }
 
@@ -18,7 +18,7 @@ impl Chamfer {
     }
 }
 
-/// Measures the chamfer distance of `found` and `truth`; `None` if either is empty.
+/// Measures the chamfer distance between `found` and `truth`; `None` if either is empty.
 pub fn chamfer(found: &[Vec3], truth: &[Vec3]) -> Option<Chamfer> {
     Some(Chamfer { accuracy: mean_distance(found, truth)?, completeness: mean_distance(truth, found)? })
 }
@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Equal sets are at distance 0, whatever the order, and the result is that of looking at every pair.
+        /// Equal sets have distance 0 in any order, and the result is that of comparing every pair.
         #[test]
         fn distances_are_those_of_every_pair(
             points in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),

@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     fn small_components_and_unused_vertices_go() {
-        // A square of two triangles, a speck, a vertex of nothing, and a triangle that is large enough.
+        // A square of two triangles, a small triangle, an unused vertex, and a triangle that is large enough.
         let mut positions = triangle(0.0, 1.0).to_vec();
         positions.push(Vec3::new(0.0, 1.0, 1.0));
         positions.extend(triangle(5.0, 0.03));

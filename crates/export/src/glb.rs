@@ -13,11 +13,11 @@ const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// Encodes a mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
-/// the scene's coordinates. `origin`, the scene's in the world, is the node's translation: single precision has no detail
-/// far from 0.
+/// Encodes a mesh as `.glb`. `up` is the world's up direction, which the file's node rotates to glTF's +y; vertices keep the
+/// scene's coordinates. `origin`, the position of the scene's origin in the world, becomes the node's translation, since
+/// single precision is too coarse far from 0.
 ///
-/// Colours are stored linear, as in all of glTF. They include the light: the material is `KHR_materials_unlit`.
+/// Colours are stored linear, as in all of glTF. They include the lighting, so the material is `KHR_materials_unlit`.
 ///
 /// # Errors
 /// If the mesh is larger than the format allows, 4 GB.
@@ -99,7 +99,7 @@ impl Buffer {
     }
 }
 
-/// Joins header, document and buffer, each padded to whole words.
+/// Joins header, document and buffer, each padded to a multiple of four bytes.
 fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, ExportError> {
     document.resize(document.len().next_multiple_of(4), b' ');
     buffer.resize(buffer.len().next_multiple_of(4), 0);

@@ -52,7 +52,7 @@ impl DensityGrid {
         }
         let sides = bounds.size();
         let voxel = sides.max_element() / resolution as f32;
-        // A side that is a whole number of voxels has that many, whatever the rounding.
+        // A side that is a whole number of voxels keeps this number in spite of rounding.
         let size = (sides / voxel - 1e-3).ceil().as_uvec3().max(UVec3::ONE);
         let origin = bounds.centre() - 0.5 * voxel * (size.as_vec3() - 1.0);
         Ok(Self { origin, voxel, size, density: Vec::new(), level })

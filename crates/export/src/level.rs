@@ -10,33 +10,33 @@ const RAYS: u32 = 32;
 const SAMPLES: usize = 384;
 /// Number of rays per query of the volume, which bounds the memory.
 const CHUNK: usize = 512;
-/// Factor between densities that are tried: from one that is half opaque over the whole box to one over [`FINEST`].
+/// Ratio of successive densities that are tried. The first is half opaque over the box's side, the last over `FINEST` of it.
 const FACTOR: f32 = 1.15;
 const FINEST: f32 = 1.0 / 2000.0;
-/// Share of the box at which distances are truncated.
+/// Share of the box's longest side at which distances are truncated.
 const TRUNCATION: f32 = 0.05;
-/// Factor of the least error up to which densities count as equally good.
+/// Ratio to the minimum error up to which densities count as equally good.
 const AS_GOOD: f32 = 1.02;
 
-/// Depths at which the light of a ray is stopped.
+/// Depths at which the light of a ray is absorbed.
 struct RayDepths {
-    /// Distance at which half of the light is left (median depth); `None` if less is stopped.
+    /// Distance at which half of the light is left (median depth); `None` if less than half is absorbed.
     depth: Option<f32>,
-    /// Densities above all that come before, with their distances.
+    /// Densities that exceed all densities before them, each with its distance.
     peaks: Vec<(f32, f32)>,
     opacity: f32,
 }
 
 /// Finds the density σ of the isosurface that looks most like `volume` to `cameras`, 1/scene unit.
 ///
-/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss
-/// it. The error of a density is the mean over rays of the distance between where σ is first reached and the median
-/// depth, truncated at 5 % of the box, which is also the error of a miss or a hit that should not be. Of the densities
-/// that are as good as the best, the middle one is taken. So the surface depends on the field, and not on the voxels
-/// that it is extracted from.
+/// A ray that is at least half opaque, `∫σ dt ≥ ln 2`, should meet the surface at its median depth; any other ray should miss
+/// the surface. The error of a density is the mean over rays of the distance between the point where σ first reaches it and the
+/// median depth. Distances are truncated at 5 % of the box, which is also the error of a wrong miss or hit. The middle one of
+/// the densities that are about as good as the best is returned. So the density depends on the field, and not on the voxels
+/// that the surface is extracted from.
 ///
 /// # Errors
-/// If no ray is stopped by half.
+/// If no ray is half opaque.
 pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, ExportError> {
     let rays = ray_depths(volume, cameras);
     if rays.iter().all(|ray| ray.depth.is_none()) {
@@ -133,7 +133,7 @@ mod tests {
         assert!((found - expected).abs() < 0.05, "density {level}: {found} for {expected}");
     }
 
-    /// With a density that grows with the resolution, as that of a half-opaque voxel does, the surface would shrink.
+    /// With a density that grows with the resolution, such as that of a half-opaque voxel, the surface would shrink.
     #[test]
     fn finer_voxels_are_never_worse() {
         let level = surface_density(&FUZZY, &train_cameras(32)).unwrap();

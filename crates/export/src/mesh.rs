@@ -9,14 +9,14 @@ use crate::volume::Volume;
 /// Surface with a colour at each vertex.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// Shape.
+    /// Shape of the mesh.
     pub surface: Surface,
     /// Display-encoded RGB of each vertex in [0, 1], as seen along its normal from outside.
     pub colors: Vec<[f32; 3]>,
 }
 
 impl Mesh {
-    /// Gives `surface` the colours of `volume`.
+    /// Makes a mesh of `surface` with the colours of `volume`.
     pub fn new(surface: Surface, volume: &dyn Volume) -> Self {
         let colors = head_on(&surface, &endpoints(&surface, volume), volume);
         Self { surface, colors }

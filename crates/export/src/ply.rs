@@ -9,8 +9,8 @@ use crate::mesh::Mesh;
 const NORMAL: [&str; 3] = ["float nx", "float ny", "float nz"];
 const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
-/// Encodes a mesh: vertices with positions, normals and colours, and triangles. `origin`, the scene's in the world, is added
-/// to positions, which then are in double precision.
+/// Encodes a mesh: vertices with positions, normals and colours, and triangles. `origin`, the position of the scene's origin
+/// in the world, is added to positions, which are then in double precision.
 pub fn ply_mesh(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
     let triangles = &mesh.surface.triangles;
     let mut file = vertices(mesh, origin, &[("face", triangles.len(), &["list uchar int vertex_indices"])]);
@@ -26,7 +26,7 @@ pub fn ply_points(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
     vertices(mesh, origin, &[])
 }
 
-/// Name and count of the elements of a kind, and their properties with their types.
+/// Name, count and properties (each a type and a name) of the elements of a kind.
 type Elements<'a> = (&'a str, usize, &'a [&'a str]);
 
 pub(crate) fn header(elements: &[Elements]) -> Vec<u8> {

@@ -7,14 +7,14 @@ use rayon::prelude::*;
 use crate::splat::{DEGREE_0, DEGREE_1, Gaussian};
 use crate::splatter::{MAX_ALPHA, Splats};
 
-/// Number of parts of an image with gradients of their own, fixed so that sums do not depend on the threads.
+/// Number of parts of an image whose gradients are summed separately, fixed so that sums do not depend on the threads.
 const BANDS: usize = 8;
 /// Decay rates of Adam's moments (Kingma and Ba 2015).
 const BETAS: (f32, f32) = (0.9, 0.99);
 const EPSILON: f32 = 1e-12;
-/// Learning rates of a spherical harmonic, an opacity's logit and a scale's logarithm, which fall to a tenth.
+/// Learning rates of a spherical harmonic, an opacity's logit and a scale's logarithm, which decay to a tenth.
 const RATES: (f32, f32, f32) = (0.04, 0.1, 0.02);
-/// Greatest change of a logit and of the logarithm of a scale, which bounds parameters that few pixels determine.
+/// Maximum change of a logit and of the logarithm of a scale, which bounds parameters that few pixels determine.
 const MAX_CHANGE: (f32, f32) = (8.0, 1.0);
 
 /// Image to fit.
@@ -30,14 +30,14 @@ pub struct SplatTarget {
 /// image per step in turn. Positions and rotations stay. The result does not depend on the number of threads.
 ///
 /// # Panics
-/// If an image has not one colour per pixel.
+/// If an image does not have one colour per pixel.
 pub fn refine(gaussians: &mut [Gaussian], targets: &[SplatTarget], background: [f32; 3], steps: usize) {
     if targets.is_empty() {
         return;
     }
     let start: Vec<Parameters> = gaussians.iter().map(parameters).collect();
     let mut adam = vec![[[0.0f32; COUNT]; 2]; gaussians.len()];
-    // Neighbouring targets look alike: a stride that visits all of them in turn takes those far apart.
+    // Neighbouring targets look alike: a stride coprime to their number visits all of them, and successive ones differ.
     let stride = (targets.len() * 5 / 13..).find(|&stride| gcd(stride, targets.len()) == 1).unwrap_or(1);
     for step in 0..steps {
         let (_, gradients) = loss(gaussians, &targets[step * stride % targets.len()], background);
@@ -86,7 +86,7 @@ fn set(gaussian: &mut Gaussian, values: &Parameters) {
     gaussian.scale = Vec3::from_slice(&values[OPACITY + 1..]).exp();
 }
 
-/// Derivatives of L by a splat's colour, its opacity, and xx, xy and yy of its Σ′.
+/// Derivatives of the loss L by a splat's colour, its opacity, and the entries xx, xy and yy of its covariance Σ′.
 #[derive(Clone, Copy, Default)]
 struct Gradient {
     color: Vec3,

@@ -13,9 +13,9 @@ const STEPS: usize = 9;
 /// Number of vertices per query, which bounds the memory.
 const CHUNK: usize = 1 << 14;
 
-/// Returns the expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in
-/// front of the surface to three behind it with the weights w of volume rendering. Renders show the colour there; at
-/// the vertex itself it is often still that of fog. Without any density it is the vertex.
+/// Returns for each vertex the expected end Σ w x / Σ w of a ray against the normal, over nine samples from one voxel in
+/// front of the surface to three behind it, with the weights w of volume rendering. Renders show the colour at this point,
+/// while the colour at the vertex is often still that of fog. Without any density, the end is the vertex.
 pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     let step = STEP * surface.voxel;
     let depth = |i: usize| i as f32 * step - BEFORE * surface.voxel;

@@ -7,10 +7,10 @@ use crate::shading::{endpoints, frame, harmonics};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
-/// Standard deviations in voxels: along the surface, where neighbours a voxel apart must leave no holes, and across.
+/// Standard deviation along the surface in voxels: neighbours a voxel apart leave no holes. `THICKNESS` is that across it.
 const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
-/// Opacity of a gaussian at its centre, the greatest that renderers allow.
+/// Opacity of a gaussian at its centre, the maximum that renderers allow.
 const OPACITY: f32 = 0.99;
 
 /// Properties of a gaussian in the layout of 3DGS, without its position.
@@ -22,7 +22,7 @@ const PROPERTIES: &str = "nx ny nz f_dc_0 f_dc_1 f_dc_2 f_rest_0 f_rest_1 f_rest
 pub struct Gaussian {
     /// Centre, scene units.
     pub position: Vec3,
-    /// Standard deviations along its own axes, scene units.
+    /// Standard deviations along the gaussian's own axes, scene units.
     pub scale: Vec3,
     /// Rotation of the axes; the third is the surface's normal.
     pub rotation: Quat,
@@ -34,7 +34,7 @@ pub struct Gaussian {
     pub sh: [[f32; 4]; 3],
 }
 
-/// Places a gaussian with the colours of `volume` at each vertex, tangent to it, a start for [`refine`](crate::refine).
+/// Places a gaussian with the colours of `volume` at each vertex, tangent to the surface: a start for [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     let colors = harmonics(surface, &endpoints(surface, volume), volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
@@ -60,8 +60,8 @@ impl Gaussian {
 }
 
 /// Encodes gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
-/// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z). `origin`, the scene's in the
-/// world, is added to positions, which then are in double precision.
+/// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z). `origin`, the position of the
+/// scene's origin in the world, is added to positions, which are then in double precision.
 pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
     let others = PROPERTIES.split(' ').map(|name| format!("float {name}"));
     let names: Vec<String> = position_properties(origin).map(str::to_owned).into_iter().chain(others).collect();

@@ -8,11 +8,11 @@ use rayon::prelude::*;
 
 use crate::splat::Gaussian;
 
-/// Distance to the camera, in standard deviations, below which gaussians are left out: the projection is linearised.
+/// Minimum distance to the camera in standard deviations. Nearer gaussians are left out, since the projection is linearised.
 const MIN_DISTANCE: f32 = 3.0;
 /// Addition to the projected variances, pixels², so that no gaussian falls between pixels.
 const MIN_VARIANCE: f32 = 0.3;
-/// Greatest opacity of a gaussian at a pixel, and the smallest one that is blended.
+/// Maximum opacity of a gaussian at a pixel. Opacities below `MIN_ALPHA` are not blended.
 pub(crate) const MAX_ALPHA: f32 = 0.99;
 const MIN_ALPHA: f32 = 1.0 / 255.0;
 /// Transmittance below which nothing more is blended.
@@ -20,7 +20,7 @@ const DONE: f32 = 1e-4;
 
 /// Renders the image of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec.
 /// 4 and 6): front to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ
-/// Jᵀ + 0.3 I`, on a background. The camera's lens is ignored. A reference: exact rather than fast.
+/// Jᵀ + 0.3 I`, on a background. The camera's lens is ignored. The splatter is a reference: exact rather than fast.
 pub fn splat_image(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]) -> Vec<[f32; 3]> {
     let splats = Splats::project(gaussians, camera);
     let background = Vec3::from_array(background);
@@ -35,7 +35,7 @@ pub fn splat_image(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]
 /// Gaussians projected into a camera, front to back.
 pub(crate) struct Splats {
     pub(crate) list: Vec<Splat>,
-    /// Splats by row of the image: those that reach it, front to back.
+    /// Indices in `list` of the splats that reach each row of the image, front to back.
     pub(crate) rows: Vec<Vec<u32>>,
     width: usize,
 }
@@ -78,13 +78,13 @@ fn pixels(centre: f32, reach: f32, count: usize) -> Range<usize> {
     ((centre - reach - 0.5).ceil().max(0.0) as usize).min(end)..end
 }
 
-/// Gaussian in an image.
+/// Gaussian projected into an image.
 pub(crate) struct Splat {
     /// Index of the gaussian.
     pub(crate) index: usize,
     /// Centre, pixels.
     centre: Vec2,
-    /// Half the size of the box in which it shows, pixels.
+    /// Half the size of the box in which the splat is visible, pixels.
     reach: Vec2,
     /// Half-axes in the image: Σ′ = Σ a aᵀ + 0.3 I. Pixels.
     pub(crate) axes: [Vec2; 3],
@@ -116,7 +116,7 @@ impl Splat {
         let sum = |entry: fn(Vec2) -> f32| axes.iter().map(|&axis| entry(axis)).sum::<f32>();
         let (xx, xy, yy) = (sum(|a| a.x * a.x) + MIN_VARIANCE, sum(|a| a.x * a.y), sum(|a| a.y * a.y) + MIN_VARIANCE);
         let determinant = xx * yy - xy * xy;
-        // Beyond this many standard deviations it stops too little.
+        // Beyond this number of standard deviations, the opacity is below `MIN_ALPHA`.
         let deviations = (2.0 * (gaussian.opacity / MIN_ALPHA).ln().max(0.0)).sqrt();
         let direction = (gaussian.position - eye).normalize_or_zero();
         Some(Self {
@@ -132,7 +132,7 @@ impl Splat {
         })
     }
 
-    /// Returns the pixel's centre, relative to the splat's.
+    /// Returns the pixel's centre relative to the centre of the splat.
     pub(crate) fn offset(&self, x: usize, y: usize) -> Vec2 {
         Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.centre
     }
@@ -187,7 +187,7 @@ mod tests {
             let [red, _, blue] = splat_image(&order, &camera(), [1.0; 3])[15 * 40 + 20];
             assert!(red > 0.95 && blue < 0.05, "{red} {blue}");
         }
-        // Behind the camera there is nothing.
+        // A gaussian behind the camera is not visible.
         let behind = gaussian(Vec3::Z * 5.0, Vec3::splat(0.1), 0.99);
         assert!(splat_image(&[behind], &camera(), [0.25; 3]).iter().all(|pixel| *pixel == [0.25; 3]));
     }

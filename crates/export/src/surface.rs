@@ -56,7 +56,7 @@ impl Surface {
     }
 
     /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change
-    /// it least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with
+    /// it least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). The surface stays closed. A surface with
     /// no more triangles is returned unchanged.
     #[must_use]
     pub fn simplified(self, triangles: usize) -> Self {
@@ -64,7 +64,7 @@ impl Surface {
             return self;
         }
         let vertices: Vec<[f32; 3]> = self.positions.iter().map(Vec3::to_array).collect();
-        // Any error: the number of triangles decides.
+        // Any error is allowed: the number of triangles decides.
         let (indices, options) = (self.triangles.as_flattened(), SimplifyOptions::None);
         let indices = simplify_decoder(indices, &vertices, 3 * triangles, f32::MAX, options, None);
         let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
@@ -89,7 +89,7 @@ fn padded(grid: &DensityGrid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
     values
 }
 
-/// Makes solid every voxel that cannot be reached from the border through empty voxels (6-connected).
+/// Fills every voxel that cannot be reached from the border through empty voxels (6-connected).
 fn fill_cavities(values: &mut [f32], grid: &DensityGrid) {
     const SOLID: f32 = -0.5;
     let size = (grid.size + 2).to_array().map(|n| n as usize);
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
     use crate::volume::testing::Ball;
 
-    /// Asserts that triangles pass every edge in opposite directions, in a pair (or two where voxels touch at it).
+    /// Asserts that triangles traverse every edge in opposite directions, in one pair (or in two where voxels touch at the edge).
     fn assert_closed(surface: &Surface) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &surface.triangles {
@@ -172,7 +172,7 @@ mod tests {
             }
             assert_closed(&surface);
             assert_eq!(surface.dropped, 0);
-            // All of the sphere: 4πr² to a few per cent.
+            // The surface covers all of the sphere: its area is 4πr² to a few per cent.
             let corners = surface.triangles.iter().map(|t| t.map(|v| surface.positions[v as usize]));
             let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
             let exact = 4.0 * std::f32::consts::PI;

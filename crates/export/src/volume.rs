@@ -27,14 +27,14 @@ pub(crate) mod testing {
     use crate::surface::Surface;
 
     /// Ball about the origin whose density rises smoothly through the surface: `σ = sharpness · softplus(sharpness ·
-    /// (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction too.
+    /// (radius − |p|))`. Red, green and blue grow with x, y and z; red grows with the direction's y as well.
     pub struct Ball {
         pub radius: f32,
         pub sharpness: f32,
     }
 
     impl Ball {
-        /// Extracts the sphere of its radius.
+        /// Extracts the sphere of the ball's radius.
         pub fn surface(&self, resolution: usize) -> Surface {
             Surface::extract(&DensityGrid::sample(self, resolution, self.sharpness * LN_2).unwrap()).unwrap()
         }

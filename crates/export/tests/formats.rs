@@ -90,7 +90,7 @@ fn glb_stands_upright_in_linear_colours() {
     let indices = read(primitive.indices.unwrap(), AccessorType::Scalar, ComponentType::UnsignedInt);
     assert_eq!(words(indices), mesh.surface.triangles.concat());
 
-    // The reader knows no vertex colours, but the accessor.
+    // The reader does not know vertex colours, so they are read through their accessor.
     let color = document.accessors.iter().position(|accessor| accessor.normalized).unwrap();
     let colors = read(color, AccessorType::Vec4, ComponentType::UnsignedShort);
     for (color, expected) in colors.chunks_exact(8).zip(&mesh.colors) {
@@ -136,7 +136,7 @@ fn splats_with_the_properties_of_3dgs() {
     }
 }
 
-/// World coordinates of 4.6e6, whose steps in single precision are 0.5.
+/// World coordinates of 4.6e6, which single precision would round to multiples of 0.5, are exported exactly.
 #[test]
 fn exports_are_where_the_world_has_them() {
     let (mesh, origin) = (mesh(), DVec3::new(448_262.125, 4_649_776.375, 85.0625));

@@ -8,7 +8,7 @@ use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Fault, Schedule};
 
-/// Refuses the value `found` at `key` of `[field]` unless it is `good`.
+/// Returns a fault at `key` of `[field]` with the value `found` unless `good` is true.
 pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
     Fault::unless(good, key, expected, found).map_err(|fault| fault.within("field"))
 }

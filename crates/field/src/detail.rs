@@ -1,7 +1,7 @@
 //! Annealing: detail that fades in over the run.
 
-/// Returns the weight of each frequency for the share `detail` ∈ [0, 1]: 1 below the frequency that is fading in, 0 above (FreeNeRF, Yang
-/// et al. 2023, Eq. 4). Empty, meaning 1 for all, if `detail` is 1.
+/// Returns the weight of each frequency at `detail` ∈ [0, 1]: 1 + L·`detail` − l, clamped to [0, 1], for frequency l of L
+/// (FreeNeRF, Yang et al. 2023, Eq. 4). If `detail` is 1 the result is empty, which means 1 for all.
 pub(crate) fn frequency_window(frequencies: usize, detail: f64) -> Vec<f32> {
     if detail >= 1.0 {
         return Vec::new();
@@ -10,7 +10,7 @@ pub(crate) fn frequency_window(frequencies: usize, detail: f64) -> Vec<f32> {
     (0..frequencies).map(|frequency| (open - frequency as f32).clamp(0.0, 1.0)).collect()
 }
 
-/// Returns the weights of `count` parts: 1 for the first `start`, and the others fade in one after another as `detail` rises from 0 to 1.
+/// Returns the weights of `count` parts: 1 for the first `start`. The others fade in one by one as `detail` rises from 0 to 1.
 pub(crate) fn part_weights(count: usize, start: f32, detail: f64) -> Vec<f32> {
     let there = start + (count as f32 - start).max(0.0) * detail as f32;
     (0..count).map(|part| (there - part as f32).clamp(0.0, 1.0)).collect()

@@ -33,9 +33,9 @@ pub struct FactoredConfig {
     pub layers: usize,
     /// Width of the MLP.
     pub width: usize,
-    /// v in c = sigmoid(a + v·B d), the colour in direction d, where the MLP gives a and the 3 × 3 matrix B: 0 to 1, 0 for
-    /// colour that does not depend on d. As Adam's step size does not depend on v, v scales the rate at which B is learned: a
-    /// smaller v explains more of the views by shape.
+    /// Factor v, 0 to 1, in the colour sigmoid(a + v·B d) in direction d, where the MLP gives a and the 3 × 3 matrix B.
+    /// With 0, colour does not depend on d. As Adam's step size does not depend on v, v scales the rate at which B is
+    /// learned: with a smaller v, shape explains more of the views.
     pub view_dependence: f32,
     /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: training does not depend on the
     /// scene's units.
@@ -44,8 +44,8 @@ pub struct FactoredConfig {
     pub density_bias: f32,
     /// Share of the finer levels and higher frequencies in use, coarsest first; 1 for all.
     pub detail: Schedule,
-    /// The backward pass skips the samples of the smallest gradients, as long as these add up to at most this share of the sum
-    /// over all samples: 0 to 0.1, where 0 skips zeros alone. CPUs only: GPUs skip none.
+    /// Max share of the sum of all samples' gradients, 0 to 0.1, that the backward pass may omit: it skips the samples
+    /// with the smallest gradients. 0 skips zeros alone. Only CPUs skip samples.
     #[serde(default)]
     pub negligible: f32,
 }
@@ -110,8 +110,8 @@ impl FieldSpec for FactoredConfig {
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].
 ///
-/// Colour is at most linear in the direction before the sigmoid: with a handful of views, a freely view-dependent colour
-/// explains them with a wrong shape.
+/// Colour is at most linear in the direction before the sigmoid: with few views, a freely view-dependent colour would fit
+/// them with a wrong shape.
 #[derive(Module, Debug)]
 pub struct FactoredField {
     tables: Param<Tensor<1>>,

@@ -33,9 +33,9 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
         None
     }
 
-    /// Returns the field conditioned on `sources`: with everything computed that is shared by all evaluations of a step or
-    /// render, such as an image encoder's features or a decoded volume. Gradients flow through it, and it is outdated once the
-    /// parameters change. By default a copy.
+    /// Returns a copy of the field conditioned on `sources`: it holds the values that all evaluations of a step or render
+    /// share, such as an image encoder's features or a decoded volume. Gradients flow through these values, which are
+    /// outdated once the parameters change. By default it is a plain copy.
     ///
     /// In a training step, `seed` determines random numbers of the field (a latent code, noise on density); a render has
     /// none.
@@ -50,8 +50,8 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
     }
 }
 
-/// Computes density σ, `[M]`, and its gradient ∂σ/∂x, `[M, 3]`, in 1/unit and 1/unit² of the positions' space; −∂σ/∂x points out of
-/// what is dense. The results are in no graph, and parameters get no gradients.
+/// Computes density σ, `[M]`, and its gradient ∂σ/∂x, `[M, 3]`, in 1/unit and 1/unit² of the positions' space; −∂σ/∂x
+/// points out of dense regions. The results are in no autodiff graph, and parameters get no gradients.
 ///
 /// The density of a sample depends on its own position alone, so that the gradient of Σσ is the gradient of each. View
 /// directions, and the lengths and distances of [`Extent`](crate::Extent), are held fixed.
@@ -125,7 +125,7 @@ pub trait FieldSpec: fmt::Display + Clone {
     /// Returns the memory of the field.
     fn footprint(&self) -> Footprint;
 
-    /// Returns the demands of the field on its surroundings.
+    /// Returns the demands of the field on samples, images and space.
     fn traits(&self) -> FieldTraits {
         FieldTraits::default()
     }
@@ -170,7 +170,7 @@ pub enum SourceImages {
     Any,
     /// The first training views in every step.
     First {
-        /// Key within `[field]` of their number.
+        /// Key within `[field]` that sets the number of images.
         key: &'static str,
         /// Number of images.
         count: usize,
@@ -198,7 +198,7 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Returns the memory of `layers` dense layers of `width`, nearly all of an MLP's.
+    /// Returns the memory of `layers` dense layers of `width`, which is nearly all of an MLP's memory.
     pub(crate) fn dense(layers: usize, width: usize) -> Self {
         let (layers, width) = (layers as u64, width as u64);
         Self { parameters: layers * width * width, per_sample: layers * width }

@@ -32,7 +32,7 @@ pub struct HashConfig {
     pub levels: usize,
     /// Features of each entry (paper: 2).
     pub features: usize,
-    /// Base-2 logarithm of the greatest number of entries per level (paper: 14 to 24).
+    /// Base-2 logarithm of the max number of entries per level (paper: 14 to 24).
     pub log2_table_size: u32,
     /// Cells along each axis of the coarsest level (paper: 16).
     pub coarsest: usize,
@@ -119,7 +119,7 @@ impl FieldSpec for HashConfig {
     }
 }
 
-/// The entries of one level within the table of all.
+/// Entries of one level within the table that holds all levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct LevelTable {
     /// Cells along each axis.
@@ -200,7 +200,7 @@ impl HashGrid {
         let indices = upload(indices, [count], &device);
         let mut weights = upload(weights, [count, 1], &device);
         if shares.is_tracked() {
-            // Its value is zero; its gradient carries that of the weights.
+            // `moved` has the value 0, and passes the gradient of the weights on to the positions.
             let moved = shares.clone() - shares.detach();
             let of_point = |&u: &[f32; 3]| self.corners(u, &present).flat_map(|(_, _, gradient)| gradient);
             let gradients = positions.as_chunks::<3>().0.par_iter().flat_map_iter(of_point).collect();
@@ -272,7 +272,7 @@ mod tests {
                 assert!(corners.iter().all(|(entry, ..)| (level.first..level.first + level.entries).contains(entry)));
             }
         }
-        // A vertex has its own entry alone.
+        // At a vertex only its own entry has a weight.
         let dense = config().level_tables()[0];
         let at_vertex = dense.corners([0.5, 0.25, 1.0]).map(|(entry, weight, _)| (entry, weight));
         let entries: Vec<_> = at_vertex.into_iter().filter(|(_, weight)| *weight > 0.0).collect();

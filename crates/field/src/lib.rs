@@ -1,8 +1,8 @@
 //! Radiance fields as Burn modules: from positions and directions to density and colour.
 //!
-//! [`Field`] is the open trait of the samplers, losses, occupancy grids and the trainer: a field of another crate implements
-//! it and is trained like those of this crate. [`RadianceField`] is any of the fields that config files can name
-//! ([`FieldConfig`]); `list.rs` has the one list of them.
+//! [`Field`] is the trait by which samplers, losses, occupancy grids and the trainer use a field: a field of another
+//! crate implements it and is trained like those of this crate. [`RadianceField`] is any of the fields that config files
+//! can name ([`FieldConfig`]); `list.rs` has the one list of them.
 //!
 //! Colour is computed only on request: the unseen rays of the entropy loss need density alone.
 //!

@@ -180,7 +180,7 @@ mod tests {
         }
     }
 
-    /// Released InfoNeRF code on DTU: a coarse network of 4 layers, and noise of deviation 1.
+    /// Checks the settings of the released InfoNeRF code on DTU: a coarse network of 4 layers, and noise of deviation 1.
     #[test]
     fn the_coarse_network_has_its_own_depth() {
         let config = NerfConfig { layers: 8, coarse_layers: Some(4), density_noise: 1.0, ..config() };
@@ -215,7 +215,7 @@ mod tests {
         let calm = NerfConfig { density_noise: 0.0, ..noisy.clone() };
         assert_eq!(densities(&field(&noisy, None), 0.2), densities(&field(&calm, Some(7)), 0.2));
         assert_eq!(densities(&field(&config(), None), 0.2), densities(&field(&config(), Some(7)), 0.2));
-        // ln(1 + eˣ⁻¹) inverted: the noise is that of raw density.
+        // Inverse of ln(1 + eˣ⁻¹), as the noise is on raw density.
         let raw = |sigma: &[f32]| sigma.iter().map(|s| f64::from(*s).exp_m1().ln() + 1.0).collect::<Vec<f64>>();
         let noise = |step, x| -> Vec<f64> {
             let clean = raw(&densities(&field(&calm, None), x));

@@ -62,7 +62,7 @@ terms! {
     stereo: StereoConfig,
     /// Mean ln(0.1 + A) + ln(1.1 − A), 0 for A of 0 and 1 (Neural Volumes, Lombardi et al. 2019).
     opacity_prior: OpacityPriorConfig,
-    /// Mean ±A, its sign by whether a pixel shows the known background colour.
+    /// Mean of A for pixels of the known background colour, and of −A for all others.
     silhouette: SilhouetteConfig,
     /// Total variation of a field's tables.
     tv: TvConfig,
@@ -132,7 +132,7 @@ impl Objective {
         Ok(Self { terms: taking_part.map(build).collect::<Result<_, _>>()? })
     }
 
-    /// Lists the terms that take part in the step at `at`, those of positive weight that are due, with their weights.
+    /// Lists the terms of the step at `at`, with their weights: those that are due and have a positive weight.
     fn due(&self, at: Moment) -> impl Iterator<Item = (&BuiltTerm, f32)> {
         let weighted = self.terms.iter().map(move |built| (built, built.weight.at(at) as f32));
         weighted.filter(move |(built, weight)| *weight > 0.0 && built.term.is_due(at))
@@ -161,7 +161,7 @@ mod tests {
     use super::*;
     use crate::testing::{config, scenario};
 
-    /// Every need of every term, so that nothing that a term reads is left unrendered.
+    /// Checks every need of every term, so that all that a term reads is rendered.
     #[test]
     fn each_term_declares_what_it_needs() {
         use Need::{SeenColor, SeenNeighbours, Unseen, UnseenNeighbours};
@@ -209,7 +209,7 @@ mod tests {
         }
     }
 
-    /// Terms are summed by their weights of the step; a term whose weight is 0 then is not even evaluated.
+    /// Checks that terms are summed with the step's weights, and that a term of weight 0 is not evaluated.
     #[test]
     fn the_total_is_the_weighted_sum_of_what_is_due() {
         let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
@@ -233,7 +233,7 @@ mod tests {
         assert_eq!(nothing.values(Moment::END, &renders).total.into_scalar::<f32>(), 0.0);
     }
 
-    /// A silhouette is left out of a scene whose background is unknown, with a reason.
+    /// Checks that a silhouette is left out of a scene whose background is unknown, with a reason.
     #[test]
     fn terms_that_skip_the_scene_are_left_out() {
         let config = config("rgb.weight = 1\nsilhouette.weight = 1");

@@ -8,7 +8,7 @@ use infonerf_render::{Passes, RenderOutput};
 use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
 
-/// A term's need in addition to density along the seen rays, which is always rendered.
+/// Render that a term needs in addition to density along the seen rays, which is always rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// Colour along the rays of training images.
@@ -99,8 +99,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Lists for each pixel whether it shows something other than the background: whether it differs from it by half an 8-bit
-    /// step or more.
+    /// Lists for each pixel whether it differs from the background by half an 8-bit step or more in any channel.
     pub fn foreground(&self) -> impl ExactSizeIterator<Item = bool> {
         const TOLERANCE: f32 = 0.5 / 255.0;
         let differs = |pixel: &[f32; 3]| (0..3).any(|c| (pixel[c] - self.background[c]).abs() >= TOLERANCE);
@@ -124,9 +123,9 @@ pub struct UnseenImage {
 pub struct Renders {
     /// Rays of training images.
     pub seen: Passes,
-    /// Pixels along these rays.
+    /// Pixels along the rays of training images.
     pub target: Target,
-    /// Mean squared error of their colours over rays and channels, if requested: it is both minimised and reported.
+    /// Mean squared error of colours along seen rays over rays and channels, if requested: it is both minimised and reported.
     pub squared_error: Option<Tensor<1>>,
     /// Rays of an unseen pose, if requested.
     pub unseen: Option<RenderOutput>,

@@ -11,7 +11,7 @@ use crate::objective::LossConfig;
 use crate::renders::{Renders, Target};
 use crate::term::Term;
 
-/// The config of every term, all off, with `settings` (TOML) merged in.
+/// Returns the config of every term, all off, with `settings` (TOML) merged in.
 pub fn config(settings: &str) -> LossConfig {
     let mut table: toml::Table = "
         rgb = { weight = 0, norm = 'mean', coarse = 1 }
@@ -61,7 +61,7 @@ pub fn color(i: usize) -> [f64; 3] {
 /// Colours of the training pixels.
 pub const PIXELS: [[f64; 3]; 4] = [[0.1, 0.9, 0.4], [0.0, 0.0, 0.2], [1.0, 0.3, 0.5], [0.7, 0.2, 0.0]];
 
-/// Sample `i` of any ray lies from `i` to `i + 1`.
+/// Returns optical depths and the output of `rays`, whose sample `i` lies between the distances `i` and `i + 1`.
 fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
     let segments = Segments::from_counts(rays.iter().map(Vec::len));
     let count = segments.samples();
@@ -77,7 +77,7 @@ fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
     (tau.clone(), RenderOutput { samples, tau, color, depth, acc, background: [0.0; 3] })
 }
 
-/// Renders of [`depths`], with the tensors of optical depths that they depend on.
+/// Returns the tensors of [`depths`], and the renders that depend on them.
 pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
     let depths = depths();
     let mut outputs = depths.iter().map(|rays| output(rays, device));
@@ -100,7 +100,7 @@ pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
     ([seen.0, unseen.0, near_seen.0, near_unseen.0, coarse.0], renders)
 }
 
-/// Checks the value of `term`, and its gradient in every optical depth, against `formula` and its central differences.
+/// Checks the value of `term`, and its gradient with respect to every optical depth, against `formula` and its differences.
 pub fn check(term: &dyn Term, formula: impl Fn(&Depths<f64>) -> f64) {
     check_with(term, |_| (), formula);
 }
@@ -134,7 +134,7 @@ pub fn check_with(term: &dyn Term, set_up: impl Fn(&mut Renders), formula: impl 
     }
 }
 
-/// Mean over all `rays` of `value`.
+/// Returns the mean of `value` over all `rays`.
 pub fn mean<'a>(rays: impl Iterator<Item = &'a Vec<f64>>, value: impl Fn(&[f64]) -> f64) -> f64 {
     let values: Vec<f64> = rays.map(|ray| value(ray)).collect();
     values.iter().sum::<f64>() / values.len() as f64

@@ -1,5 +1,5 @@
-/// Name and format of a figure of a run. Metrics have one, and so have figures that are measured elsewhere, such as the time
-/// of training, so that one table can show both:
+/// Name and format of a quantity of a run. Metrics have one, and so have quantities that are measured elsewhere, such
+/// as the time of training, so that one table can show both:
 ///
 /// ```
 /// use infonerf_metrics::{Better, Descriptor, METRICS};
@@ -20,11 +20,11 @@ pub struct Descriptor {
     pub unit: &'static str,
     /// Number of decimals in tables.
     pub decimals: usize,
-    /// Better values.
+    /// Direction of better values.
     pub better: Better,
 }
 
-/// Better values of a figure.
+/// Direction of better values of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Better {
     /// Higher is better.

@@ -25,7 +25,7 @@ use crate::view::{Pair, PreparedView};
 /// ```
 ///
 /// # Errors
-/// As [`Evaluator::add`].
+/// Errors of [`Evaluator::add`].
 pub fn evaluate(pairs: &[Pair<'_>], networks: &Networks, protocol: &Protocol) -> Result<Measured, MetricError> {
     let mut evaluator = Evaluator::new(METRICS, networks, protocol);
     for pair in pairs {
@@ -59,8 +59,8 @@ impl<'a> Evaluator<'a> {
         Self { metrics, networks, protocol, views: Vec::new(), reasons: BTreeMap::new(), features }
     }
 
-    /// Measures one more view and returns its values; a metric that cannot be computed for it has none. A view without a
-    /// valid pixel has no values, and is no part of the sets that FID and KID compare.
+    /// Measures one more view and returns its values; a metric that cannot be computed has none. A view without a valid
+    /// pixel has no values, and is left out of the sets that FID and KID compare.
     ///
     /// # Errors
     /// If the sizes of render, truth, masks and depth maps differ.

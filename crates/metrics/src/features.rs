@@ -13,7 +13,7 @@ impl FeatureSet {
     /// Collects the vectors in `rows`.
     ///
     /// # Errors
-    /// As [`FeatureSet::push`].
+    /// Errors of [`FeatureSet::push`].
     pub fn from_rows<'a>(rows: impl IntoIterator<Item = &'a [f32]>) -> Result<Self, MetricError> {
         let mut features = Self::default();
         rows.into_iter().try_for_each(|row| features.push(row))?;

@@ -25,7 +25,7 @@ pub struct Measured {
 pub struct Note {
     /// Keys of the metrics concerned.
     pub metrics: Vec<String>,
-    /// One line.
+    /// Reason in one line.
     pub reason: String,
 }
 
@@ -39,7 +39,7 @@ impl Measured {
     /// Checks that each of the requested `metrics` has a value.
     ///
     /// # Errors
-    /// For the first that has none, with the reason.
+    /// A metric has no value; the message names the first one, with the reason.
     pub fn require(&self, metrics: &[&Metric]) -> Result<(), MetricError> {
         let missing = metrics.iter().find(|metric| self.set.get(metric.key()).copied().flatten().is_none());
         let Some(metric) = missing else { return Ok(()) };
@@ -48,8 +48,8 @@ impl Measured {
         Err(MetricError::other(format!("{}: {reason}", metric.key())))
     }
 
-    /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images, and names those of the set in the
-    /// notes.
+    /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images. Notes name the removed
+    /// values of the set.
     #[must_use]
     pub fn representable(mut self) -> Self {
         for value in self.views.iter_mut().flat_map(IndexMap::values_mut) {

@@ -18,7 +18,7 @@ pub type FeatureExtractor = dyn Fn(&[&Picture]) -> Vec<Vec<f32>> + Send + Sync;
 pub struct Networks {
     distances: BTreeMap<&'static str, Box<PictureDistance>>,
     extractors: BTreeMap<&'static str, Box<FeatureExtractor>>,
-    /// Weights that networks lack, by the network's name, if these are named otherwise.
+    /// Names of missing weights by the network that needs them, where they are not the network's name.
     missing: BTreeMap<&'static str, &'static str>,
 }
 

@@ -7,17 +7,17 @@
 //! line under each table.
 //!
 //! 1. **Images** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
-//!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; white unless
-//!    `background` says otherwise.
+//!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; the background is white
+//!    unless `background` names another colour.
 //! 2. **Size.** A render and its truth must have the same size.
 //!    Where a truth is not valid (outside the image circle of a lens, or by a mask of the capture) both images get the
 //!    background's colour and neither hits anything, so that nothing is compared there; PSNR is over the other pixels. A view
 //!    without a valid pixel has no values.
 //! 3. **Rounding.** Both images are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
 //!    memory and its PNG have the same metrics.
-//! 4. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels.
-//!    A view without a value (SSIM of an image smaller than the window, sharpness of a flat truth) or with an infinite one
-//!    (PSNR of identical images) is left out of the mean, with a note. FID and KID compare the set of renders with the set of truths.
+//! 4. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels. A
+//!    view without a value (SSIM of an image smaller than the window, sharpness of a flat truth) or with an infinite one (PSNR
+//!    of identical images) is left out of the mean, with a note. FID and KID compare the sets of renders and of truths.
 //!
 //! A rendered ray hits something where its opacity exceeds one half. FID of few images is biased upwards, so it compares
 //! methods on the same views and nothing else; KID is not biased.
@@ -61,7 +61,7 @@ pub enum Background {
     Black,
 }
 
-/// Input of SSIM and LPIPS over a mask, as they depend on neighbourhoods; PSNR is over the mask's pixels.
+/// Input of SSIM and LPIPS over a mask, which depend on neighbourhoods of pixels; PSNR is over the mask's pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Masked {

@@ -14,7 +14,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summarises `values`; `None` if there are none. Values that are not finite carry through to the mean.
+    /// Summarises `values`; `None` if there are none. Values that are not finite make the mean not finite.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let values: Vec<f64> = values.into_iter().collect();
         let n = values.len();

@@ -54,8 +54,8 @@ pub struct PreparedView<'a> {
 }
 
 impl<'a> PreparedView<'a> {
-    /// Prepares `pair` as `protocol` defines. Where the truth is not valid, both images get the background's colour, neither
-    /// hits anything, and no mask is inside.
+    /// Prepares `pair` as `protocol` defines. Where the truth is not valid, both images get the background's colour,
+    /// both depths are +∞, and the mask excludes the pixel.
     ///
     /// # Errors
     /// If sizes differ; [`MetricError::NothingValid`] if no pixel is valid.
@@ -112,7 +112,7 @@ impl<'a> PreparedView<'a> {
     /// Returns render and truth for SSIM and LPIPS over the mask, see [`Masked`].
     ///
     /// # Errors
-    /// As [`PreparedView::mask`].
+    /// Errors of [`PreparedView::mask`].
     pub fn masked(&self) -> Result<(&Picture, &Picture), MetricError> {
         let mask = self.mask()?;
         let (render, truth) = self.masked.get_or_init(|| {

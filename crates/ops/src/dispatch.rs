@@ -3,8 +3,8 @@
 use burn::backend::DispatchDevice;
 use burn::tensor::Device;
 
-/// Evaluates the body of an operation that serves a device: `host` on `flex`, `cube` on GPUs, `plain` on all other devices.
-/// An arm that is left out, or whose condition is false, leaves its devices to `plain`.
+/// Evaluates the body of an operation for a device: `host` on `flex`, `cube` on GPUs, `plain` on all other devices.
+/// `plain` also replaces an arm that is left out, or whose condition is false.
 macro_rules! dispatch {
     (
         $device:expr;
@@ -23,7 +23,7 @@ macro_rules! dispatch {
 }
 pub(crate) use dispatch;
 
-/// Returns whether `device` works asynchronously, so that the host waits when it reads a tensor.
+/// Returns whether `device` is a GPU, which works asynchronously: the host waits for it to read a tensor.
 pub fn is_gpu(device: &Device) -> bool {
     dispatch! { device; cube => true, plain => false }
 }

@@ -1,8 +1,8 @@
 //! Distributions along rays on the host, in `f64` and without cancellation, for ray entropy and the divergence of
 //! neighbouring rays.
 //!
-//! Entropy and divergence are differences of nearly equal numbers where a ray has one surface or a neighbour that looks the same, which is
-//! the state that training drives them to. In `f32` no digit would be left there.
+//! Training drives rays towards one surface, and neighbouring rays towards equal distributions. Entropy and divergence
+//! are then differences of nearly equal numbers, which would lose all digits in `f32`.
 
 use std::ops::Range;
 
@@ -15,24 +15,24 @@ use crate::ray_kernel::Group;
 pub(crate) struct Distributions<'a> {
     opacity: &'a SampleOpacity,
     kind: RayDistribution,
-    /// Probability of each sample; 0 along a ray whose masses sum to nothing.
+    /// Probability of each sample; 0 along a ray that hits nothing.
     p: Vec<f64>,
     rays: Vec<RayMasses>,
 }
 
-/// One ray's distribution. A sample's *mass* is its probability before normalisation.
+/// Distribution along one ray. The *mass* of a sample is its probability before normalisation.
 struct RayMasses {
     range: Range<usize>,
-    /// Place of the sample of the largest mass; `None` if that is the background.
+    /// Index of the sample with the largest mass; `None` if the background has it.
     top: Option<usize>,
-    /// Sum of all masses but the largest, summed apart: it may be far below the last digit of `sum`.
+    /// Sum of all masses but the largest, kept separately: it may be below the last digit of `sum`.
     rest: f64,
     sum: f64,
     background: f64,
 }
 
 impl RayMasses {
-    /// Normalises the given masses, with mass `background` behind them.
+    /// Sums the masses of the samples in `range` and the mass `background`.
     #[inline(always)]
     fn new(range: Range<usize>, mass: &[f64], background: f64) -> Self {
         let (mut top, mut most, mut rest) = (None, background, 0.0);
@@ -45,18 +45,18 @@ impl RayMasses {
         Self { range, top, rest, sum, background: if background > 0.0 { background / sum } else { 0.0 } }
     }
 
-    /// Whether the masses sum to something; NaN does, so that it reaches the result.
+    /// Returns whether the masses sum to at least [`MIN_ALPHA_SUM`]. A NaN counts as such a sum, so that it reaches the result.
     fn hits(&self) -> bool {
         self.sum.is_nan() || self.sum >= f64::from(MIN_ALPHA_SUM)
     }
 
-    /// Whether one mass is more than half of all: its probability is then 1 − rest/sum to all digits.
+    /// Returns whether one mass exceeds half of the sum. Its probability is then exact to all digits as 1 − rest/sum.
     fn is_certain(&self) -> bool {
         self.hits() && 2.0 * self.rest < self.sum
     }
 
-    /// Calls `put(i, ∂L/∂τᵢ)`, (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ, given gᵢ = ∂L/∂pᵢ, where p = α/S. A constant in all gᵢ drops out; it
-    /// is subtracted first.
+    /// Calls `put(i, ∂L/∂τᵢ)` with ∂L/∂τᵢ = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ, given gᵢ = ∂L/∂pᵢ and p = α/S. A constant in all gᵢ
+    /// cancels, so the gᵢ of the largest mass is subtracted first.
     #[inline(always)]
     fn through_normalisation(
         &self,
@@ -75,7 +75,7 @@ impl RayMasses {
         }
     }
 
-    /// Calls `put(i, ∂L/∂τᵢ)`, Tᵢ₊₁ (gᵢ − mean of g behind sample i), given gᵢ = ∂L/∂wᵢ.
+    /// Calls `put(i, ∂L/∂τᵢ)` with ∂L/∂τᵢ = Tᵢ₊₁ (gᵢ − mean of g behind sample i), given gᵢ = ∂L/∂wᵢ.
     #[inline(always)]
     fn through_weights(
         &self,
@@ -127,7 +127,7 @@ impl<'a> Distributions<'a> {
         Self { opacity, kind, p, rays }
     }
 
-    /// Computes ln(p + ε) of every sample, and of the background of every ray. Without ε a probability counts as at least the
+    /// Computes ln(p + ε) of each sample, and of each ray's background. If ε is 0, a probability counts as at least the
     /// smallest normal `f32` over the ray's sum, so that its gradient is finite.
     #[inline(always)]
     fn logs<const FMA: bool>(&self, epsilon: f64) -> (Vec<f64>, Vec<f64>) {
@@ -176,7 +176,7 @@ impl<'a> Distributions<'a> {
         out: &mut [f32],
     ) {
         let epsilon = f64::from(epsilon);
-        // −ln(p + ε) − p/(p + ε), plus 1: a constant drops out.
+        // ∂H/∂p + 1 = −ln(p + ε) − p/(p + ε) + 1. The constant cancels below.
         let dp = |p: f64, log: f64| if epsilon > 0.0 { epsilon / (p + epsilon) - log } else { -log };
         let (mut gradients, background) = self.logs::<FMA>(epsilon);
         for (log, &p) in gradients.iter_mut().zip(&self.p) {
@@ -194,7 +194,7 @@ impl<'a> Distributions<'a> {
         }
     }
 
-    /// Whether ray `place` of both hits something.
+    /// Returns whether ray `place` hits something in both distributions.
     fn both_hit(&self, other: &Self, place: usize) -> bool {
         self.rays[place].hits() && other.rays[place].hits()
     }
@@ -215,7 +215,7 @@ impl<'a> Distributions<'a> {
         }
     }
 
-    /// Writes `grad` · ∂KL(p ‖ q)/∂τ and `grad` · ∂KL(p ‖ q)/∂τ̃ into those gradients that are wanted.
+    /// Writes `grad` · ∂KL(p ‖ q)/∂τ and `grad` · ∂KL(p ‖ q)/∂τ̃ into the gradients that are `Some`.
     #[inline(always)]
     pub(crate) fn divergence_gradients<const FMA: bool>(
         &self,
@@ -225,8 +225,8 @@ impl<'a> Distributions<'a> {
         [mut dtau, mut dnear]: [Option<&mut [f32]>; 2],
     ) {
         let epsilon = f64::from(epsilon);
-        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), plus 1: constants drop out, and the rest keeps its digits
-        // where p ≈ q.
+        // ∂KL/∂p − 1 = ln((p + ε)/(q + ε)) − ε/(p + ε) and ∂KL/∂q + 1 = 1 − p/(q + ε): both keep their digits where p ≈
+        // q. The constants cancel by normalisation.
         let mut dp = log_ratio::<FMA>(&self.p, &other.p, epsilon);
         let mut dq = vec![0.0; dp.len()];
         for (((dp, dq), &p), &q) in dp.iter_mut().zip(&mut dq).zip(&self.p).zip(&other.p) {

@@ -17,8 +17,8 @@ pub struct RayGaussians {
 /// lengths are `delta`, and a cone has `radius` at distance 1; `[M]` each.
 ///
 /// With h = δ/2 and D = 3t² + h²: μ = t + 2th²/D, σ_t² = h²/3 − 4h⁴(12t² − h²)/(15D²),
-/// σ_r² = ṙ²(t²/4 + 5h²/12 − 4h⁴/(15D)). These are differences from a segment's moments, so that a short piece far away
-/// loses no digits, as the quotients of fourth and fifth powers that they equal do.
+/// σ_r² = ṙ²(t²/4 + 5h²/12 − 4h⁴/(15D)). These forms are corrections to the moments of a segment, which keep their digits
+/// for a short frustum far away. The equal quotients of fourth and fifth powers lose them.
 pub fn frustum_gaussians(t: Tensor<1>, delta: Tensor<1>, radius: Tensor<1>) -> RayGaussians {
     let (t2, h2) = (t.clone().square(), (delta * 0.5).square());
     // A frustum without length at the apex is a point.

@@ -21,7 +21,7 @@ use burn::tensor::Tensor;
 #[cfg(feature = "cube")]
 use burn_cubecl::CubeBackend;
 
-/// Tensors that an operation is a function of: at least one.
+/// Input tensors of an operation, at least one.
 #[derive(Debug)]
 pub(crate) struct Inputs<B: Backend>(Vec<FloatTensor<B>>);
 
@@ -112,7 +112,7 @@ pub(crate) struct BackwardPass<'a, B: KernelBackend> {
     pub(crate) wanted: &'a [bool],
 }
 
-/// Kernel of one backend, on its way there.
+/// Kernel of one backend, as passed through Burn's dispatch to that backend.
 #[derive(Clone, Debug)]
 pub(crate) enum AnyKernel {
     #[cfg(feature = "flex")]
@@ -164,7 +164,7 @@ fn untracked<B: KernelBackend>(inputs: Inputs<B>, kernel: AnyKernel) -> FloatTen
     B::operation(kernel).infer(&inputs)
 }
 
-/// Records an operation of at most `N` inputs. The first input stands for those that are missing, and gets no gradient from them.
+/// Records an operation of at most `N` inputs. The first input fills unused places, and receives no gradient through them.
 fn record<B: KernelBackend, C: CheckpointStrategy, const N: usize>(
     operation: Arc<dyn Operation<B>>,
     inputs: Vec<FloatTensor<Autodiff<B, C>>>,

@@ -1,4 +1,4 @@
-//! Matrix products within slices, one thread each, in tiles of the result that stay in registers.
+//! Products of matrices within slices. A product runs in one thread, in tiles of the result that stay in registers.
 
 use crate::simd::{self, Job};
 
@@ -25,7 +25,7 @@ impl Matrix {
         Self { row: self.column, column: self.row, ..self }
     }
 
-    /// Returns whether `rows` × `columns` of it lie within `length` elements.
+    /// Returns whether a matrix of `rows` × `columns` with this layout lies within `length` elements.
     fn fits(self, rows: usize, columns: usize, length: usize) -> bool {
         self.start + (rows - 1) * self.row + (columns - 1) * self.column < length
     }
@@ -42,7 +42,7 @@ pub enum Onto<'a> {
     Bias(&'a [f32]),
 }
 
-/// Smallest number of columns at a time.
+/// Number of columns of the narrowest tile.
 pub(crate) const COLUMNS: usize = 16;
 
 /// Computes y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
@@ -69,7 +69,7 @@ pub fn product(
     if whole == n {
         return;
     }
-    // The last columns, filled up.
+    // The last n mod 16 columns, padded with zeros to 16.
     let filled = |from: &[f32], at: Matrix, rows: usize| -> Vec<f32> {
         let row = |r: usize| &from[at.start + r * at.row + whole..at.start + r * at.row + n];
         let padding = std::iter::repeat_n(0.0, COLUMNS - (n - whole));
@@ -85,7 +85,7 @@ pub fn product(
     }
 }
 
-/// Smallest number of rows of the result for which a contiguous copy of b's columns pays.
+/// Min number of rows of the result for which copying b's columns to contiguous memory is faster.
 const PACKED: usize = 96;
 
 /// Product whose matrices are known to lie within their slices.
@@ -103,7 +103,7 @@ impl Job for Product<'_> {
         let mut column = 0;
         let mut panel = Vec::new();
         while column < self.sizes[1] {
-            // As many sums as registers hold next to a row of b and an element of a.
+            // Tile sizes whose sums fit into registers next to a row of b and an element of a.
             column += match (WIDE, FMA) {
                 (true, _) if column + 32 <= self.sizes[1] => self.strip::<FMA, 12, 32>(column, &mut panel),
                 (true, _) => self.strip::<FMA, 12, 16>(column, &mut panel),
@@ -115,7 +115,7 @@ impl Job for Product<'_> {
 }
 
 impl Product<'_> {
-    /// Computes all rows of `N` columns of y from `column` on.
+    /// Computes columns `column..column + N` of y in all rows, and returns `N`.
     #[inline(always)]
     fn strip<const FMA: bool, const R: usize, const N: usize>(&mut self, column: usize, panel: &mut Vec<f32>) -> usize {
         let rows = self.sizes[0];
@@ -175,8 +175,8 @@ impl Product<'_> {
             }
         }
         for i in 0..self.sizes[2] {
-            // SAFETY: the last row and column of both matrices are within their slices: asserted before a `Product` is made, and so
-            // are those of a panel.
+            // SAFETY: the last rows and columns of both matrices were asserted to lie within their slices before a
+            // `Product` was made. A panel holds `N` elements of each row of b.
             #[allow(unsafe_code, reason = "checks would take longer than the sums")]
             let b: [f32; N] = unsafe { *b.as_ptr().add(b_start + i * b_at.row).cast() };
             for r in 0..R {

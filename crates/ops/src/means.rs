@@ -1,4 +1,4 @@
-//! Sums over all rays that make a loss.
+//! Means and sums over rays, from which losses are built.
 
 use burn::tensor::Tensor;
 
@@ -12,7 +12,7 @@ pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tenso
     mask_above(values, measure, threshold).sum()
 }
 
-/// Replaces those of `values` `[R]` by 0 whose `measure` `[R]`, which has no gradient, does not exceed `threshold`.
+/// Sets `values` `[R]` to 0 where `measure` `[R]` does not exceed `threshold`; no gradient reaches `measure`.
 pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     values * measure.detach().greater_elem(threshold).float()
 }

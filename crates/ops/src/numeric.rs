@@ -1,7 +1,7 @@
 //! Functions that stay accurate over the whole range of optical depths.
 //!
-//! The slice versions are branch-free polynomials in `f64`, within a few units of the last place, which the compiler
-//! turns into vector code; library functions are called once per value.
+//! The versions for slices are branch-free polynomials, accurate to a few units of the last place, which the compiler
+//! vectorises. Library functions would be called once per value.
 
 /// Computes `1 − e^−τ` without cancellation: `−expm1(−τ)`.
 pub fn alpha(tau: f32) -> f32 {
@@ -19,9 +19,9 @@ mod vector {
     /// ln 2 in two parts: the first has 32 trailing zero bits, so that its product with an exponent is exact.
     const LN2_HIGH: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
     const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    /// Added to a value below 2⁵¹, this leaves the nearest integer, plus the exponent's bias, in the last bits.
+    /// Constant that, added to a value below 2⁵¹, leaves the nearest integer, plus the exponent's bias, in the last bits.
     const ROUND: f64 = 6_755_399_441_055_744.0 + 1023.0;
-    /// e^−708 is the least normal `f64`.
+    /// Max depth: e^−708 is close to the smallest normal `f64`.
     const MAX_DEPTH: f64 = 708.0;
 
     /// Computes a · b + c, fused if that is one instruction.
@@ -69,7 +69,7 @@ mod vector {
     pub(crate) fn ln<const FMA: bool>(x: f64) -> f64 {
         const HALF_ROOT: u64 = 0x3fe6_a09e_667f_3bcd;
         const ONE: u64 = 0x3ff0_0000_0000_0000;
-        // An integer below 2⁵² in the last bits of 2⁵².
+        // Bits of 2⁵²; with an integer below 2⁵² in the last bits they are 2⁵² + that integer.
         const TWO_52: u64 = 0x4330_0000_0000_0000;
         let shifted = x.to_bits().wrapping_add(ONE - HALF_ROOT);
         let e = f64::from_bits((shifted >> 52) | TWO_52) - (4_503_599_627_370_496.0 + 1023.0);
@@ -157,7 +157,7 @@ mod vector {
         for ((out, &p), &q) in out.iter_mut().zip(p).zip(q) {
             let (a, b) = (p + epsilon, q + epsilon);
             let r = (p - q) / b;
-            // ln(1 + r) with the digits that the sum has lost, unless r is so near −1 that it is nothing but a loss.
+            // For |r| < 0.5, ln(1 + r) with a correction for the digits that 1 + r loses; else ln(a/b).
             let sum = 1.0 + r;
             let near = r.abs() < 0.5;
             let ratio = if near { sum } else { a / b };

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-/// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved`, if a backward pass will read the values,
-/// else one that a thread uses again.
+/// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved` if a backward pass will read the
+/// values, else a buffer that a thread reuses.
 pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
     blocks: B,
     length: usize,
@@ -22,8 +22,8 @@ pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
     }
 }
 
-/// Allocates an array of parts of these `lengths`. `fill` sets each part to [zeros](UninitPart::zeros) and adds to it, in any
-/// thread, so that no thread clears the whole, and values stay in the cache of the thread that adds to them.
+/// Allocates an array of parts of these `lengths`. `fill` sets each part to [zeros](UninitPart::zeros) and adds to it, in
+/// any thread: no single thread clears the whole array, and values stay in the cache of the thread that adds to them.
 pub(crate) fn in_parts(lengths: impl IntoIterator<Item = usize>, fill: impl FnOnce(Vec<UninitPart<'_>>)) -> Vec<f32> {
     let lengths: Vec<usize> = lengths.into_iter().collect();
     let total = lengths.iter().sum();
@@ -54,7 +54,7 @@ impl<'a> UninitPart<'a> {
     pub(crate) fn zeros(self) -> &'a mut [f32] {
         self.filled.fetch_add(self.values.len(), Ordering::Relaxed);
         self.values.fill(MaybeUninit::new(0.0));
-        // SAFETY: each of them was just written.
+        // SAFETY: all values of the part were just written.
         #[allow(unsafe_code, reason = "as above")]
         unsafe {
             self.values.assume_init_mut()

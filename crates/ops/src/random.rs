@@ -6,7 +6,7 @@
 pub struct Stream {
     /// Key of the stream.
     pub key: u64,
-    /// Index of the ray in it.
+    /// Index of the ray in the stream.
     pub item: usize,
 }
 
@@ -17,7 +17,7 @@ impl Stream {
     }
 }
 
-/// Returns number `index` of an item, 64 random bits: items up to 2⁴⁰ and indices up to 2²⁴ have numbers of their own.
+/// Returns number `index` of an item: 64 random bits. Items up to 2⁴⁰ with indices up to 2²⁴ do not share numbers.
 pub fn number(key: u64, item: usize, index: usize) -> u64 {
     mix(key ^ mix(((item as u64) << 24) ^ index as u64))
 }
@@ -27,11 +27,11 @@ pub fn below(key: u64, item: usize, index: usize, count: usize) -> usize {
     ((u128::from(number(key, item, index)) * count as u128) >> 64) as usize
 }
 
-/// Returns the place of `index` in a permutation of 0..`count` that `key` chooses, `count` being at most 2³². Each place is
-/// found without the others, which shuffling cannot do; the places of the first k indices are k distinct values.
+/// Returns the place of `index` in a random permutation of 0..`count`, which `key` selects; `count` is at most 2³². A
+/// place is found without the others, unlike by shuffling. The places of the first k indices are k distinct values.
 ///
-/// A Feistel network of six rounds permutes 0..4ᵇ, the smallest such range that has all indices, and is applied until it
-/// leads into 0..`count`: less than 4 times in the mean (Mitchell et al. 2021, "Bandwidth-Optimal Random Shuffling for GPUs").
+/// A Feistel network of six rounds permutes 0..4ᵇ, the smallest such range that has all indices. It is applied until the result
+/// is below `count`, less than 4 times in the mean (Mitchell et al. 2021, "Bandwidth-Optimal Random Shuffling for GPUs").
 ///
 /// # Panics
 /// If `index` is not below `count`.
@@ -83,7 +83,7 @@ mod tests {
         assert_eq!(half_bits(1 << 32), 16);
     }
 
-    /// Each index goes to each place about as often, and pairs of neighbours part.
+    /// Checks that each index takes each place about equally often, and that neighbours are separated.
     #[test]
     fn places_are_uniform() {
         const KEYS: u64 = 20_000;
@@ -99,7 +99,7 @@ mod tests {
         for count in seen.into_iter().flatten() {
             assert!((f64::from(count) - expected).abs() < 5.0 * expected.sqrt(), "{count} {expected}");
         }
-        // Of 90 ordered pairs of places 9 are of neighbours, and a permutation has 9 pairs.
+        // 9 of the 90 ordered pairs of places are neighbours, which gives a mean of 0.9 for the 9 pairs of a permutation.
         let expected = 0.9 * KEYS as f64;
         assert!((neighbours as f64 - expected).abs() < 6.0 * expected.sqrt(), "{neighbours} {expected}");
     }

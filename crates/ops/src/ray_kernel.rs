@@ -12,7 +12,7 @@ use crate::kernel::{self, Kernel, Pass};
 use crate::segments::Segments;
 use crate::simd::{self, Job};
 
-/// Rays of a group, one task of a kernel: enough samples to fill vectors, few enough to stay in cache.
+/// Number of rays of a group, which is one task of a kernel: enough samples to fill vectors, few enough to stay in cache.
 pub(crate) const GROUP: usize = 64;
 
 impl Segments {
@@ -90,7 +90,7 @@ pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
 struct AlongRays<K, const N: usize> {
     kernel: K,
     segments: Segments,
-    /// Values of a ray's output.
+    /// Number of output values of a ray.
     columns: usize,
 }
 

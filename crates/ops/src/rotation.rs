@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-/// Rotates vectors, row by row, by Rodrigues' formula: `exp([ω]×) v = v + a ω×v + b ω×(ω×v)` with `a = sin θ/θ` and `b = (1 − cos θ)/θ²`, θ = |ω|.
+/// Rotates each row by Rodrigues' formula, `v + a ω×v + b ω×(ω×v)` with θ = |ω|, `a = sin θ/θ` and `b = (1 − cos θ)/θ²`.
 ///
 /// `rotations` ω `[R, 3]` in radians, `vectors` v `[R, 3]` → `[R, 3]`; differentiable in both, also at ω = 0: a and b are
 /// polynomials in θ² of degree 4 (Taylor), within 3e-8 up to θ = 1 and 3e-5 up to θ = 2.

@@ -1,4 +1,4 @@
-//! Buffers that are used again: having the system map and clear pages takes longer than filling them.
+//! Buffers that are reused: for the system to map and clear new pages takes longer than to fill a buffer.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -32,7 +32,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        /// Buffers that an optimizer step keeps at once, next to one of each thread.
+        /// Number of buffers that an optimizer step holds at once, in addition to one per thread.
         const OF_A_STEP: usize = 4;
         let mut pool = pool();
         if pool.len() < OF_A_STEP + rayon::current_num_threads() {

@@ -10,7 +10,7 @@ use crate::traffic::upload;
 
 /// Packed samples by ray: ray `r` owns samples `offsets[r]..offsets[r + 1]`, perhaps none.
 ///
-/// Cheap to clone. Clones share the offsets of a GPU, which are moved there once.
+/// Clones are cheap. They share the offsets on a GPU, which are uploaded once.
 #[derive(Clone, Debug)]
 pub struct Segments {
     offsets: Arc<[u32]>,
@@ -19,12 +19,12 @@ pub struct Segments {
 }
 
 impl Segments {
-    /// Segments of `rays` rays with `samples` samples each.
+    /// Creates segments of `rays` rays with `samples` samples each.
     pub fn uniform(rays: usize, samples: usize) -> Self {
         Self::from_counts(std::iter::repeat_n(samples, rays))
     }
 
-    /// Segments of rays of which ray `r` owns `counts[r]` samples.
+    /// Creates segments in which ray `r` owns `counts[r]` samples.
     ///
     /// # Panics
     /// If there are more than `u32::MAX` samples in all.
@@ -72,7 +72,7 @@ impl Segments {
         self.ranges().map(|range| range.len()).max().unwrap_or(0)
     }
 
-    /// Repeats rows of rays, `[R, C]`, for each of their samples, `[M, C]`. Differentiable.
+    /// Repeats the row of each ray, `[R, C]`, for each of its samples, `[M, C]`. Differentiable.
     pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
         dispatch! {
             &rows.device();

@@ -36,7 +36,7 @@ impl Instructions {
         }
     }
 
-    /// Does `job` with them.
+    /// Runs `job` with these instructions.
     pub(crate) fn run(self, job: impl Job) {
         assert!(self.present(), "{self:?}: not on this processor");
         /// Runs `job` in a function that is compiled for `$features`.
@@ -65,7 +65,7 @@ impl Instructions {
     }
 }
 
-/// Does `job` with the widest vectors that this processor has.
+/// Runs `job` with the widest vectors that this processor has.
 pub fn run(job: impl Job) {
     let widest = Instructions::ALL.into_iter().find(|instructions| instructions.present());
     widest.expect("every processor has the baseline").run(job);

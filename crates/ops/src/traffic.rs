@@ -1,4 +1,4 @@
-//! Transfers between the host and devices, and their counts; a GPU waits for both directions.
+//! Transfers between the host and devices, and counts of them. A GPU waits for transfers in both directions.
 
 use std::ops::{Add, Sub};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -31,7 +31,7 @@ impl HostNumber for bool {
 /// Uploads `values`, row-major, as a tensor of `shape` on `device`.
 ///
 /// # Panics
-/// If `shape` has another number of elements.
+/// If the number of elements of `shape` differs from the number of values.
 pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], device: &Device) -> Tensor<D, E::Kind> {
     if values.is_empty() {
         return Tensor::empty(shape, device);
@@ -83,8 +83,8 @@ fn read(data: Vec<TensorData>) -> Vec<f32> {
 
 /// Counts of transfers and launches; the difference of two counts is the traffic in between.
 ///
-/// Counted over all threads of the process, whatever the device: on a CPU an upload and a read cost next to nothing. Scalar
-/// arguments of a kernel travel with its launch and are no uploads.
+/// Transfers and launches of all threads of the process are counted, whatever the device: on a CPU an upload and a read
+/// cost next to nothing. Scalar arguments of a kernel travel with its launch and are no uploads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Traffic {
     /// Tensors uploaded.

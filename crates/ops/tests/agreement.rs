@@ -1,5 +1,5 @@
-//! Every body of compositing, also additive, of ray entropy and divergence against the oracle in `f64`: values and
-//! gradients of random and extreme rays. The oracle itself against arbitrary precision.
+//! Comparison of every body of compositing (also additive), ray entropy and divergence with the oracle in `f64`: values
+//! and gradients of random and extreme rays. The oracle is compared with arbitrary precision.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -23,9 +23,9 @@ const GRADIENT: f64 = 2e-5;
 const EXACT: f64 = 1e-12;
 
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 1.0];
-/// The exact entropy and the released code's.
+/// ε of the exact entropy and of the released code.
 const EPSILONS: [f32; 2] = [0.0, 1e-10];
-/// The released code's, a large one, and the smallest that a config may have.
+/// ε of the released code, a large one, and the smallest that a config may have.
 const DIVERGENCE_EPSILONS: [f32; 3] = [1e-10, 1e-3, 1e-12];
 
 fn close(got: f64, want: f64, tolerance: f64, what: impl Display) {
@@ -48,15 +48,15 @@ fn entropy_condition(tau: &[f64], of: RayDistribution, epsilon: f64) -> f64 {
     }
 }
 
-/// The oracle's answer for one ray, given a weight for each output.
+/// Results of the oracle for one ray, given a weight for each output.
 struct Expected {
     /// Outputs, with the tolerance of each.
     values: Vec<(f64, f64)>,
-    /// Gradients of the weighted sum of outputs in every sample of each input.
+    /// Gradients of the weighted sum of outputs with respect to every sample of each input.
     gradients: Vec<Vec<f64>>,
-    /// Least scale of the gradients' errors.
+    /// Min scale of the gradients' tolerance.
     condition: f64,
-    /// Samples whose exact gradient is infinite: all that is asked for is a finite value.
+    /// Samples whose exact gradient is infinite, so that any finite value is accepted.
     infinite: Vec<bool>,
 }
 
@@ -152,7 +152,7 @@ fn check_composite(body: RayImplementation, Rays { segments, tau }: &Rays, draws
     });
 }
 
-/// Colours over a background are integrals of their differences from it.
+/// Checks colours over a background, depth and Σw.
 fn check_composite_over(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let [red, green, blue, distance] = [0; 4].map(|_| draws.row(tau.len()));
     let evaluate = |[tau, red, green, blue, distance]: [Tensor<1>; 5]| {
@@ -210,7 +210,7 @@ fn check_divergence(body: RayImplementation, segments: &Segments, tau: &[f32], n
     }
 }
 
-/// Compositing of additive depths against the additive march itself.
+/// Compares compositing of additive depths with the additive march itself.
 fn check_additive(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let values = draws.row(tau.len());
     let evaluate = |[tau, values]: [Tensor<1>; 2]| {
@@ -234,7 +234,7 @@ fn check_all(body: RayImplementation, rays: &Rays, draws: &mut Draws) {
     }
 }
 
-/// Otherwise `flex` would be slow, or the host kernels get tensors of other devices.
+/// Checks that `flex` uses host kernels, for speed, and that other devices do not, whose tensors these cannot read.
 #[test]
 fn flex_alone_has_host_kernels() {
     for body in RayImplementation::ALL {
@@ -244,7 +244,7 @@ fn flex_alone_has_host_kernels() {
     }
 }
 
-/// Entropies of distributions with a background, which the values of arbitrary precision leave out.
+/// Checks entropies of distributions with a background, which the values of arbitrary precision lack.
 #[test]
 fn entropies_with_a_background_by_hand() {
     use RayDistribution::{AlphaBackground, Termination};
@@ -264,7 +264,7 @@ fn entropies_with_a_background_by_hand() {
 
 #[test]
 fn bodies_agree_with_the_oracle() {
-    // A moderate sample behind one that nothing passes, and before it: the sum of depths must not swallow either.
+    // A moderate sample behind an opaque one, and in front of one: its digits must survive in the sum of depths.
     let huge = Rays::from_rows(&[vec![0.5, 0.25, 1e10], vec![0.5, 1e10, 0.25], vec![3.0, 5e9]]);
     for body in RayImplementation::ALL {
         let mut draws = Draws(1);
@@ -277,7 +277,7 @@ fn bodies_agree_with_the_oracle() {
     }
 }
 
-/// A run then stops at the step whose loss it is, before the optimizer sees it.
+/// Checks that NaN reaches the results of its ray alone. A run then stops before the optimizer uses its loss.
 #[test]
 fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
     let tau = [0.5, f32::NAN, 0.25, 1.0, 2.0];
@@ -339,7 +339,7 @@ fn divergences_agree_with_the_oracle() {
     }
 }
 
-/// Central differences of `f` in each sample of a ray.
+/// Computes central differences of `f` with respect to each sample of a ray.
 fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     let difference = |i: usize| {
         let h = 1e-6 * tau[i];
@@ -384,7 +384,7 @@ fn largest(values: &[f64], least: f64) -> f64 {
     values.iter().filter(|x| x.is_finite()).map(|x| x.abs()).fold(least, f64::max)
 }
 
-/// Compares where a fixture has a number: null stands for an infinite or undefined gradient.
+/// Compares values where a fixture has a number: null stands for an infinite or undefined gradient.
 fn agree(got: &[f64], want: &[f64], tolerance: f64, what: impl Display + Copy) {
     assert_eq!(got.len(), want.len(), "{what}");
     for (got, want) in got.iter().zip(want).filter(|(_, want)| want.is_finite()) {
@@ -402,7 +402,7 @@ fn name_in<'a>(entry: &'a Value, key: &str) -> &'a str {
     entry[key].as_str().unwrap()
 }
 
-/// A ray whose opacities sum to less than this hits nothing by definition; the fixture knows no such threshold.
+/// Returns whether Σα reaches the threshold below which a ray hits nothing; the fixture has no such threshold.
 fn hits(tau: &[f64]) -> bool {
     oracle::ray_density(tau).is_some()
 }
@@ -424,7 +424,7 @@ fn the_oracle_against_arbitrary_precision() {
             continue;
         }
         close(entropy, ray["entropy"].as_f64().unwrap(), EXACT, name);
-        // Gradients that cancel to nothing are compared with what they cancelled from.
+        // The tolerance of gradients is relative to the terms that cancel in them.
         let gradient = oracle::entropy_gradient(tau, RayDistribution::Alpha, 0.0);
         agree(&gradient, &numbers(&ray["dentropy_dtau"]), EXACT * condition(tau, 0.0), name);
     }

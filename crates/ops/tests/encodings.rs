@@ -4,11 +4,11 @@ use crate::common::{Draws, RayImplementation, floats, wide};
 use burn::tensor::Tensor;
 use infonerf_ops::{frequency, frequency_encode, from_host, integrated_encode};
 
-/// Error of a sine; the same of a gradient relative to the highest frequency, whose sines it is made of.
+/// Error of a sine, and of a gradient relative to the highest frequency, by which its terms are scaled.
 const WAVE: f64 = 3e-7;
 const WINDOW: [f32; 6] = [1.0, 1.0, 0.5, 1.0, 0.25, 0.0];
 
-/// An encoding of rows of three means and three variances, the latter unused by the plain one.
+/// Encodes rows of three means and three variances, of which the encoding without `integrate` ignores the variances.
 fn encode(body: RayImplementation, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -> Tensor<2> {
     match (body, integrate) {
         (RayImplementation::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
@@ -33,7 +33,7 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
         let (out, dmeans) = (floats(out), floats(m.grad(&grads).unwrap()));
         let dvariances = v.grad(&grads).map(floats);
         assert_eq!(dvariances.is_some(), integrate, "{body:?}");
-        // The plain encoding has the point itself first.
+        // The encoding of points begins with the point itself.
         let first = columns - 6 * WINDOW.len();
         for (i, (&x, &variance)) in means.iter().zip(&variances).enumerate() {
             let (x, variance) = (f64::from(x), if integrate { f64::from(variance) } else { 0.0 });

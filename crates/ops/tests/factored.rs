@@ -27,7 +27,7 @@ struct FactoredCase {
 
 const RESULTS: [&str; 4] = ["value", "tables", "weights", "positions"];
 
-/// Returns a field of which one level is fading in, and samples of which some are outside the box.
+/// Returns a field with one level at part of its weight, and samples of which some are outside the box.
 fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> FactoredCase {
     let levels = [(5, channels), (8, channels), (16, channels)];
     let layout = Arc::new(FactoredLayout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
@@ -88,7 +88,7 @@ fn values_and_gradients_match_the_oracle() {
 
 #[test]
 fn negligible_gradients_alone_are_left_out() {
-    // More than two blocks of samples, of which two in three have gradients of a millionth.
+    // More than two blocks of samples. Two of three samples have gradients a millionth as large.
     let mut case = case(600, true, true, 4);
     let scale = |small: f32| move |i: usize| if (i / 4).is_multiple_of(3) { 1.0 } else { small };
     let device = Device::flex();

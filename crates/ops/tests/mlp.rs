@@ -74,8 +74,8 @@ impl MlpCase {
     }
 }
 
-/// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
-/// without a gradient, as behind ReLU densities.
+/// Lists cases: more samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer,
+/// none; most samples without a gradient, as behind ReLU densities.
 fn cases() -> Vec<MlpCase> {
     let long: Vec<usize> = (0..60).map(|ray| ray % 19).collect();
     let mut cases = Vec::new();

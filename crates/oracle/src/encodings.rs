@@ -1,6 +1,6 @@
 //! Positional encodings and their Gaussians.
 
-/// Computes sine and cosine of 2ˡx for each frequency l, times its weight and exp(−½ 4ˡσ²): one coordinate's part of the encodings.
+/// Computes (sin 2ˡx, cos 2ˡx) · window[l] · exp(−½ 4ˡσ²) for each frequency l: one coordinate's part of an encoding.
 pub fn waves(x: f64, variance: f64, window: &[f64]) -> Vec<[f64; 2]> {
     let wave = |(l, weight): (usize, &f64)| {
         let scale = 2f64.powi(l as i32);
@@ -19,10 +19,10 @@ pub fn waves_gradient(x: f64, variance: f64, window: &[f64], u: &[[f64; 2]]) -> 
     terms.fold([0.0; 2], |sum, term| [sum[0] + term[0], sum[1] + term[1]])
 }
 
-/// Computes mean distance, variance along and variance across the ray of the cone's piece from `t0` to `t1`, as quotients of
-/// integrals over its volume (mip-NeRF, Eq. 29–37): the cone's cross-section grows as t².
+/// Computes mean distance, variance along the ray and variance across it of a cone's frustum between `t0` and `t1`, as
+/// quotients of integrals over its volume (mip-NeRF, Eq. 29–37). The cone's cross-section grows as t².
 pub fn frustum_moments(t0: f64, t1: f64, radius: f64) -> [f64; 3] {
-    // ∫ tⁿ dt by Gauss–Legendre with 4 nodes, exact to degree 7: no difference of large powers.
+    // Gauss–Legendre quadrature with 4 nodes is exact for tⁿ up to n = 7, without differences of large powers.
     let nodes =
         [(0.339_981_043_584_856_3, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_85)];
     let (middle, half) = (0.5 * (t0 + t1), 0.5 * (t1 - t0));

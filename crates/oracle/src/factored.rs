@@ -44,7 +44,7 @@ fn directions(query: &Query) -> Vec<f64> {
     query.directions.clone().map(to_host).unwrap_or_default().into_iter().map(f64::from).collect()
 }
 
-/// Terms of an interpolation: places in the tables with their weights.
+/// Terms of an interpolation: index of a table's element, and its weight.
 type Terms = Vec<(usize, f64)>;
 
 impl FactoredOracle<'_> {
@@ -52,7 +52,7 @@ impl FactoredOracle<'_> {
         self.positions[3 * sample + axis]
     }
 
-    /// Finds the two texels about a coordinate, with their weights, or the derivatives of their weights if it is `moved`.
+    /// Returns the two texels around a coordinate with their weights, or with the derivatives of their weights if `moved`.
     fn texels(&self, sample: usize, axis: usize, resolution: usize, moved: bool) -> [(usize, f64); 2] {
         let (size, last) = (resolution as f64, (resolution - 1) as f64 - 1e-3);
         let v = self.position(sample, axis) * size - 0.5;
@@ -75,7 +75,7 @@ impl FactoredOracle<'_> {
         terms.iter().map(|&(at, weight)| weight * self.tables[at]).sum()
     }
 
-    /// Lists all features: place in the MLP's input, weight of the level, [`Self::terms`] of the plane and of the line.
+    /// Lists all features: column of the MLP's input, weight of the level, [`Self::terms`] of the plane and of the line.
     fn features(&self, sample: usize, moved: Option<usize>) -> impl Iterator<Item = (usize, f64, Terms, Terms)> + '_ {
         let levels = self.layout.levels.iter().zip(&self.query.level_weights);
         levels.flat_map(move |(level, &weight)| {
@@ -180,7 +180,7 @@ impl FactoredOracle<'_> {
                 *out += scale * (dx[sine] * x[cosine] - dx[cosine] * x[sine]);
             }
             for (at, weight, plane, line) in self.features(sample, Some(axis)) {
-                // Each axis is either the plane's or the line's: the other factor stays.
+                // An axis belongs to the plane or to the line: `terms` differentiates one factor, and keeps the other.
                 *out += dx[at] * weight * (self.interpolate(&plane) * self.interpolate(&line));
             }
         }

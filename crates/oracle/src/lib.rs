@@ -2,7 +2,7 @@
 //!
 //! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the running sums
 //! of the fast bodies, so that the two share no shortcut. Where the textbook formula is a difference of nearly equal
-//! values, another is used: an oracle that cancels could not decide which body is wrong. The tests of `infonerf-ops`
+//! values, another is used: an oracle with cancellation could not decide which body is wrong. The tests of `infonerf-ops`
 //! compare the oracle with values of arbitrary precision.
 
 mod encodings;
@@ -17,7 +17,7 @@ pub fn alpha(tau: f64) -> f64 {
     -(-tau).exp_m1()
 }
 
-/// Computes Tᵢ = exp(−Σ_{j<i} τⱼ), one more than samples: the last is what leaves the ray.
+/// Computes Tᵢ = exp(−Σ_{j<i} τⱼ) for i from 0 to N, where T_N is the transmittance of the whole ray of N samples.
 pub fn transmittance(tau: &[f64]) -> Vec<f64> {
     let mut sum = 0.0;
     std::iter::once(1.0)
@@ -40,7 +40,7 @@ pub fn opacity(tau: &[f64]) -> f64 {
 
 /// Returns ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
 ///
-/// uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with T_{i+1} = Σ_{j>i} wⱼ + T_N put in: Σ_{j>i} (uᵢ − uⱼ) wⱼ + uᵢ T_N.
+/// The result uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ equals Σ_{j>i} (uᵢ − uⱼ) wⱼ + uᵢ T_N, as T_{i+1} = Σ_{j>i} wⱼ + T_N.
 pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     let (trans, w) = (transmittance(tau), weights(tau));
     let behind = |i: usize| (i + 1..tau.len()).map(|j| (u[i] - u[j]) * w[j]).sum::<f64>();
@@ -58,8 +58,8 @@ pub fn additive_weights(tau: &[f64]) -> Vec<f64> {
     tau.iter().map(&mut weight).collect()
 }
 
-/// Returns ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u: a sample takes from the one that fills the ray what it gets
-/// itself.
+/// Returns ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u. If sample f fills the ray, the derivative is uᵢ − u_f in
+/// front of f, and 0 from f on; if none does, it is uᵢ.
 pub fn additive_weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     let mut sum = 0.0;
     let fills = tau.iter().position(|tau| {
@@ -85,8 +85,8 @@ pub fn alpha_sum(tau: &[f64]) -> f64 {
     tau.iter().map(|&tau| alpha(tau)).sum()
 }
 
-/// Returns the masses of the samples, and of the background if the distribution has one, before normalisation; with their
-/// sum, exact also where it is 1 by definition.
+/// Returns the masses, which are probabilities before normalisation: of the samples, then of the background if the
+/// distribution has one. The second value is their sum, exactly 1 for [`RayDistribution::Termination`].
 fn masses(tau: &[f64], distribution: RayDistribution) -> (Vec<f64>, f64) {
     let alphas = || tau.iter().map(|&tau| alpha(tau));
     match distribution {
@@ -99,10 +99,10 @@ fn masses(tau: &[f64], distribution: RayDistribution) -> (Vec<f64>, f64) {
     }
 }
 
-/// Computes ln(p + ε); without ε a mass counts as at least the smallest normal `f32`.
+/// Computes ln(p + ε). If ε is 0, a mass counts as at least the smallest normal `f32`.
 fn ln_density(masses: &[f64], sum: f64, epsilon: f64) -> Vec<f64> {
     let floor = f64::from(f32::MIN_POSITIVE);
-    // A sample that holds more than half of the ray: p = 1 − (all others)/sum.
+    // A mass above half of the sum: p = 1 − (sum of all others)/sum keeps all digits.
     let others = |i: usize| (0..masses.len()).filter(|&j| j != i).map(|j| masses[j]).sum::<f64>();
     let ln = |(i, &mass): (usize, &f64)| match mass {
         mass if mass > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
@@ -128,12 +128,12 @@ pub fn entropy_gradient(tau: &[f64], distribution: RayDistribution, epsilon: f64
     if sum < f64::from(MIN_ALPHA_SUM) {
         return vec![0.0; tau.len()];
     }
-    // −ln(p + ε) − p/(p + ε), without the −1 that all have in common.
+    // ∂H/∂p + 1 = −ln(p + ε) − p/(p + ε) + 1. The constant cancels below.
     let dp = |(mass, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (mass / sum + epsilon) - ln } else { -ln };
     let gradients: Vec<f64> = masses.iter().zip(ln_density(&masses, sum, epsilon)).map(dp).collect();
     let gradient = match distribution {
         RayDistribution::Termination => {
-            // Relative to the background, whose probability is what the weights leave: ∂Σw/∂τ = −∂(1 − Σw)/∂τ.
+            // The background's probability is 1 − Σw, so its gradient is subtracted from the gradient of each weight.
             let background = gradients[tau.len()];
             weights_vjp(tau, &gradients[..tau.len()].iter().map(|gradient| gradient - background).collect::<Vec<_>>())
         }
@@ -146,7 +146,7 @@ pub fn entropy_gradient(tau: &[f64], distribution: RayDistribution, epsilon: f64
 fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
     let ln = |(p, q): (&f64, &f64)| {
         let r = (p - q) / (q + epsilon);
-        // Without ε an empty sample of P has p ln p = 0.
+        // If ε is 0, the logarithm of an empty sample of P stays finite, so that p ln p is 0.
         let a = (p + epsilon).max(f64::MIN_POSITIVE);
         if r.abs() < 0.5 { r.ln_1p() } else { (a / (q + epsilon)).ln() }
     };
@@ -155,7 +155,7 @@ fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
 
 /// Computes KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
 ///
-/// Σ p ln((p + ε)/(q + ε)), less Σ (p − q) = 0 term by term: what remains is of second order where p ≈ q.
+/// Each term of Σ p ln((p + ε)/(q + ε)) is reduced by p − q, whose sum is 0. Terms are then of second order where p ≈ q.
 pub fn divergence(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
     p.iter()
@@ -170,15 +170,15 @@ pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
         return (vec![0.0; tau.len()], vec![0.0; near.len()]);
     };
-    // ln((p + ε)/(q + ε)) + p/(p + ε) and −p/(q + ε), without the 1 and the −1 that all have in common.
+    // ∂KL/∂p − 1 = ln((p + ε)/(q + ε)) − ε/(p + ε) and ∂KL/∂q + 1 = 1 − p/(q + ε). The constants cancel by normalisation.
     let lost = |p: f64| if epsilon > 0.0 { epsilon / (p + epsilon) } else { 0.0 };
     let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln - lost(p)).collect();
     let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| (epsilon - (p - q)) / (q + epsilon)).collect();
     (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
 }
 
-/// Computes ∂L/∂τ from ∂L/∂p, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
-/// constant in g drops out.
+/// Computes ∂L/∂τ from gᵢ = ∂L/∂pᵢ, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As
+/// Σ p = 1, a constant in all gᵢ cancels; it is subtracted first.
 fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, gradients: &[f64]) -> Vec<f64> {
     let total: f64 = masses.iter().sum();
     let most = (0..masses.len()).max_by(|&i, &j| masses[i].total_cmp(&masses[j])).map_or(0.0, |i| gradients[i]);

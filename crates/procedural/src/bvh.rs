@@ -5,9 +5,9 @@ use glam::DVec3;
 use super::convex::HalfLine;
 use super::shape::{Hit, Shape};
 
-/// Greatest number of shapes of a node that is not split.
+/// Max number of shapes of a node that is not split.
 const LEAF: usize = 2;
-/// Greatest number of levels below the root.
+/// Max number of levels below the root.
 const MAX_DEPTH: usize = 48;
 /// The empty box.
 const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -15,8 +15,8 @@ const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 struct BvhNode {
     min: DVec3,
     max: DVec3,
-    /// Leaves: the first of `count` entries of `order`. Inner nodes (`count` 0): the second child; the first follows the
-    /// node itself.
+    /// In leaves: index of the first of `count` entries of `order`. In inner nodes (`count` 0): index of the second
+    /// child; the first child is the next node.
     start: usize,
     count: usize,
 }
@@ -28,7 +28,7 @@ pub(super) struct Bvh {
 }
 
 impl Bvh {
-    /// Splits at the least sum of the boxes' areas times their numbers of shapes (surface-area heuristic).
+    /// Builds the hierarchy. Splits minimize the sum of area times number of shapes of both boxes (surface-area heuristic).
     pub fn new(shapes: &[&Shape]) -> Self {
         let bounds: Vec<_> = shapes.iter().map(|s| s.bounds()).collect();
         let mut bvh = Self { nodes: Vec::new(), order: (0..shapes.len()).collect() };
@@ -95,14 +95,14 @@ impl Bvh {
         self.meet(line, &mut |i, reach| hit(i, *reach).is_some())
     }
 
-    /// Calls `leaf` for shapes whose boxes the line meets before a distance that it may reduce, until it returns true.
+    /// Calls `leaf` for shapes whose boxes the line meets up to a distance, which `leaf` may reduce, until it returns true.
     fn meet(&self, line: &HalfLine, leaf: &mut impl FnMut(usize, &mut f64) -> bool) -> bool {
         let (inverse, mut reach) = (line.direction.recip(), f64::INFINITY);
         let meets = self.nodes.first().is_some_and(|root| root.enter(line, inverse, reach).is_some());
         meets && self.visit(0, line, inverse, &mut reach, leaf)
     }
 
-    /// Calls `leaf` for shapes below node `at`, those in the nearer box first.
+    /// Calls `leaf` for shapes below node `at`, nearer boxes first.
     fn visit(
         &self,
         at: usize,

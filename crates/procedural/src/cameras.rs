@@ -11,9 +11,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{BOUNDS, CAPTURES, CLASSICS, FAR, NEAR};
 
-/// Training views of a procedural scene.
+/// Number of training views of a procedural scene.
 pub const TRAIN_VIEWS: usize = 100;
-/// Test views of a procedural scene.
+/// Number of test views of a procedural scene.
 pub const TEST_VIEWS: usize = 200;
 /// Distance of every camera from the origin, scene units.
 pub(super) const RADIUS: f64 = 4.031_128_874;
@@ -105,8 +105,8 @@ pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// Returns the 64-bit FNV-1a hash of `bytes`. That of a scene's name is the seed of its cameras, which was so not picked
-/// by hand.
+/// Returns the 64-bit FNV-1a hash of `bytes`. The hash of a scene's name is the seed of its cameras, so that no seed is
+/// chosen by hand.
 pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
     let mut hash = FnvHasher::default();
     hash.write(bytes);
@@ -120,7 +120,7 @@ fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
     (plain(train), plain(test))
 }
 
-/// Returns `count` hand-held cameras: in `room` at one end, which look at the other; before `table` in an arc of 130°.
+/// Returns `count` hand-held cameras: at one end of `room`, looking at the other, or before `table` in an arc of 130°.
 fn hand_held(name: &str, size: u32, count: usize) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(fingerprint(name.as_bytes()));
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);

@@ -63,7 +63,7 @@ pub(super) enum Kind {
     Sphere {
         radius: f64,
     },
-    /// Half-extents.
+    /// Block with half-extents `half`.
     Block {
         half: DVec3,
     },
@@ -119,7 +119,7 @@ impl Convex {
         Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
     }
 
-    /// Returns a frustum from `a` to `b` with those radii.
+    /// Returns a frustum from `a` to `b` with radii `bottom` and `top`.
     pub fn taper(a: DVec3, b: DVec3, bottom: f64, top: f64) -> Self {
         let half = 0.5 * a.distance(b);
         Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
@@ -251,7 +251,7 @@ fn slab(line: &HalfLine, half: f64) -> Option<Span> {
     Some(Span { enter, enter_normal: -side, exit, exit_normal: side })
 }
 
-/// Returns a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
+/// Returns the part of the line inside a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
 fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
     let mut span = slab(line, half)?;
@@ -301,7 +301,7 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     None
 }
 
-/// Clips `span` to an entry and an exit of the side, each where it is one, at `t` past `shift`.
+/// Clips `span` to the entry and the exit of the side: whether each exists, and its distance from `shift`.
 fn clip(
     span: &mut Span,
     shift: f64,

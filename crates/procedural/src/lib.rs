@@ -59,7 +59,7 @@ pub const NAMES: [&str; SCENES.len()] = {
     }
     names
 };
-/// Scenes of an experiment that names none.
+/// Default scenes of an experiment.
 pub const CLASSICS: [&str; 4] = ["castle", "crane", "knot", "orrery"];
 /// Scenes like photographs: no coverage, no background, a surface in every pixel. `room` is seen from within by
 /// hand-held cameras that look one way; on `table` there is a still life before a wall, seen from an arc. [`object_mask`] returns
@@ -67,9 +67,9 @@ pub const CLASSICS: [&str; 4] = ["castle", "crane", "knot", "orrery"];
 pub const CAPTURES: [&str; 2] = ["room", "table"];
 /// Image side in pixels of a request without one.
 pub const DEFAULT_SIZE: u32 = 200;
-/// Nothing lies nearer to a camera than this, scene units; [`CAPTURES`] have their own.
+/// Min distance of content from a camera, scene units; [`CAPTURES`] have their own.
 pub const NEAR: f32 = 2.0;
-/// Nothing lies farther from a camera than this, scene units; [`CAPTURES`] have their own.
+/// Max distance of content from a camera, scene units; [`CAPTURES`] have their own.
 pub const FAR: f32 = 6.0;
 /// A box that holds every procedural scene but [`CAPTURES`].
 pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
@@ -155,7 +155,7 @@ pub fn cameras(name: &str, size: u32) -> Result<(Vec<Camera>, Vec<Camera>), Scen
     Ok((layout.train, layout.test))
 }
 
-/// Returns the least and the greatest distance of any surface from any camera of the scene `name`, and a box that holds the
+/// Returns the min and max distance of any surface from any camera of the scene `name`, and a box that contains the
 /// scene.
 ///
 /// # Errors
@@ -189,7 +189,7 @@ fn choose(name: &str, cameras: &SceneCameras, request: &SceneRequest) -> Result<
 /// Counts the pixels that [`load`] would render.
 ///
 /// # Errors
-/// As [`load`].
+/// Errors of [`load`].
 pub fn count_pixels(name: &str, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     check_name(name)?;
     let size = request.image_size.unwrap_or(DEFAULT_SIZE);
@@ -244,7 +244,7 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
     .with_guessed_background())
 }
 
-/// Fails unless there is a scene `name`: one of [`NAMES`], or `random-<seed>`.
+/// Returns an error unless there is a scene `name`: one of [`NAMES`], or `random-<seed>`.
 ///
 /// # Errors
 /// There is none.
@@ -256,7 +256,7 @@ pub fn check_name(name: &str) -> Result<(), SceneError> {
     Err(SceneError::UnknownScene { name: name.into(), known })
 }
 
-/// Parses the seed in `random-<seed>`, written in the one way that `u64` is printed.
+/// Parses the seed in `random-<seed>`, written without sign or leading zeros.
 fn random_seed(name: &str) -> Option<u64> {
     let text = name.strip_prefix("random-")?;
     text.parse().ok().filter(|seed: &u64| seed.to_string() == text)

@@ -7,13 +7,13 @@ use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 use super::shape::{Hit, Knot, Shape};
 use super::texture::Texture;
 
-/// Surfaces that reflect more than this show mirror images.
+/// Reflectance above which surfaces show mirror images.
 pub(super) const MIRRORS_ABOVE: f64 = 0.03;
 
-/// Slices between two points of an outline.
+/// Number of slices between two points of an outline.
 const SLICES: usize = 5;
 
-/// How a surface reflects light.
+/// Reflection properties of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
     pub texture: Texture,
@@ -65,8 +65,8 @@ pub(super) fn glass(colour: impl Into<Texture>, opacity: f64) -> Material {
 pub(super) struct SceneObject {
     pub shape: Shape,
     pub material: Material,
-    /// Whether it belongs to the surroundings: it receives shadows but casts none (walls would block all light), and is not
-    /// in the object mask.
+    /// Whether the object belongs to the surroundings. These receive shadows but cast none (walls would block all
+    /// light), and are not in the object mask.
     pub backdrop: bool,
 }
 
@@ -75,7 +75,7 @@ pub(super) struct Medium {
     pub solid: Convex,
     /// Linear colour where it is optically thick.
     pub colour: DVec3,
-    /// Optical depth of a unit length.
+    /// Optical depth per unit length.
     pub density: f64,
 }
 
@@ -92,7 +92,7 @@ impl Builder {
         self.carved(base, Vec::new(), material);
     }
 
-    /// Adds a convex solid for each of some values.
+    /// Adds a convex solid for each of `values`.
     pub fn each<T>(&mut self, values: impl IntoIterator<Item = T>, solid: impl Fn(T) -> Convex, material: Material) {
         for value in values {
             self.solid(solid(value), material);
@@ -197,7 +197,7 @@ impl Builder {
         self.objects.push(SceneObject { shape, material, backdrop: self.backdrop });
     }
 
-    /// Sorts the objects for rays and places them: scaled by `scale`, then raised by `rise`, so that every camera sees all.
+    /// Builds a hierarchy of the objects, scaled by `scale` and then raised by `rise`, so that every camera sees all.
     pub fn build(self, scale: f64, rise: f64) -> SceneModel {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
@@ -206,7 +206,7 @@ impl Builder {
     }
 }
 
-/// Returns the derivatives (radius by height) of a smooth outline at its points, which make no new bulge or waist.
+/// Returns the derivatives of the radius by the height at the points of an outline, so that the curve has no new extrema.
 fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
     let secants: Vec<f64> = outline.windows(2).map(|w| (w[1].0 - w[0].0) / (w[1].1 - w[0].1)).collect();
     (0..outline.len())
@@ -219,7 +219,7 @@ fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
         .collect()
 }
 
-/// Objects sorted for rays.
+/// Objects in a hierarchy for ray tracing.
 pub(super) struct SceneModel {
     objects: Vec<SceneObject>,
     pub volumes: Vec<Medium>,

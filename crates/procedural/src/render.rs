@@ -9,14 +9,14 @@ use super::model::SceneModel;
 use super::shade::{LIGHT_SAMPLES, encode};
 use super::through::{front, light};
 
-/// Samples per pixel along each side.
+/// Number of samples per pixel along each side.
 const GRID: usize = 2;
 
 /// Renders straight-alpha RGBA with 8 bits per channel.
 ///
-/// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the rays' mean opacity (1 for any opaque surface),
-/// the colour the display-encoded mean radiance divided by coverage. Rows are independent, so
-/// the result does not depend on the number of threads.
+/// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the rays' mean opacity (1 for any opaque surface);
+/// the colour is the display-encoded mean radiance divided by coverage. Rows are independent, so the result does not
+/// depend on the number of threads.
 pub(super) fn render(model: &SceneModel, camera: &Camera) -> Rgba8 {
     let pixels = rows(camera, |x, y| pixel(model, camera, x, y));
     Rgba8 { width: camera.width, height: camera.height, pixels }

@@ -6,7 +6,7 @@ use super::convex::HalfLine;
 use super::model::{MIRRORS_ABOVE, Material, SceneModel};
 use super::shape::Hit;
 
-/// Positions over the lamps that the samples of a pixel share out among themselves.
+/// Number of positions over the lamps, which the samples of a pixel use in turn.
 pub(super) const LIGHT_SAMPLES: usize = 4;
 const JITTER: [(f64, f64); LIGHT_SAMPLES] = [(0.6, 0.25), (-0.25, 0.6), (-0.6, -0.25), (0.25, -0.6)];
 
@@ -21,9 +21,8 @@ const FILL_COLOUR: DVec3 = DVec3::new(0.38, 0.42, 0.55);
 /// Distance from the surface at which secondary rays start.
 const LIFT: f64 = 1e-4;
 
-/// Returns the linear RGB that the surface sends back along `line`, and the share of what is behind it that it hides. The
-/// light of a surface that can be looked through is less by what it lacks in opacity, its mirror image and
-/// highlight are not.
+/// Returns the linear RGB that the surface sends back along `line`, and the share of light from behind that it hides.
+/// Diffuse light is multiplied by the opacity of the material; mirror image and highlight are not.
 pub(super) fn surface(
     model: &SceneModel,
     line: &HalfLine,
@@ -52,7 +51,7 @@ pub(super) fn surface(
 
     let mut light = GROUND_COLOUR * (0.5 - 0.5 * normal.z) * 0.55;
     let up = towards(DVec3::Z, SKY_SIZE);
-    // In mirror images half a shadow everywhere will do.
+    // Objects in mirror images have a constant shadow of the sky.
     let overhead = match mirror {
         true if clear(up) => 1.0,
         true => 0.25,
@@ -89,7 +88,7 @@ pub(super) fn surface(
     (colour, 1.0 - passes)
 }
 
-/// Returns the share of the light from behind that the material stops at this cosine: a slanted way through is longer.
+/// Returns the share of light from behind that the material stops; slanted paths (small `cosine`) are longer.
 fn opacity(material: &Material, cosine: f64) -> f64 {
     if material.opacity >= 1.0 {
         return 1.0;

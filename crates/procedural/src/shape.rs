@@ -4,18 +4,18 @@ use glam::{DVec2, DVec3};
 
 use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 
-/// Hits nearer than this are on the surface that a ray starts from.
+/// Min distance of a hit: nearer hits are on the surface from which the ray starts.
 const NEAREST: f64 = 1e-6;
 
 /// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub t: f64,
-    /// Outward, unit length, world.
+    /// Outward normal, unit length, world axes.
     pub normal: DVec3,
     /// Point at which textures are looked up: the local point, or (length along, angle, 0) on a tube.
     pub texture_point: DVec3,
-    /// The normal in the coordinates of `texture_point`.
+    /// Normal in the coordinates of `texture_point`.
     pub texture_normal: DVec3,
 }
 
@@ -28,8 +28,8 @@ pub(super) enum Shape {
     /// A piece of a tube of radius `tube` about a smooth curve: a rod with a ball at its start,
     /// whose normals follow the curve, so that no joint shows.
     Piece { rod: Convex, from: Knot, to: Knot, tube: f64 },
-    /// A slice of a solid of revolution: a frustum whose side's normals go from `lower` to `upper`
-    /// (outwards, along the axis), so that no joint shows. `height` is that of its middle.
+    /// A slice of a solid of revolution: a frustum whose side's normals go from `lower` to `upper` (outwards, along the
+    /// axis), so that no joint shows. `height` is the height of its middle.
     Slice { cone: Convex, lower: DVec2, upper: DVec2, height: f64 },
 }
 
@@ -37,9 +37,9 @@ pub(super) enum Shape {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Knot {
     pub point: DVec3,
-    /// Unit length.
+    /// Direction of the curve, unit length.
     pub tangent: DVec3,
-    /// Unit length, at right angles to the tangent: where the angle about the tube is 0.
+    /// Direction at which the angle about the tube is 0: unit length, perpendicular to the tangent.
     pub side: DVec3,
     /// Length along the curve.
     pub length: f64,

@@ -20,7 +20,7 @@ fn objects() -> impl Iterator<Item = &'static str> {
     NAMES.into_iter().filter(|name| !CAPTURES.contains(name))
 }
 
-/// The mean over pixels of `value`.
+/// Returns the mean over pixels of `value`.
 fn mean(view: &View, value: impl Fn(usize) -> f32) -> f32 {
     let n = view.image.rgb.len();
     (0..n).map(value).sum::<f32>() / n as f32
@@ -121,7 +121,7 @@ fn depth_is_consistent_between_views() {
     for name in NAMES {
         let model = model(name).unwrap();
         if model.is_clear {
-            // Where half is hidden depends on the way there.
+            // The depth of translucent matter depends on the direction of the ray.
             continue;
         }
         let (cameras, _) = cameras(name, 48).unwrap();
@@ -182,7 +182,7 @@ fn masks_of_objects_are_where_there_is_depth() {
     }
 }
 
-/// A pane over nothing hides its share, a pane before a wall shows the wall through, and water by its thickness.
+/// Checks what a pane over nothing hides, how a wall looks through a pane, and how water hides by its thickness.
 #[test]
 fn light_from_behind_passes_glass_and_water() {
     use convex::Convex;
@@ -239,7 +239,7 @@ fn cameras_are_a_hemisphere_that_looks_at_the_origin() {
     assert_eq!(scene("kettle", 8).all_train_cameras, cameras("kettle", 8).unwrap().0);
 }
 
-/// Published renders of the scenes must stay as they are. The fingerprints are those of one mathematical library.
+/// Checks that published renders of the scenes do not change. The fingerprints depend on the mathematical library.
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
 #[test]
 fn no_scene_ever_changes() {

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-/// How a surface's own colour depends on the place.
+/// Dependence of a surface's colour on position.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Texture {
     /// One colour with a faint grain.

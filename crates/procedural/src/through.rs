@@ -7,7 +7,7 @@ use super::model::{Medium, SceneModel, SceneObject};
 use super::shade::{cover, surface};
 use super::shape::Hit;
 
-/// Greatest number of surfaces that a ray passes.
+/// Max number of surfaces that a ray passes.
 const MAX_SURFACES: usize = 64;
 /// Transmittance below which everything behind counts as hidden.
 const MIN_TRANSMITTANCE: f64 = 1e-3;
@@ -19,7 +19,7 @@ enum Encounter<'a> {
     Matter(f64, f64, &'a Medium),
 }
 
-/// Calls `visit` for all that the line meets from front to back, until it returns false or an opaque surface ends it.
+/// Calls `visit` for each encounter of the line from front to back, until it returns false or an opaque surface is met.
 fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encounter<'a>) -> bool) {
     let mut start = 0.0;
     for _ in 0..MAX_SURFACES {
@@ -69,8 +69,8 @@ pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec
     (colour, if passes > MIN_TRANSMITTANCE { 1.0 - passes } else { 1.0 })
 }
 
-/// Returns the distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque
-/// scenes the first surface.
+/// Returns the distance at which half of the light from behind is hidden, and whether the subject hides it. In opaque
+/// scenes this is the first surface.
 pub(super) fn front(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
     if !model.is_clear {
         return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));

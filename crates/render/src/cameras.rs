@@ -20,14 +20,14 @@ pub enum Focal {
     Each,
 }
 
-/// A small rigid motion and, if asked for, a factor of the focal length per training view.
+/// Rigid motion of each training view's camera and, if requested, a factor of its focal length.
 ///
-/// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, `Q = exp([ω]×)`,
-/// where (ω, τ) ∈ ℝ⁶ is the view's, less the mean over all views, p the scene's centre, and s the cameras' mean distance from
-/// it: ω in radians and τ as a share of s are of one size. All begin at 0. A turn about p hardly moves the image, as one about
-/// c would: that and a move of the camera look nearly alike, and gradient descent would be long in telling them apart.
-/// Removing the mean fixes the frame (the gauge) of six of the seven motions that no photograph can tell; the seventh, scale,
-/// is left to [`Self::prior`].
+/// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, where
+/// `Q = exp([ω]×)`. (ω, τ) ∈ ℝ⁶ are the view's parameters minus their mean over all views, p is the scene's centre, and s the
+/// mean distance of cameras from p. ω in radians and τ in units of s have similar magnitudes. All parameters start at 0.
+/// Cameras turn about p: a turn about c changes the image nearly as a move of the camera does, and gradient descent would
+/// separate the two slowly. Subtracting the mean fixes six of the seven degrees of freedom (the gauge) that no photograph
+/// determines; [`Self::prior`] constrains the seventh, scale.
 #[derive(Module, Debug)]
 pub struct CameraRefinement {
     /// (ω, τ), `[V, 6]`.
@@ -59,7 +59,7 @@ impl Pivot {
 }
 
 impl CameraRefinement {
-    /// Makes corrections of `views` cameras that are all 0.
+    /// Creates corrections of `views` cameras, all 0.
     pub fn new(views: usize, pivot: Pivot, focal: Focal, device: &Device) -> Self {
         let factors = match focal {
             Focal::Fixed => None,
@@ -71,7 +71,7 @@ impl CameraRefinement {
         Self { poses, focal, pivot, gauge: true }
     }
 
-    /// Returns the correction of one camera in a frame that is known already, as of a test view.
+    /// Creates the correction of one camera, such as a test view's, in a known frame: no mean is subtracted.
     pub fn of_one(pivot: Pivot, device: &Device) -> Self {
         Self { gauge: false, ..Self::new(1, pivot, Focal::Fixed, device) }
     }
@@ -82,7 +82,7 @@ impl CameraRefinement {
         if self.gauge { poses.clone() - poses.mean_dim(0) } else { poses }
     }
 
-    /// Returns the mean of |ω|² + |τ|² + φ² over the views, `[1]`: the pull towards the start.
+    /// Returns the mean of |ω|² + |τ|² + φ² over the views, `[1]`: a penalty on the distance from the start.
     pub fn prior(&self) -> Tensor<1> {
         let motions = self.motions().square().sum_dim(1).mean();
         match &self.focal {
@@ -94,7 +94,7 @@ impl CameraRefinement {
     /// Returns the corrected `cameras`.
     ///
     /// # Panics
-    /// If they are not as many as the views.
+    /// If `cameras` and views differ in number.
     pub fn apply(&self, cameras: &[Camera]) -> Vec<Camera> {
         let motions = to_host(self.motions());
         assert_eq!(motions.len(), 6 * cameras.len(), "one correction per camera");
@@ -117,8 +117,8 @@ impl CameraRefinement {
     /// Returns the origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`,
     /// differentiable in the corrections ([`RayBatch::tracked`](crate::RayBatch::tracked)).
     ///
-    /// A lens has no part in a rigid motion. By the focal length a ray is differentiated on the host, by central differences
-    /// in `f64` of [`Camera::ray_f64`], through whatever lens there is.
+    /// A rigid motion does not involve the lens. The derivative of a ray with respect to the focal length is computed on
+    /// the host, by central differences in `f64` of [`Camera::ray_f64`], which includes the lens.
     pub fn rays(&self, cameras: &[Camera], at: &[PixelAt]) -> [Tensor<2>; 2] {
         let device = self.poses.val().device();
         let views = upload(at.iter().map(|pixel| pixel.view as i32).collect(), [at.len()], &device);
@@ -179,13 +179,13 @@ mod tests {
         }
     }
 
-    /// Values that look random, at most `size`.
+    /// Returns `count` irregular values in [−`size`, `size`].
     fn numbers(count: usize, size: f32) -> Vec<f32> {
         (1..=count).map(|i| size * (2.0 * (i as f32 * 0.618_034).fract() - 1.0)).collect()
     }
 
-    /// All corrections at once, through lenses with and without distortion: values against the corrected cameras on the
-    /// host, gradients against their central differences in `f64`.
+    /// Compares all corrections at once, through lenses with and without distortion: values with the corrected cameras on
+    /// the host, gradients with central differences in `f64`.
     #[test]
     fn rays_and_their_gradients_match_the_corrected_cameras() {
         let fisheye = Lens::fisheye([0.05, -0.01, 0.0, 0.0]);
@@ -223,7 +223,7 @@ mod tests {
         }
     }
 
-    /// A motion of all cameras alike is the choice of a frame, and changes nothing that they see.
+    /// Checks that a motion common to all cameras, which only changes the frame, corrects no camera.
     #[test]
     fn a_common_motion_is_no_correction() {
         let cameras = cameras(Lens::PERSPECTIVE);

@@ -9,7 +9,7 @@ use crate::warp::SpaceChoice;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
-    /// Samples per ray of the coarse or only pass. Pictures are rendered with the schedule's value at the last step.
+    /// Number of samples per ray of the coarse or only pass. Pictures are rendered with the schedule's value at the last step.
     pub samples: Schedule,
     /// Further samples per ray, drawn from the coarse weights (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
@@ -23,14 +23,14 @@ pub struct RenderConfig {
     pub space: SpaceChoice,
     /// Whether rays are clipped to the scene's box; only in unwarped space.
     pub clip_to_bounds: bool,
-    /// In pictures of a single pass with [`Placement::Mid`]: transmittance at which a ray stops, which changes a colour by
-    /// no more than this. With a finer grid, thin fog takes longer steps too
-    /// (`march.rs`). 0 evaluates all samples.
+    /// Transmittance at which a ray stops in pictures of a single pass with [`Placement::Mid`]; this changes a colour by
+    /// at most this value. With a finer grid, steps through thin fog are also longer (`march.rs`). 0 evaluates all
+    /// samples.
     pub early_stop_transmittance: f32,
-    /// In training, and for the reported entropy and information gain: optical depth of the occupancy grid's densities
-    /// behind which a ray's samples are skipped; 0 skips none, as does a run without a grid. Densities of the grid are
-    /// maxima over cells, so that a ray may miss the matter that they stand for: 16 is a safe value. Pictures
-    /// evaluate hidden samples.
+    /// Optical depth, computed from the occupancy grid's densities, behind which samples are skipped in training and for
+    /// the reported entropy and information gain; 0 skips none, as does a run without a grid. The grid's densities are
+    /// maxima over cells, and a ray may miss the matter that they represent: 16 is a safe value. Pictures evaluate hidden
+    /// samples.
     pub hidden_depth: f32,
     /// Whether pictures add the residuals of the training views nearest to them: [`Residuals`](crate::Residuals).
     #[serde(default)]
@@ -43,7 +43,7 @@ pub struct RenderConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Compositing {
-    /// wᵢ = Tᵢ (1 − e^−τᵢ): each sample absorbs a share of what reaches it (NeRF).
+    /// wᵢ = Tᵢ (1 − e^−τᵢ): each sample absorbs a share of the light that reaches it (NeRF).
     Exponential,
     /// wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ: each sample adds its depth until the ray is full (Neural Volumes).
     Additive,
@@ -61,7 +61,7 @@ pub struct OccupancyConfig {
     pub warmup: usize,
     /// Steps between updates.
     pub every: usize,
-    /// A cell is empty while the opacity of a sample in it is below this.
+    /// Opacity of a sample below which the cell counts as empty.
     pub alpha_threshold: f32,
     /// Factor on a cell's density per update.
     pub decay: f32,
@@ -112,7 +112,7 @@ impl OccupancyConfig {
     }
 }
 
-/// Refuses what was `found` at `key` of `[render]` unless it is `good`.
+/// Returns a fault at `key` of `[render]` with the value `found` unless `good` is true.
 fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
     Fault::unless(good, key, expected, found).map_err(|fault| fault.within("render"))
 }
@@ -136,12 +136,12 @@ impl RenderConfig {
         self.occupancy.validate()
     }
 
-    /// Returns the optical depth behind which training skips; infinite if nothing.
+    /// Returns the optical depth behind which training skips samples; infinite if it skips none.
     pub(crate) fn hidden_depth(&self) -> f32 {
         if self.hidden_depth > 0.0 { self.hidden_depth } else { f32::INFINITY }
     }
 
-    /// Returns the keys that are set but have no effect with the others as they are, one line each.
+    /// Returns one line for each key that is set but has no effect, given the other keys.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = (self.early_stop_transmittance > 0.0 && !self.marches()).then_some(
             "render.early_stop_transmittance has no effect on pictures with render.fine_samples or without \

@@ -5,11 +5,11 @@ use infonerf_ops::{to_host, upload};
 use crate::image::RenderedImage;
 use crate::output::{Passes, RenderOutput};
 
-/// A gain and a bias per training view and channel: exposure and white balance that differ between images of one scene.
+/// Gain and bias per training view and channel, for images of one scene that differ in exposure and white balance.
 ///
-/// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour accumulated along a ray and A its
-/// opacity, as in the released code of Neural Volumes (Lombardi et al. 2019). Gains start at 1 and biases at 0. Rendered
-/// pictures apply neither: they have the mean exposure of the training views ([`Self::centred`]). Colours of the released code range to 255, so that its biases learn 255 times more slowly.
+/// A training view shows `gain · C + bias + (1 − A) · background` with colour C and opacity A of a ray, as in the released code
+/// of Neural Volumes (Lombardi et al. 2019), whose colours range to 255 and whose biases thus learn 255 times more slowly. Gains
+/// start at 1, biases at 0. Pictures apply neither: they have the mean exposure of the training views ([`Self::centred`]).
 #[derive(Module, Debug)]
 pub struct Exposure {
     /// `[V, 3]`.

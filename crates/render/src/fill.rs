@@ -1,10 +1,10 @@
-//! Pictures where rays meet nothing.
+//! Filling of the transparent parts of pictures.
 
 use glam::{Vec3, Vec4};
 
-/// Returns a picture in which each pixel shows its own colour as far as it is opaque, and behind it the mean of what
-/// the pixels about it show, the more of them the less opaque they are (the pull–push pyramid of Gortler et al. 1996,
-/// Sec. 3.4).
+/// Returns the colours of a picture whose transparent parts are filled. A pixel shows its own colour by its opacity, and
+/// behind it the mean colour of the pixels around it, of more pixels the less opaque these are (the pull–push pyramid of
+/// Gortler et al. 1996, Sec. 3.4).
 ///
 /// `pixels` holds (Σ w c, α) of each pixel, row-major; `background` shows through where the whole picture is transparent.
 pub(crate) fn filled(pixels: &[Vec4], (width, height): (usize, usize), background: Vec3) -> Vec<Vec3> {
@@ -17,10 +17,10 @@ pub(crate) fn filled(pixels: &[Vec4], (width, height): (usize, usize), backgroun
     for (i, pixel) in pixels.iter().enumerate() {
         coarse[i / width / 2 * half.0 + i % width / 2] += *pixel;
     }
-    // A pixel is opaque as soon as the four that it stands for have the opacity of one.
+    // A coarse pixel is opaque if the opacities of its four pixels sum to at least 1.
     coarse.iter_mut().for_each(|pixel| *pixel /= pixel.w.max(1.0));
     let coarse = filled(&coarse, half, background);
-    // Three parts of the coarse pixel that it is of to one of the nearest other, along each axis.
+    // Weights along each axis: ¾ for the coarse pixel that contains the pixel, ¼ for the nearest other one.
     let ends = |at: usize, size: usize| {
         [at / 2, if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(size - 1) }]
     };

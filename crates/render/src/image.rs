@@ -10,12 +10,12 @@ use crate::model::TrainedModel;
 use crate::output::{Counts, RenderOutput, RenderRequest};
 use crate::renderer::Renderer;
 
-/// Rays that march at a time: bounds the memory of a picture.
+/// Number of rays that march at a time, which bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// Rays that march at a time on the host, where several threads march side by side.
+/// Number of rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
 
-/// Opacity from which a ray is said to hit something, for depth.
+/// Opacity above which a ray hits something and has a depth.
 pub(crate) const HIT: f32 = 0.5;
 
 /// A rendered picture with distances, opacities and sample counts. All row-major.
@@ -25,7 +25,7 @@ pub struct RenderedImage {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Colour on the background, not clamped; before an unknown one, on the neighbouring pixels.
+    /// Colour on the background, not clamped. If the background is unknown, colours of neighbouring pixels replace it.
     pub rgb: Vec<[f32; 3]>,
     /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
     pub depth: Vec<f32>,
@@ -35,7 +35,7 @@ pub struct RenderedImage {
     pub counts: Counts,
 }
 
-/// Renders the picture that `camera` sees: of several members their mean.
+/// Renders the picture that `camera` sees: the mean of all members' pictures.
 ///
 /// # Panics
 /// If there are no members.
@@ -43,8 +43,8 @@ pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], 
     combine(members.iter().map(|member| render_one(renderer, member, camera, None)).collect())
 }
 
-/// Renders the picture that is compared with `view`: as [`render_image`], but without the residual of `view` itself if it is
-/// one of the training views (of the same file). With it, the picture would be its own truth.
+/// Renders the picture that is compared with `view`, as [`render_image`] does, but without the residual of the training
+/// view of the same file. That residual would add the true image to the picture.
 ///
 /// # Panics
 /// If there are no members.
@@ -65,7 +65,7 @@ pub(crate) fn combine(mut pictures: Vec<RenderedImage>) -> RenderedImage {
     let mut mean = RenderedImage { width, height, ..RenderedImage::default() };
     for pixel in 0..pictures[0].rgb.len() {
         let acc: f32 = pictures.iter().map(|picture| share * picture.acc[pixel]).sum();
-        // Where a member hits nothing its distance counts for nothing.
+        // Members whose ray hits nothing do not count in the distance.
         let hits = pictures.iter().filter(|picture| picture.depth[pixel].is_finite());
         let weight: f32 = hits.clone().map(|picture| share * picture.acc[pixel]).sum();
         let depth: f32 = hits.map(|picture| share * picture.acc[pixel] * picture.depth[pixel]).sum();
@@ -135,14 +135,14 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
 }
 
 impl RenderedImage {
-    /// Returns the end of the ray of `pixel`, and its direction; `None` if it hits nothing.
+    /// Returns the end point of the ray of `pixel`, and the ray's direction; `None` if it hits nothing.
     pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
         let (width, depth) = (self.width as usize, self.depth[pixel]);
         let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
     }
 
-    /// Puts the picture before the scene's backdrop; before an unknown one, rays that meet nothing show what is next to them.
+    /// Returns the picture before the scene's backdrop. If that is unknown, transparent pixels show the colours around them.
     fn before(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop == Backdrop::Unknown {
             let background = Vec3::from(renderer.background);
@@ -190,7 +190,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// A field as grey as the run is far, with any density.
+    /// Field with any density, whose grey level is the progress of the run.
     #[derive(Module, Debug)]
     struct GreyField {
         none: Tensor<1>,
@@ -212,8 +212,8 @@ pub(crate) mod tests {
         }
     }
 
-    /// A [`GreyField`] field a quarter into the run, seen along −z in the middle of the box of 3 units; the grid remembers something
-    /// opaque in each half of the box.
+    /// Returns a [`GreyField`] at a quarter of the run, seen along −z in the middle of a box of 3 units. All eight cells
+    /// of the grid are opaque.
     fn seen(sigma: fn(Vec3) -> f32, placement: Placement) -> (Renderer, TrainedModel<GreyField>, Camera) {
         let scene = Scene::default();
         let config = config(placement);
@@ -226,8 +226,8 @@ pub(crate) mod tests {
         (Renderer::new(&config, &scene), trained, camera)
     }
 
-    /// A ray passes the clear part of a cell that is opaque elsewhere, and meets something behind, which has the colour of
-    /// the moment that was trained last.
+    /// Checks a ray that passes the clear part of an opaque cell and hits matter behind it. Training skips this matter;
+    /// pictures show it, in the colour of the last training step.
     #[test]
     fn a_picture_shows_what_training_takes_to_be_hidden() {
         for placement in [Placement::Mid, Placement::Left] {
@@ -242,7 +242,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// A wall behind fog of one density, all of it known to a finer grid.
+    /// Renders a wall behind uniform fog with a finer grid, which knows both.
     #[test]
     fn thin_fog_takes_fewer_samples_of_the_same_picture() {
         let sigma = |p: Vec3| if p.z < 0.0 { 1e4 } else { 0.4 };
@@ -266,7 +266,7 @@ pub(crate) mod tests {
 
     const SIZE: u32 = 40;
 
-    /// An edge at column `x`, of a surface at distance `depth`.
+    /// Returns a picture of a surface at distance `depth`, which ends at column `x`.
     fn edge(x: u32, depth: f32) -> RenderedImage {
         let mut image = RenderedImage { width: SIZE, height: SIZE, ..RenderedImage::default() };
         for pixel in 0..SIZE * SIZE {
@@ -282,7 +282,7 @@ pub(crate) mod tests {
         let combined = combine(vec![edge(18, 2.0), edge(20, 2.0), edge(23, 4.0)]);
         let expected = [(2.0 * 0.2 + 1.0) / 3.0, (2.0 * 0.4 + 1.0) / 3.0, (2.0 * 0.1 + 1.0) / 3.0];
         assert!(combined.rgb[19].iter().zip(expected).all(|(got, want)| (got - want).abs() < 1e-6));
-        // Two of three see the surface at column 19: opaque enough to have a distance, which is theirs.
+        // Two of three members see the surface at column 19: opaque enough to have a distance, the mean of theirs.
         assert_eq!((combined.depth[0], combined.depth[21]), ((2.0 + 2.0 + 4.0) / 3.0, f32::INFINITY));
         assert!((combined.depth[19] - 3.0).abs() < 1e-6);
     }

@@ -1,10 +1,10 @@
-//! Pictures of a single pass, front to back.
+//! Pictures of a single pass, composited front to back.
 //!
 //! Rays advance a few samples at a time, and stop once their transmittance T is at most e =
-//! `render.early_stop_transmittance`: the weights of skipped samples sum to no more than that. Through thin fog, and behind much
-//! of it, they take longer steps: where the finer grid of pictures knows that the optical depth of a step is below 100 e/T, two
-//! steps are one sample in the middle of both, below 10 e/T four. A sample then has a weight of 200 e at most, and what it
-//! differs by from those that it stands for is a part of that. With e = 0 pictures are exact.
+//! `render.early_stop_transmittance`: the weights of skipped samples sum to at most e. Steps are longer in thin fog and
+//! behind much of it. Where the finer grid of pictures bounds the optical depth of a step by 100 e/T, two steps share one
+//! sample in their middle; below 10 e/T, four steps do. Such a sample has a weight of at most 200 e, and differs from the
+//! samples that it replaces by a fraction of that. With e = 0 pictures are exact.
 
 use std::iter::repeat_n;
 
@@ -32,7 +32,7 @@ pub(crate) struct MarchedRay {
 
 /// Samples per ray and round: few, as rays stop soon after a surface.
 const ROUND: usize = 4;
-/// Optical depths of a step, in units of e/T, below which two are one sample, and four.
+/// Optical depths of a step, in units of e/T, below which two steps share one sample, and four steps.
 const JOINED: [f32; 2] = [100.0, 10.0];
 /// Maximal number of rays of a [`MarchingRays`].
 const PART: usize = 1 << 10;
@@ -40,8 +40,8 @@ const PART: usize = 1 << 10;
 /// Marches along `rays`, and returns each ray's colour on the background, distance and transmittance, and the numbers
 /// of samples.
 ///
-/// All parts go a round at a time, and the field is evaluated once for all of them; on the host, where `host` is the field,
-/// each part goes alone.
+/// In each round the field is evaluated once for all parts of the rays. If `host` is given, it is the field on the host,
+/// and each part marches by itself.
 pub(crate) fn march<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
@@ -157,7 +157,7 @@ impl<'a> MarchingRays<'a> {
         (!self.active.is_empty()).then_some(round)
     }
 
-    /// Composites the samples of a round, of which `values` are σ, r, g, b.
+    /// Composites the samples of a round; `values` are their σ, r, g, b.
     fn composite(&mut self, round: &MarchRound, values: &[[f32; 4]]) {
         let config = &self.renderer.config;
         let mut samples = round.t.iter().zip(&round.delta).zip(values);

@@ -11,7 +11,7 @@ use crate::exposure::Exposure;
 use crate::occupancy::OccupancyGrid;
 use crate::residuals::Residuals;
 
-/// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
+/// Trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]
 pub struct Model<F: Module> {
     /// The field of the coarse pass, if it is not that of the fine pass.
@@ -40,7 +40,7 @@ impl<F: Field> Model<F> {
     }
 }
 
-/// Frame of the cameras that a model was trained with, as they were learned, relative to the scene's frame.
+/// Frame of the cameras that were learned with a model, relative to the scene's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelFrame {
     /// Map from the scene's world to the model's.
@@ -50,8 +50,8 @@ pub struct ModelFrame {
 }
 
 impl ModelFrame {
-    /// Returns the frame of cameras that were `given` and are `learned`: poses are aligned with those of `exact`
-    /// cameras of the same views, about the scene's `centre`; the zoom is the geometric mean over the cameras.
+    /// Returns the frame of `learned` cameras, which started as `given`. Poses are aligned with those of `exact` cameras
+    /// of the same views, about the scene's `centre`. The zoom is the geometric mean of learned over given focal lengths.
     pub fn of(exact: &[Camera], given: &[Camera], learned: &[Camera], centre: DVec3) -> Self {
         let logs = given.iter().zip(learned).map(|(given, learned)| (learned.fx / given.fx).ln());
         let zoom = (logs.sum::<f64>() / given.len().max(1) as f64).exp();
@@ -68,9 +68,9 @@ impl ModelFrame {
 /// A trained model without gradients and its occupancy grid, from which pictures are rendered.
 #[derive(Clone, Debug)]
 pub struct TrainedModel<F: Field = RadianceField> {
-    /// The model, as `valid()`.
+    /// Model without gradients, as `valid()` returns it.
     pub model: Model<F>,
-    /// Empty space, which pictures skip.
+    /// Grid of empty space, which pictures skip.
     pub occupancy: Option<OccupancyGrid>,
     /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learned.
     pub at: Moment,

@@ -1,4 +1,4 @@
-//! Counter-based random numbers: they depend on what they are for, and not on the order or number of threads.
+//! Counter-based random numbers, which depend on their purpose and not on the order or number of threads.
 
 use infonerf_ops::random::{Stream, below, mix};
 
@@ -28,7 +28,7 @@ pub enum RandomStream {
     Sources,
     /// Test rays whose entropy and information gain are reported.
     InformationRays,
-    /// The neighbours of these test rays.
+    /// Neighbours of the test rays of [`RandomStream::InformationRays`].
     InformationNeighbours,
     /// A camera's pose.
     Pose,
@@ -40,7 +40,7 @@ pub enum RandomStream {
     Row,
     /// A number of items.
     Count,
-    /// Distances of samples along rays. Its number is that of earlier versions, so that runs repeat theirs.
+    /// Distances of samples along rays. The number 18 of earlier versions is kept, so that runs repeat their results.
     Samples = 18,
     /// Samples of a fine pass.
     FineSamples,

@@ -12,9 +12,9 @@ use crate::model::{Model, TrainedModel};
 use crate::renderer::Renderer;
 use crate::warp::Warp;
 
-/// Renders the picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z
-/// towards the camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not
-/// change. Of several members the mean.
+/// Renders the picture of normals that `camera` sees. In place of colour it has Σ w n in the camera's axes (x right, y
+/// up, z towards the camera), with compositing weights w and n = −∇σ/|∇σ| in the world, 0 where ∇σ = 0. It is the mean of
+/// all members' pictures.
 ///
 /// # Panics
 /// If there are no members, or a field that does not [track positions](infonerf_field::FieldTraits::tracks_positions).
@@ -91,8 +91,8 @@ mod tests {
         }
     }
 
-    /// From a side, with a ray through the middle of each of 9 × 9 pixels: a sphere's normals are its points. Cameras of a model
-    /// in a turned frame see the same.
+    /// Renders a unit sphere from a side, with a ray through the middle of each of 9 × 9 pixels: its normals are its
+    /// points. A model in a turned frame gives the same normals.
     #[test]
     fn normals_of_a_sphere_are_its_points() {
         let rotation = glam::DMat3::from_rotation_x(0.3);
@@ -121,7 +121,7 @@ mod tests {
         }
     }
 
-    /// The sphere is one in contracted space: there its normals are across the gradient's own axes.
+    /// Renders a ball that is a sphere in contracted space: its normals in the world differ from the gradient in that space.
     #[test]
     fn normals_are_those_of_the_world() {
         let mut scene = Scene::default();

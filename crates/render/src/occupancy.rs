@@ -1,4 +1,4 @@
-//! Occupancy grid: knowledge of which space is empty.
+//! Occupancy grid, which records the cells of space that are empty.
 
 use std::sync::OnceLock;
 
@@ -32,7 +32,7 @@ pub struct OccupancyGrid {
     /// The smallest box around all occupied cells.
     pub(crate) tight: Aabb,
     states: Vec<CellState>,
-    /// Density of each cell on the GPU that was given it last; −1 of an empty one.
+    /// Density of each cell on the first GPU that asked for it; −1 marks an empty cell.
     on_device: OnceLock<Tensor<1>>,
 }
 
@@ -53,7 +53,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// Whether training uses the grid in `step`: once it was updated.
+    /// Returns whether training uses the grid in `step`: from its first update, after the warm-up, on.
     pub fn is_used_in(&self, step: usize) -> bool {
         step >= self.config.warmup
     }
@@ -64,8 +64,8 @@ impl OccupancyGrid {
         enabled && step >= warmup && (step - warmup).is_multiple_of(every)
     }
 
-    /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
-    /// sample's interval. Returns whether any cell is occupied; if none is, all cells are opened.
+    /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length
+    /// of a sample's interval. Returns whether any cell is occupied; if none is, all cells are marked as occupied.
     pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>) -> bool {
         let cells = 0..self.density.len();
         let evaluated: Vec<usize> = cells.into_par_iter().filter(|&cell| self.is_evaluated(cell, noise)).collect();
@@ -91,7 +91,7 @@ impl OccupancyGrid {
         (self.density.iter().map(|density| f64::from(*density)).sum::<f64>() / self.density.len() as f64) as f32
     }
 
-    /// Whether an update evaluates a cell: all the first time, then half of the occupied and an eighth of the others, at random.
+    /// Returns whether an update evaluates a cell: all at first, then at random half of the occupied and an eighth of the others.
     fn is_evaluated(&self, cell: usize, noise: Noise) -> bool {
         let share = if self.occupied[cell] { 0.5 } else { 0.125 };
         !self.updated || noise.uniform(cell, 3) < share
@@ -114,8 +114,8 @@ impl OccupancyGrid {
     /// Returns a grid of `factor` times the resolution for pictures: each part of an occupied cell is evaluated at
     /// eight random points, and is occupied if the opacity of a sample at any of them reaches `alpha_threshold`.
     ///
-    /// Finer and not dilated, it follows surfaces more closely. As in [`Self::update`], the threshold of a faint field is
-    /// relative: half the density of the mean cell, as what training keeps is dilated.
+    /// The refined grid is not dilated, and follows surfaces more closely. As in [`Self::update`], the threshold of a
+    /// faint field is relative: half the density of the mean cell, because the occupied cells of training are dilated.
     pub fn refined(
         &self,
         factor: usize,
@@ -171,7 +171,7 @@ impl OccupancyGrid {
         self.cell(p).map_or(CellState::UNKNOWN, |cell| self.states[cell])
     }
 
-    /// Computes the box of the occupied cells and the states of all, with the density near each if it is known.
+    /// Computes the box of the occupied cells and the state of each cell, which includes the density `nearby` if it is given.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         let occupied = (0..self.occupied.len()).filter(|&cell| self.occupied[cell]).map(|cell| self.coordinates(cell));
@@ -258,7 +258,7 @@ impl OccupancyGrid {
 
     fn cell(&self, p: Vec3) -> Option<usize> {
         let (n, c) = (self.config.resolution, self.cells_along(p - self.bounds.min));
-        // Written so that NaN is outside.
+        // Both comparisons are false for NaN, which is thus outside.
         let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
         inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
     }
@@ -267,8 +267,8 @@ impl OccupancyGrid {
 /// Maximal distance to occupied cells that is known exactly.
 const MAX_DISTANCE: u16 = 16;
 
-/// State of a cell. If it is occupied: the maximum of its density, as the upper half of an `f32`, which orders values that are
-/// not negative. If it is empty: [`Self::EMPTY`] plus the number of cells to the nearest occupied one.
+/// State of a cell. Occupied: the max density near it, as the upper half of an `f32`, which orders values that are not
+/// negative. Empty: [`Self::EMPTY`] plus the number of cells to the nearest occupied one.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub(crate) struct CellState(u16);
 
@@ -281,7 +281,7 @@ impl CellState {
         Self((density.to_bits() >> 16) as u16)
     }
 
-    /// Returns the cells to the nearest occupied one, at most [`MAX_DISTANCE`]; 0 in an occupied cell and outside the box.
+    /// Returns the number of cells to the nearest occupied one, at most [`MAX_DISTANCE`]; 0 if occupied or outside the box.
     pub(crate) fn distance(self) -> u16 {
         self.0.saturating_sub(Self::EMPTY)
     }
@@ -383,7 +383,7 @@ mod tests {
             }
         }
 
-        /// A sample that is passed over is in an empty cell.
+        /// Every sample that is skipped lies in an empty cell.
         #[test]
         fn nothing_occupied_is_passed_over(
             seed in any::<u64>(),
@@ -418,7 +418,7 @@ mod tests {
         assert!(refined.fraction() >= grid.fraction() && grid.fraction() > 0.5, "{}", refined.fraction());
     }
 
-    /// Also after an update that found nothing: later updates evaluate a part of the cells.
+    /// Checks that a restored grid evaluates the same cells as the original, also after an update that found nothing.
     #[test]
     fn a_restored_grid_resumes() {
         let [mut first, mut second] = [grid(), grid()];
@@ -437,7 +437,7 @@ mod tests {
         assert_eq!(asked[0], asked[1]);
     }
 
-    /// A wall thinner than an interval, whose midpoint lies in an empty cell.
+    /// Checks intervals that contain a thin wall, while their midpoint lies in an empty cell.
     #[test]
     fn an_interval_is_kept_for_any_part_of_it() {
         let mut grid = grid();

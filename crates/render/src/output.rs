@@ -29,7 +29,7 @@ impl Samples {
         Self::new(Segments::uniform(rays, 0), nothing.clone(), nothing, 0)
     }
 
-    /// Returns `packed` samples for a field on `device`, which differs from theirs in tracking gradients at most, and their
+    /// Returns `packed` samples for a field on `device`, which is their device with or without autodiff, and their
     /// positions, `[M, 3]`.
     pub(crate) fn packed(packed: PackedSamples, candidates: usize, device: &Device) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
@@ -44,7 +44,7 @@ impl Samples {
     }
 }
 
-/// Returns `tensor` as one of `device`, which differs from its own in tracking gradients at most.
+/// Converts `tensor` to `device`, which is its own device with or without autodiff.
 pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
     match (tensor.device().is_autodiff(), device.is_autodiff()) {
         (false, true) => tensor.clone().autodiff(),
@@ -53,12 +53,12 @@ pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<
     }
 }
 
-/// Request: outputs to evaluate in addition to opacity and distance.
+/// Outputs to evaluate in addition to opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderRequest {
-    /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
+    /// Whether to evaluate colour. Without it a coarse pass, which then only places fine samples, has no gradient.
     pub color: bool,
-    /// Samples behind the optical depth `render.hidden_depth`: skipped in training, evaluated for pictures.
+    /// Whether to evaluate samples behind the optical depth `render.hidden_depth`: false in training, true for pictures.
     pub hidden: bool,
 }
 

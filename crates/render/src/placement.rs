@@ -15,7 +15,7 @@ pub enum Placement {
     Interval,
 }
 
-/// Tensors are in no graph; `H` is the number of rays.
+/// `H` is the number of rays. No tensor is in an autodiff graph.
 impl Placement {
     /// Every placement.
     pub const ALL: [Self; 3] = [Self::Left, Self::Mid, Self::Interval];
@@ -29,7 +29,7 @@ impl Placement {
     }
 
     /// Returns the sorted coordinates of `count` samples of the first pass between the `ends`, near and far, `[H, 2]`:
-    /// `[H, count]`, or one more of edges. Evenly spaced without `jitter`.
+    /// `[H, count]`, or `[H, count + 1]` of edges. Without `jitter` they are evenly spaced.
     pub(crate) fn first(self, ends: Tensor<2>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
         let rays = ends.dims()[0];
         sampling::stratified(ends, [rays, count], self.rule(), jitter)
@@ -44,12 +44,12 @@ impl Placement {
         }
     }
 
-    /// Returns the coordinate of each sample that `t` places, and length of its interval, `[M]` each.
+    /// Returns the coordinate of each sample that `t` places, and the length of its interval, `[M]` each.
     pub(crate) fn intervals(self, t: Tensor<2>, ends: Tensor<2>, last: LastInterval) -> [Tensor<1>; 2] {
         sampling::intervals(t, ends, self.rule(), last)
     }
 
-    /// Whether a sample stands for all of its interval, and has none in common with another pass.
+    /// Returns whether a sample represents its whole interval; the two passes then share no samples.
     pub(crate) fn spans_intervals(self) -> bool {
         self == Self::Interval
     }

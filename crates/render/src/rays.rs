@@ -20,9 +20,9 @@ pub struct RayBatch {
     pub(crate) on_host: Arc<[Ray]>,
     /// Near and far of each ray, coordinates of the [`Warp`]; `None` for a ray that misses the scene.
     pub(crate) ends: Arc<[Option<[f32; 2]>]>,
-    /// `[R, 3]`, scene units. In an autodiff graph if cameras are learned with the field.
+    /// Origins, `[R, 3]`, scene units; in an autodiff graph if cameras are learned with the field.
     origins: Tensor<2>,
-    /// Unit vectors, `[R, 3]`; in a graph likewise.
+    /// Unit directions, `[R, 3]`; in an autodiff graph if cameras are learned with the field.
     directions: Tensor<2>,
     /// Radius of each ray's cone at distance 1, `[R]`.
     radii: Tensor<1>,
@@ -48,13 +48,13 @@ impl RayBatch {
         Self { on_host, ends, origins, directions, radii, pixels: None, jitter: None, is_tracked: false }
     }
 
-    /// Returns the batch with samples jittered by `noise`, whose item `r` is of ray `r`; without it they are evenly spaced.
+    /// Returns the batch with samples jittered by `noise`, of which ray `r` uses item `r`. Without it samples are evenly spaced.
     #[must_use]
     pub fn jittered(self, noise: Noise) -> Self {
         Self { jitter: Some(noise), ..self }
     }
 
-    /// Returns the batch as rays of these pixels.
+    /// Returns the batch with the pixel of each ray.
     ///
     /// # Panics
     /// If rays and pixels differ in number.
@@ -89,14 +89,14 @@ impl RayBatch {
         self.ends.iter().enumerate().filter_map(|(ray, ends)| ends.map(|_| ray))
     }
 
-    /// Returns near and far of the rays that meet the scene, `[H, 2]`, on the device and in no graph.
+    /// Returns near and far of the rays that meet the scene, `[H, 2]`, on the device and in no autodiff graph.
     pub(crate) fn ends_of_hits(&self) -> Tensor<2> {
         let ends: Vec<f32> = self.ends.iter().flatten().flatten().copied().collect();
         let hits = ends.len() / 2;
         upload(ends, [hits, 2], &self.radii.device())
     }
 
-    /// Returns random numbers of the `rays` for a pass, on the device: for the first one, or for the `fine` one.
+    /// Returns the random numbers of `rays` on the device, for the fine pass if `fine`, else for the first pass.
     pub(crate) fn streams(&self, rays: impl Iterator<Item = usize>, fine: bool) -> Option<Streams> {
         let noise = self.jitter?;
         let noise = if fine { noise.child(RandomStream::FineSamples) } else { noise };
@@ -111,16 +111,16 @@ impl RayBatch {
         [&self.origins, &self.directions].map(|rows| on(rows, &device))
     }
 
-    /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`.
-    /// Gradients of rays in a graph are kept by [`Self::points`] alone.
+    /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`. Only
+    /// [`Self::points`] keeps gradients with respect to rays.
     pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
         let [t, delta, radii] = [&samples.distance, &samples.delta, &self.radii].map(|values| on(values, device));
         let [positions, directions] = [&positions, &self.geometry()[1]].map(|rows| on(rows, device));
         Points { positions, directions, segments: samples.segments.clone(), extent: Extent::Cones { t, delta, radii } }
     }
 
-    /// Returns `warp(o + t d)` for the distances t of `samples`, which are taken as given, as points for a field on `device`.
-    /// Differentiable in rays that are in a graph.
+    /// Returns `warp(o + t d)` for the distances t of `samples`, which have no gradient, as points for a field on
+    /// `device`. Differentiable in rays that are in an autodiff graph.
     pub(crate) fn points(&self, samples: &Samples, warp: &Warp, device: &Device) -> Points {
         if samples.segments.samples() > 0 && (self.is_tracked || is_gpu(device)) {
             let [origins, directions] = [&self.origins, &self.directions].map(|rows| on(rows, device));
@@ -128,7 +128,7 @@ impl RayBatch {
             let positions = warp.points(points_on_rays(origins, directions, t, &samples.segments));
             return self.points_at(positions, samples, device);
         }
-        // On the host one pass over the samples makes them.
+        // On the host one pass over the samples computes all positions.
         let t = samples.t();
         let rays = samples.segments.ranges().zip(self.on_host.iter());
         let position = |ray: &Ray, t: f32| warp.point(ray.at(t)).to_array();

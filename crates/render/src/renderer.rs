@@ -19,16 +19,16 @@ pub struct Renderer {
     pub(crate) config: RenderConfig,
     pub(crate) range: Range,
     pub(crate) near: f32,
-    /// Greatest length of a ray, in coordinates.
+    /// Max length of a ray, in coordinates ([`Warp::coordinate`]).
     pub(crate) longest: f32,
-    /// Box that rays are clipped to, if they are.
+    /// Box to which rays are clipped; `None` if they are not clipped.
     pub(crate) clip: Option<Aabb>,
     pub(crate) warp: Warp,
     pub(crate) background: [f32; 3],
     pub(crate) backdrop: Backdrop,
 }
 
-/// Bounds the memory of pictures: 256 activations per sample take 64 MiB, half of WebGPU's guaranteed buffer size.
+/// Max number of samples at a time without gradients: 256 activations each take 64 MiB, half of WebGPU's guaranteed buffer size.
 const SAMPLES_AT_ONCE: usize = 1 << 16;
 
 impl Renderer {
@@ -103,7 +103,7 @@ impl Renderer {
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 
-    /// Returns the density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
+    /// Evaluates the density of `field` along `rays` at the distances of `output`, so that samples are paired one by one.
     pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &RayBatch, at: Moment) -> RenderOutput {
         let points = rays.points(&output.samples, self.warp(), &field.device());
         let request = RenderRequest { color: false, hidden: true };
@@ -135,9 +135,9 @@ impl Renderer {
     }
 }
 
-/// Evaluates `field` at `positions`, three values per point, that lie on no ray and each represent a region of size
-/// `extent`: returns density and, if asked for, `color`. Points are seen along +z, or each along its own of
-/// `directions`, which cones need.
+/// Evaluates the density of `field`, and colour if `color` is true, at `positions`, three values per point. The points
+/// lie on no ray, and each represents a region of size `extent`. They are seen along +z, or along `directions`, one per
+/// point, which cones need.
 pub fn evaluate_at<F: Field>(
     field: &F,
     positions: Vec<f32>,

@@ -1,4 +1,4 @@
-//! Image-based rendering of what the field fails to fit: residuals of the training views, added to pictures.
+//! Image-based rendering: residuals of the training views, which the field fails to fit, are added to pictures.
 
 use std::sync::{Arc, OnceLock};
 
@@ -20,14 +20,14 @@ const PROBES: usize = 500;
 
 /// Residuals of the training views, photograph minus the field's picture of it, to be added to pictures of new views.
 ///
-/// A pixel of colour C, whose ray ends at the point x (at its expected distance), becomes `C + Σᵢ wᵢ rᵢ / (Σᵢ wᵢ + c)`, where rᵢ is the
-/// residual of training view i at the projection of x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`. θᵢ is the angle between the
-/// pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from camera i and the distance
-/// that the field renders there: it is large where x is hidden from view i. Both are interpolated bilinearly, residuals between
-/// the pixels that are valid, distances between those whose rays hit something as well. Rays that hit nothing are left alone.
-///
-/// This is the unstructured lumigraph (Buehler et al. 2001; without its penalty for resolution) of what the field fails to fit:
-/// detail finer than its tables, gloss, exposure.
+/// A pixel of colour C, whose ray ends at the point x (at its expected distance), becomes `C + Σᵢ wᵢ rᵢ / (Σᵢ wᵢ + c)`.
+/// rᵢ is the residual of training view i at the projection of x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`. θᵢ is the
+/// angle between the pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from
+/// camera i and the distance that the field renders there: it is large where x is hidden from view i. Residuals are
+/// interpolated bilinearly between valid pixels, distances between valid pixels whose rays hit something. Pixels whose
+/// rays hit nothing are unchanged.
+/// The sum is an unstructured lumigraph (Buehler et al. 2001, without its penalty for resolution) of what the field fails
+/// to fit: detail finer than its tables, gloss, exposure.
 #[derive(Debug)]
 pub struct Residuals {
     scene: Arc<Scene>,
@@ -35,8 +35,8 @@ pub struct Residuals {
     sources: Vec<OnceLock<Source>>,
 }
 
-/// Residual of a training view, and the distance that the field renders, row-major. Each pixel has a 1 after its
-/// values, and only zeros where there is no residual or distance.
+/// Residual of a training view, and the distance that the field renders, row-major. The last component of a pixel is 1; a
+/// pixel without a residual or distance has only zeros.
 #[derive(Debug)]
 struct Source {
     residual: Vec<Vec4>,
@@ -55,7 +55,7 @@ impl Residuals {
         Self { scene, cameras, sources }
     }
 
-    /// Returns the residuals for pictures of `longest` pixels on their longest side: none is rendered larger than that.
+    /// Returns the residuals for pictures of `longest` pixels on their longest side: training views are rendered no larger.
     pub fn for_size(self: &Arc<Self>, longest: u32) -> Arc<Self> {
         if self.cameras.iter().all(|camera| camera.width.max(camera.height) <= longest) {
             return self.clone();
@@ -67,8 +67,8 @@ impl Residuals {
         Arc::new(Self::new(Arc::new(Scene { train, ..self.scene.as_ref().clone() }), cameras))
     }
 
-    /// Adds the residuals to `picture`, the field's picture of `camera`, without that of the training view of the file
-    /// `left_out`. `render` makes the field's picture of a training view.
+    /// Adds the residuals to `picture`, the field's picture of `camera`, except the residual of the training view of the
+    /// file `left_out`. `render` renders the field's picture of a training view.
     pub(crate) fn add_to(
         &self,
         picture: &mut RenderedImage,
@@ -92,11 +92,11 @@ impl Residuals {
         picture.rgb = picture.rgb.par_iter().enumerate().map(corrected).map(|rgb| rgb.to_array()).collect();
     }
 
-    /// Returns the photographs with the greatest sums of angular weights over some pixels spread over the picture,
-    /// whether the field hides their points or not; never the one of the file `left_out`.
+    /// Returns the photographs with the largest sums of angular weights over pixels spread across the picture, except the
+    /// one of the file `left_out`. Points that the field hides from a photograph count as well.
     fn nearest(&self, picture: &RenderedImage, camera: &Camera, left_out: Option<&str>) -> Vec<usize> {
         let pixels = picture.depth.len();
-        // Odd, as widths seldom are: otherwise the same few columns would come again and again.
+        // The step is odd: a step that divides the width, which is usually even, would visit only a few columns.
         let step = (pixels / PROBES) | 1;
         let hits: Vec<_> = (0..pixels).step_by(step).filter_map(|pixel| picture.point(camera, pixel)).collect();
         let score = |camera: &Camera| {
@@ -137,7 +137,7 @@ impl Source {
     }
 }
 
-/// Returns the pixel of `camera` that shows `point`, on or within the centres of the pixels at its edges, to rounding.
+/// Returns the pixel of `camera` that shows `point`; `None` beyond the centres of its outermost pixels (up to rounding).
 fn seen_at(camera: &Camera, point: Vec3) -> Option<(f32, f32)> {
     let at = camera.project(point)?;
     let inside = |at: f32, size: u32| (0.49..=size as f32 - 0.49).contains(&at);
@@ -196,14 +196,14 @@ mod tests {
         Scene { train: vec![View::new(0, "photograph", camera, image)], ..Scene::default() }
     }
 
-    /// The residuals of `scene`, whose model has its frame.
+    /// Returns the residuals of `scene` for a model in the scene's frame.
     fn residuals(scene: &Scene) -> Residuals {
         let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
         Residuals::new(Arc::new(scene.clone()), cameras)
     }
 
-    /// Returns how far a picture by the residuals of `scene` is from the grey one, with what the photograph's pattern
-    /// is at the same points. The field has `factor` of the photograph's true distances.
+    /// Returns what the residuals of `scene` add to each pixel of the grey picture, and the photograph's pattern at the
+    /// same point. The field renders `factor` times the photograph's true distances.
     fn added(scene: &Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
         let mut shown = picture(at, 1.0);
         shown.depth[0] = f32::INFINITY;
@@ -251,7 +251,7 @@ mod tests {
         assert!(unchanged(&scene, 1.0), "pixels that do not count");
     }
 
-    /// Between the last pixel that the field fills in the photograph and the next one, what is beyond counts as not seen.
+    /// Checks a field that fills half of the photograph: residuals reach up to the edge, and the other half counts as not seen.
     #[test]
     fn residuals_reach_up_to_silhouettes() {
         let at = camera(0.004);
@@ -269,7 +269,7 @@ mod tests {
         }
     }
 
-    /// A photograph that a picture is compared with adds nothing to it; another one from the same place does.
+    /// Checks that a photograph that is compared with a picture adds nothing to it; another one from the same place does.
     #[test]
     fn left_out_photograph_adds_nothing() {
         let at = camera(0.0);

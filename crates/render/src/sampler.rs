@@ -1,4 +1,4 @@
-//! Placement of samples along rays: candidate distances, minus what is known to be empty or hidden.
+//! Placement of samples along rays: candidate distances, without those that are known to be empty or hidden.
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::Points;
@@ -19,15 +19,15 @@ use crate::steps::UniformSteps;
 pub(crate) struct Skip<'a> {
     /// Empty space; nothing is skipped without a grid.
     pub(crate) grid: Option<&'a OccupancyGrid>,
-    /// Optical depth, as the grid remembers it, behind which everything is hidden.
+    /// Optical depth, computed from the grid's densities, behind which samples are hidden.
     pub(crate) hidden_depth: f32,
 }
 
-/// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped. In no graph.
+/// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped; in no autodiff graph.
 #[derive(Clone, Debug)]
 pub(crate) struct PassDistances {
-    /// Sorted coordinates by which a [`Placement`](crate::Placement) places `N` samples of each ray, `[H, N]` or, of edges, `[H, N + 1]`. A
-    /// coordinate is the distance, unless space is warped ([`Warp::coordinate`](crate::Warp::coordinate)).
+    /// Sorted coordinates of `N` samples of each ray, `[H, N]`, or of their edges, `[H, N + 1]`. They are distances,
+    /// unless space is warped ([`Warp::coordinate`](crate::Warp::coordinate)).
     t: Tensor<2>,
     /// Near and far of each ray, coordinates, `[H, 2]`.
     ends: Tensor<2>,
@@ -101,8 +101,8 @@ impl Renderer {
         PassDistances { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
     }
 
-    /// Distances of the fine pass, drawn from the weights of the coarse one, whose samples have optical depths `tau`. A
-    /// coarse sample that was skipped has weight 0.
+    /// Draws the distances of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`.
+    /// A coarse sample that was skipped has weight 0.
     pub(crate) fn fine_distances(
         &self,
         rays: &RayBatch,
@@ -125,7 +125,7 @@ impl Renderer {
         PassDistances { t: self.config.placement.fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
-    /// Places the samples of a pass for a field on `device`, less those that are skipped.
+    /// Places the samples of a pass for a field on `device`, without those that are skipped.
     pub(crate) fn place(
         &self,
         rays: &RayBatch,
@@ -183,10 +183,10 @@ impl Renderer {
         (near < far).then(|| [near, far].map(|t| self.warp.coordinate(t)))
     }
 
-    /// Calls `keep` with the samples, an index and `(t, δ)` each, that are neither in empty cells nor behind the hidden depth.
-    /// A sample that stands for its interval lies in every cell that this passes.
+    /// Calls `keep` with each sample, an index and `(t, δ)`, that is neither in an empty cell nor behind the hidden
+    /// depth. A sample that represents its interval lies in every cell that the interval passes.
     ///
-    /// A hidden sample would count in the ray's entropy, which is then that of the visible part alone.
+    /// Hidden samples would count in the ray's entropy. Without them it is the entropy of the visible part.
     fn keep<I>(
         &self,
         samples: impl Iterator<Item = (I, (f32, f32))>,
@@ -248,8 +248,8 @@ mod tests {
         got.iter().zip(want).for_each(|(a, b)| approx::assert_relative_eq!(a, b, epsilon = 1e-5, max_relative = 1e-5));
     }
 
-    /// By every rule, in and out of warped space, in both passes: a grid that knows nothing changes no sample, and tensors of
-    /// rays in a graph lead to the positions that the host computes.
+    /// Checks every rule, with and without a warp, in both passes: a grid without empty cells changes no sample, and
+    /// tensors of rays in a graph lead to the positions that the host computes.
     #[test]
     fn host_and_tensors_place_the_same_samples() {
         let device = Device::flex();
@@ -292,7 +292,7 @@ mod tests {
         }
     }
 
-    /// Through a grid with holes and behind what hides: the march keeps the steps that are kept one by one.
+    /// Checks that a march through a grid with empty cells and hidden parts keeps the same steps as [`Renderer::keep`].
     #[test]
     fn march_skips_what_the_grid_knows_to_be_empty_or_hidden() {
         let device = Device::flex();

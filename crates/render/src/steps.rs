@@ -9,11 +9,11 @@ use crate::occupancy::{CellState, OccupancyGrid};
 use crate::renderer::Renderer;
 use crate::warp::WarpedRay;
 
-/// Steps whose cells are looked up at a time: their arithmetic overlaps in the processor.
+/// Number of steps whose cells are looked up at a time, so that their arithmetic overlaps in the processor.
 const BLOCK: usize = 8;
 
-/// Samples along a ray, front to back: steps of one length, less those in empty cells of a grid. Two or four steps are one
-/// sample where [`Self::join`] allows it.
+/// Samples along a ray, front to back: steps of one length, without those in empty cells of a grid. Two or four steps
+/// share one sample where [`Self::join`] allows it.
 #[derive(Clone, Debug)]
 pub(crate) struct UniformSteps<'a> {
     /// The ray in the space of the grid.
@@ -27,7 +27,7 @@ pub(crate) struct UniformSteps<'a> {
     length: f32,
     /// Position of the sample within a step, 0 to 1.
     shift: f32,
-    /// Two steps are one sample where both cells are below the first of these, four where all are below the second.
+    /// States of cells: two steps share one sample if both are below the first, four steps if all are below the second.
     joined: [CellState; 2],
     block: Block,
     next: usize,
@@ -39,7 +39,7 @@ pub(crate) struct UniformSteps<'a> {
 pub(crate) struct Step {
     /// Distance along the ray.
     pub(crate) t: f32,
-    /// Length of the interval that it stands for, in coordinates.
+    /// Length of the sample's interval, in coordinates.
     pub(crate) delta: f32,
     /// Point at which a field is evaluated.
     pub(crate) point: Vec3,
@@ -71,7 +71,7 @@ impl<'a> UniformSteps<'a> {
         let block = Block { range: 0..0, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
         let all = Self { line, grid, steps_per_cell: 0.0, near, length, shift, joined, block, next: 0, last };
         let Some(grid) = grid else { return all };
-        // A little less, as cells and steps are rounded.
+        // The factor 0.999 allows for the rounding of cells and steps.
         let steps_per_cell = 0.999 / grid.cells_along(line.max_speed([near, far]) * length).max_element();
         let all = Self { steps_per_cell, ..all };
         if renderer.clip.is_none() {
@@ -83,12 +83,12 @@ impl<'a> UniformSteps<'a> {
         Self { next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
-    /// Makes one sample, from here on, of two steps of optical depths below `depths[0]`, and of four below `depths[1]`.
+    /// Lets two steps of optical depths below `depths[0]` share one sample from here on, and four below `depths[1]`.
     pub(crate) fn join(&mut self, depths: [f32; 2]) {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
-    /// Returns the sample that stands for `count` steps from the step `at` on, which may lie between two.
+    /// Returns the sample of step `at`, which may lie between two steps, with an interval of `count` steps.
     #[inline]
     fn step(&self, at: f32, count: usize) -> Step {
         let t = self.line.warp.distance(self.near + (at + self.shift) * self.length);
@@ -106,7 +106,7 @@ impl<'a> UniformSteps<'a> {
         (self.block.steps[place], self.block.states[place])
     }
 
-    /// Returns the number of steps from the next on, whose cell has state `first`, that are one sample.
+    /// Returns how many steps, from the next one on, share a sample; `first` is the state of the next step's cell.
     fn together(&mut self, grid: &OccupancyGrid, first: CellState) -> usize {
         let ([two, four], left) = (self.joined, self.last - self.next);
         let mut thin = |ahead: usize, most: CellState| self.look_up(grid, self.next + ahead).1 < most;
@@ -130,7 +130,7 @@ impl Iterator for UniformSteps<'_> {
             };
             let (step, state) = self.look_up(grid, at);
             if let Some(away) = state.distance().checked_sub(1) {
-                // Steps through wide empty space are passed over many at a time.
+                // Many steps through wide empty space are skipped at a time.
                 self.next += 1 + (f32::from(away) * self.steps_per_cell) as usize;
                 continue;
             }

@@ -19,14 +19,14 @@ pub enum SpaceChoice {
     Ndc,
     /// Contraction.
     Contraction,
-    /// Chosen as `auto` does, but contraction begins at the ball about the centre that holds three quarters of the
-    /// surface points, if that is within the cameras' distance: fields are finest there.
+    /// Chosen as by `auto`, but contraction only scales the ball about the centre that holds three quarters of the
+    /// surface points, at most out to the cameras: fields are finest there.
     Content,
 }
 
-/// The greatest coordinate `s` in warped space: about that of a bounded scene, so that densities have a similar scale.
+/// Max coordinate `s` in warped space, about that of a bounded scene, so that densities have a similar scale.
 const REACH: f32 = 4.0;
-/// Distances are clamped to this many near depths or radii.
+/// Max distance, in units of the near depth (NDC) or of the radius (contraction).
 const HORIZON: f32 = 1e4;
 /// Share of the surface points that the ball of [`SpaceChoice::Content`] holds.
 const SHARE: f32 = 0.75;
@@ -44,7 +44,7 @@ pub enum Warp {
         to_camera: Mat4,
         /// Focal lengths over half the image's width and height.
         scale: Vec2,
-        /// The nearest depth n, scene units.
+        /// Min depth n, scene units.
         near: f32,
     },
     /// Contraction (mip-NeRF 360, Barron et al. 2022, Eq. 10): with x from `centre` in units of `radius`, x where |x| ≤ 1,
@@ -93,7 +93,7 @@ impl Warp {
         *self == Self::Identity
     }
 
-    /// Returns the distance up to which rays are sampled whatever the scene's far distance, in contraction.
+    /// Returns the distance up to which rays are sampled in contraction, in place of the scene's far distance.
     pub(crate) fn horizon(&self) -> Option<f32> {
         if let Self::Contraction { radius, .. } = self { Some(radius * HORIZON) } else { None }
     }
@@ -107,12 +107,12 @@ impl Warp {
         })
     }
 
-    /// Returns the part of [`Self::point`] that is not linear, of a point in the axes of the mean camera, or in radii.
+    /// Applies the nonlinear part of [`Self::point`] to a point in the axes of the mean camera, or in radii.
     fn curved(&self, x: Vec3) -> Vec3 {
         match self {
             Self::Identity => x,
             Self::Ndc { scale, near, .. } => {
-                // What lies before the nearest depth stays at its plane.
+                // Depths are clamped to at least half of `near`.
                 let share = 1.0 / (-x.z).max(0.5 * near);
                 Vec3::new(scale.x * x.x * share, scale.y * x.y * share, 1.0 - 2.0 * near * share)
             }
@@ -144,7 +144,7 @@ impl Warp {
             Self::Identity => p,
             Self::Ndc { to_camera, scale, near } => {
                 let [x, y, z, origin] = to_camera.to_cols_array_2d().map(|[x, y, z, _]| row([x, y, z]));
-                // Not as a product of matrices: a GPU may round the factors of those.
+                // This is no product of matrices, whose factors a GPU may round.
                 let [a, b, c] = [0, 1, 2].map(|axis| p.clone().narrow(1, axis, 1));
                 let p = a * x + b * y + c * z + origin;
                 let z = p.clone().narrow(1, 2, 1).neg().clamp_min(0.5 * near);
@@ -178,8 +178,8 @@ impl Warp {
         }
     }
 
-    /// Returns Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points
-    /// of the world of what has the gradient g at the points `q` that they are mapped to.
+    /// Returns Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: converts the `gradient` g with respect
+    /// to mapped points `q` to the gradient with respect to points of the world.
     pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
         if self.is_identity() {
             return gradient;
@@ -282,9 +282,9 @@ impl WarpedRay<'_> {
     /// infinite where there is none.
     ///
     /// NDC: `dq/ds = (t/z)² (aₓ (d_z x₀ − dₓ z₀), a_y (d_z y₀ − d_y z₀), 2n d_z) / 4n` for a ray `x₀ + t d` in the mean
-    /// camera's axes, of depth z; t/z is monotonic. Contraction: 1 as far as `s = u`; from u = 2 on `du/ds = u²/4`, while
-    /// `|dq/du| ≤ 1`, and falls faster than u² grows from u = c + 1 on, c the distance of the ray's origin from the
-    /// centre in radii: `((1 + c)/2)²` at most.
+    /// camera's axes, of depth z; t/z is monotonic. Contraction: 1 where `s = u`. From u = 2 on `du/ds = u²/4` and
+    /// `|dq/du| ≤ 1`. From u = c + 1 on `|dq/du|` falls faster than u² grows, with c the distance of the ray's origin
+    /// from the centre in radii: the bound is `((1 + c)/2)²`.
     pub(crate) fn max_speed(&self, [near, far]: [f32; 2]) -> Vec3 {
         let (o, d) = (self.origin, self.direction);
         match self.warp {
@@ -303,7 +303,7 @@ impl WarpedRay<'_> {
     }
 }
 
-/// Returns the radius of the ball that holds [`SHARE`] of the surface points, at most the cameras'; theirs without points.
+/// Returns the radius of the ball that holds [`SHARE`] of the surface points, at most the cameras' radius; without points, that.
 fn content_radius(space: &infonerf_scene::Space) -> f32 {
     let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
     let Some(last) = distances.len().checked_sub(1) else { return space.radius };
@@ -315,14 +315,14 @@ fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
 }
 
-/// Returns the first camera at the mean position and direction of all; `None` if any faces away from that direction.
+/// Returns the first camera, moved to the mean position and direction of all; `None` if any faces away from that direction.
 fn mean_camera(scene: &Scene) -> Option<Camera> {
     let first = cameras(scene).next()?;
     let count = cameras(scene).count() as f64;
     let sum = cameras(scene).fold(glam::DMat4::ZERO, |sum, camera| sum + camera.to_world);
     let [place, back] = [sum.w_axis, sum.z_axis].map(|axis| axis.truncate() / count);
     let back = back.try_normalize()?;
-    // A camera that faces away sees nothing of what is before the mean one.
+    // A camera that faces away sees nothing in front of the mean camera.
     if cameras(scene).any(|camera| camera.to_world.z_axis.truncate().dot(back) <= 0.0) {
         return None;
     }
@@ -449,7 +449,7 @@ mod tests {
             }
         }
 
-        /// No part of a ray passes cells faster than the bound says.
+        /// No part of a ray moves through warped space faster than its bound.
         #[test]
         fn no_ray_is_faster_than_its_bound(
             (x, y, z) in (-0.4f32..0.4, -0.4f32..0.4, -0.4f32..0.4),

@@ -18,10 +18,10 @@ use crate::record::{Record, distinct};
 pub struct Claim {
     /// Statement in words.
     pub statement: String,
-    /// Quantity that is compared; one that is best at 1 by its distance from 1.
+    /// Quantity that is compared. A quantity that is best at 1 is compared by its distance from 1.
     pub metric: Quantity,
-    /// Smallest difference that matters, in the metric's unit: the allowance of *not worse*, and the gain that a
-    /// *better* that fails has been shown not to reach. 0 if none is given.
+    /// Minimum difference that matters, in the metric's unit; 0 if none is given. *Not worse* allows a loss below the margin.
+    /// *Better* fails if a gain of the margin is excluded.
     pub margin: f64,
     /// Comparisons, each of which has to hold.
     pub comparisons: Vec<Comparison>,
@@ -54,7 +54,7 @@ impl TryFrom<Unchecked> for Claim {
     }
 }
 
-/// Relation between two sides.
+/// Claimed relation between two sides.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
@@ -115,14 +115,14 @@ pub struct TestedClaim {
 impl Claim {
     /// Tests the claim on `records`.
     ///
-    /// Differences are taken within pairs of the same scene and view set (seed), so that hard scenes and lucky views
-    /// cancel. The 95 % confidence interval of their mean decides: *better* holds if all of it is above zero and fails
-    /// if all of it is below the margin (a gain of that size is excluded then, as in a test of equivalence); *not
-    /// worse* holds if all of it is above −margin and fails if all of it is below; *near* holds if all of |left| − ½
-    /// |right| is below zero, with the signs of the sides' means. It is the interval over other view sets of *these
-    /// scenes*, as for a mean over a benchmark's scenes with its spread; the wider one over *scenes like these* (a
-    /// mixed model) is given as well, and decides where scenes have one view set each. Runs that collapsed count as
-    /// they are. A single pair decides nothing.
+    /// Differences are taken within pairs of the same scene and view set (seed), so that the difficulty of scenes and views
+    /// cancels. The 95 % confidence interval of the mean difference decides. *Better* holds if the whole interval is above zero,
+    /// and fails if the whole interval is below the margin, which excludes a gain of that size (as in a test of equivalence).
+    /// *Not worse* holds if the whole interval is above −margin, and fails if it is below −margin. *Near* holds if the whole
+    /// interval of |left| − ½ |right|, with the signs of the sides' means, is below zero, and fails if it is above. The interval
+    /// is over other view sets of *these scenes*, as for the mean of a benchmark. The wider interval over *scenes like these*
+    /// (a mixed model) is reported as well, and decides if each scene has one view set. Collapsed runs count with their values.
+    /// A single pair decides nothing.
     pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
         let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
         let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();
@@ -159,7 +159,7 @@ impl Side {
 }
 
 impl Verdict {
-    /// Returns the class of its mark on a page.
+    /// Returns the CSS class of the verdict's mark on a page.
     pub(crate) fn class(self) -> &'static str {
         match self {
             Self::Holds => "holds",
@@ -182,16 +182,16 @@ impl fmt::Display for Verdict {
 
 /// Result of a [`Comparison`].
 ///
-/// A pair is both of its sides on one scene with one view set (seed).
+/// A pair has both sides of the comparison on one scene with one view set (seed).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// Formula of the comparison, such as `PSNR (dB): entropy > none`.
     pub formula: String,
-    /// Left side minus right side, as the mean over pairs with the interval that decides, for *near* the excess |left| −
-    /// ½ |right| of the means; then the mean with the interval over scenes like these, such as `+0.42 [+0.10, +0.74] on
-    /// these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like them (mixed model, REML, Satterthwaite)`.
+    /// Mean over pairs of left minus right (for *near*, of |left| − ½ |right|) with the interval that decides, then with the
+    /// interval over scenes like these, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on
+    /// scenes like them (mixed model, REML, Satterthwaite)`.
     pub found: String,
-    /// Difference in the paper; empty if it lacks a side.
+    /// Difference in the paper; empty if the paper lacks a side.
     pub in_paper: String,
     /// Verdict of the difference found.
     pub verdict: Verdict,
@@ -267,13 +267,13 @@ pub fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Maps the value of a quantity that is best at 1 to its distance from 1, of which less is better; keeps any other.
+/// Maps the value of a quantity that is best at 1 to its distance from 1, for which less is better; keeps other values.
 fn compared(quantity: Quantity, value: f64) -> f64 {
     if quantity.better == Better::NearOne { (value - 1.0).abs() } else { value }
 }
 
 /// Returns left minus right of each scene's pairs; for *near* `|left| − ½ |right|` with the signs of the sides' means.
-/// A sign for each pair would take noise about 0 for a distance.
+/// Absolute values of single pairs would count noise around 0 as a distance.
 fn differences(relation: Relation, scenes: Vec<Vec<[f64; 2]>>) -> Vec<Vec<f64>> {
     let mean = |side: usize| {
         let of_scene = |pairs: &Vec<[f64; 2]>| pairs.iter().map(|pair| pair[side]).sum::<f64>() / pairs.len() as f64;
@@ -367,7 +367,7 @@ mod tests {
             ("a", Relation::Better, "c", Verdict::Undecided, "a > c"),
             // A gain as large as the margin is excluded.
             ("d", Relation::Better, "a", Verdict::Fails, "d > a"),
-            // It may be worse by more than the margin.
+            // The interval contains losses of more than the margin.
             ("c", Relation::NotWorse, "a", Verdict::Undecided, "c > a − 0.5"),
             ("d", Relation::NotWorse, "a", Verdict::Holds, "d > a − 0.5"),
             ("a", Relation::Better, "none", Verdict::Untested, "a > none"),
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!(found("info - few", "both - many"), "+7.40 [+7.15, +7.65] over 3 scenes");
     }
 
-    /// A gain on one scene and a loss on the other are a gain on these two, and say nothing of a third.
+    /// A gain on one scene and a smaller loss on the other are a gain on these two scenes, but decide nothing for others.
     #[test]
     fn interval_of_these_scenes_decides() {
         let pairs = |(scene, gain)| {

@@ -6,7 +6,7 @@ use infonerf_metrics::MetricError;
 /// Error at which [`error_image`] reaches the end of its scale.
 const ERROR_FULL_SCALE: f32 = 0.5;
 
-/// Returns a dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+/// Maps `t` in `[0, 1]` to RGB in `[0, 1]`, from dark blue to yellow in even perceptual steps.
 ///
 /// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
 /// `t` is clamped, NaN counts as 0.
@@ -23,7 +23,7 @@ pub(crate) fn viridis(t: f32) -> [f32; 3] {
     polynomial(t, &coefficients)
 }
 
-/// Returns a blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+/// Maps `t` in `[0, 1]` to RGB in `[0, 1]`, a rainbow from blue to red that shows small differences.
 ///
 /// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped,
 /// NaN counts as 0.
@@ -79,7 +79,7 @@ pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) 
     })
 }
 
-/// Draws the mean absolute error over channels: dark is right, yellow 0.5 off or more (viridis), white not finite.
+/// Draws the absolute error, the mean over channels, in viridis: dark is 0, yellow 0.5 or more, white not finite.
 ///
 /// Images are row-major `[height × width]`, values in `[0, 1]`.
 ///
@@ -92,7 +92,7 @@ pub fn error_image(render: &[[f32; 3]], truth: &[[f32; 3]], width: u32, height: 
     })
 }
 
-/// Draws the colour of each pixel of two inputs with these names; white is `None`.
+/// Draws an image with the `colour` of each pixel of two inputs; `None` is white. Errors name the inputs by `names`.
 fn drawn<A, B>(
     names: [&'static str; 2],
     first: &[A],

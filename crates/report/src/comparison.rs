@@ -40,7 +40,7 @@ struct ComparisonPage<'a> {
     sliders: Vec<Slider<'a>>,
 }
 
-/// View with a slider between render and truth, which are URLs that hold the images.
+/// View with a slider between render and truth, both of which are data URLs.
 struct Slider<'a> {
     name: &'a str,
     truth: String,
@@ -58,8 +58,8 @@ struct ComparisonJson<'a> {
 }
 
 impl<'a> PictureComparison<'a> {
-    /// Writes into `folder`, and returns, `comparison.json`, which has every number, and `comparison.html`, a table and
-    /// images with a slider between render and truth.
+    /// Writes `comparison.json`, which has every number, and `comparison.html`, a table and images with a slider between render
+    /// and truth, into `folder`. Returns their paths.
     ///
     /// # Errors
     /// If a file cannot be written, or an image cannot be read again.
@@ -105,7 +105,7 @@ impl<'a> PictureComparison<'a> {
     }
 }
 
-/// Makes the page of other programs' renders, with as many views as browsers open quickly.
+/// Makes the page of other programs' renders, with the first views whose images take at most `MAX_BYTES`.
 fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError> {
     let metrics = comparison.metrics();
     let size = |path: &Path| fs::metadata(path).map(|file| file.len()).map_err(ReportError::io("read", path));
@@ -123,7 +123,7 @@ fn comparison_page(comparison: &PictureComparison) -> Result<String, ReportError
     Ok(rendered(&ComparisonPage { title, protocol, comparison, metrics: &metrics, sliders }))
 }
 
-/// Reads an image into a URL that holds it; a TIFF, which browsers do not show, as PNG of 8 bits.
+/// Reads an image as a data URL; a TIFF, which browsers do not show, becomes a PNG of 8 bits.
 fn data(path: &Path) -> Result<String, ReportError> {
     let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
     let format = image::guess_format(&bytes).map_err(ReportError::io("read", path))?;

@@ -47,7 +47,7 @@ pub(crate) struct ReportContents<'a> {
 pub(crate) struct SceneContents<'a> {
     pub(crate) gallery: SceneGallery<'a>,
     pub(crate) figures: Vec<Figure>,
-    /// Label of each run that has a page which shows its scene in 3D, and the page's path relative to the report.
+    /// Label of each run that has a page with its scene in 3D, and the path of the page relative to the report.
     pub(crate) viewers: Vec<(String, String)>,
 }
 
@@ -58,13 +58,13 @@ impl<'a> ReportContents<'a> {
         let names = distinct(&records, |record| record.scene.clone());
         let several = names.len() > 1;
         let tables = Quantity::all().into_iter().filter(|quantity| several && measured(&records, *quantity));
-        // The protocol stands once, above all.
+        // The protocol is printed once, above all tables.
         let bare = |table: Table, title: String| Table { title, protocol: Vec::new(), ..table };
         let pictured = pictured(&records);
         if pictured.len() < groups(records.iter().copied()).len() {
             missing.push(format!("images and curves of all but the {MAX_PICTURED} variants with the highest PSNR"));
         }
-        // A view has a truth, and a render, its depth and its error for each variant.
+        // Images of a view: the truth, and the render, depth and error of each variant.
         let of_a_view = 3 * pictured.len() + 1;
         let most = (MAX_IMAGES / (of_a_view * names.len().max(1))).clamp(1, MAX_VIEWS);
         let mut left = MAX_IMAGES / of_a_view;
@@ -112,7 +112,7 @@ impl<'a> ReportContents<'a> {
 }
 
 impl<'a> SceneContents<'a> {
-    /// Adds the curves and pages of its runs to a gallery. Events that cannot be read are named in `missing`.
+    /// Adds the curves and 3D pages of a gallery's runs to the gallery. Events that cannot be read are named in `missing`.
     fn gather(gallery: SceneGallery<'a>, root: &Path, missing: &mut Vec<String>) -> Result<Self, ReportError> {
         let (mut curves, mut viewers) = (Vec::new(), Vec::new());
         for (label, record) in &gallery.runs {

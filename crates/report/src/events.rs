@@ -25,7 +25,7 @@ pub struct StepEvent {
 pub struct Events {
     /// Training steps, in the order of the file.
     pub steps: Vec<StepEvent>,
-    /// Number of lines that are not JSON (a killed run's last one), of an unknown event, or without a `step`.
+    /// Number of lines that are not JSON (such as the last one of a killed run), of an unknown event, or without a `step`.
     pub skipped: usize,
 }
 
@@ -61,7 +61,7 @@ enum EventLine {
     Collapse,
 }
 
-/// Reads the values that are numbers: a loss that is not finite is written as `null`.
+/// Reads the values that are numbers, and leaves out losses that were not finite, which are written as `null`.
 fn finite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
     let values: BTreeMap<String, Option<f64>> = Deserialize::deserialize(deserializer)?;
     Ok(values.into_iter().filter_map(|(name, value)| Some((name, value?))).collect())

@@ -1,4 +1,4 @@
-//! The charts that every report has, made from the records and from what the runs wrote while training.
+//! Charts that every report has, made from the records and the training events of the runs.
 
 use std::collections::BTreeSet;
 
@@ -14,18 +14,18 @@ const CURVE_POINTS: usize = 200;
 /// Chart with its caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Stem of its file name, `plots/<name>.svg` next to `report.html`.
+    /// Stem of the file name, `plots/<name>.svg` next to `report.html`.
     pub name: String,
-    /// Description for readers who cannot see it.
+    /// Description for readers who cannot see the chart.
     pub title: String,
     /// SVG from a function of [`crate::chart`].
     pub svg: String,
-    /// Text below it; may be empty.
+    /// Text below the chart; may be empty.
     pub caption: String,
 }
 
 impl Figure {
-    /// Makes a figure of a chart with this frame, whose title describes it.
+    /// Makes a figure of the chart `svg`, which the title of its `frame` describes.
     pub fn new(name: impl Into<String>, frame: ChartFrame, svg: String, caption: &str) -> Self {
         Self { name: name.into(), title: frame.title, svg, caption: caption.into() }
     }
@@ -98,7 +98,7 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
     Ok(figures)
 }
 
-/// Returns a curve of each term of a run's objective. A term that is exactly 0 is not on yet.
+/// Returns a curve of each term of a run's objective, without the steps at which the term is exactly 0: not active yet.
 fn terms(events: &Events) -> Vec<Series> {
     let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
     let value = |step: &StepEvent, name: &String| step.losses.get(name).copied().filter(|value| *value != 0.0);
@@ -106,10 +106,10 @@ fn terms(events: &Events) -> Vec<Series> {
     names.into_iter().filter_map(term).collect()
 }
 
-/// Point of a curve at a step; `None` where it has none.
+/// Function that returns the point of a curve at a step; `None` if the step has no point.
 type Point<'a> = &'a dyn Fn(&StepEvent) -> Option<(f64, f64)>;
 
-/// Returns a curve of a run; `None` if it has less than two points.
+/// Returns a curve of a run; `None` if the curve has fewer than two points.
 fn curve(name: &str, events: &Events, point: Point) -> Option<Series> {
     let points = averaged(&events.steps.iter().filter_map(point).collect::<Vec<_>>());
     (points.len() > 1).then(|| Series { name: name.to_owned(), points })
@@ -121,7 +121,7 @@ fn by_step(title: String, y: &str, series: &[Series]) -> ChartFrame {
     ChartFrame { title, x: Axis::linear("step"), y: Axis { label: y.into(), log } }
 }
 
-/// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of as many neighbours.
+/// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of an equal number of neighbouring points.
 fn averaged(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let size = points.len().div_ceil(CURVE_POINTS).max(1);
     let mean = |chunk: &[(f64, f64)]| {

@@ -1,4 +1,4 @@
-//! Files that are complete or not there.
+//! Atomic writing of files.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::ReportError;
 
-/// Writes `bytes` to another name and renames it to `path`: a reader sees the old file or the new one, never a part.
+/// Writes `bytes` to a temporary file and renames it to `path`: a reader sees the old file or the new one, never a part.
 /// Missing folders are created; a link stays, and its target is replaced; a pipe or a device is written into.
 ///
 /// # Errors

@@ -21,13 +21,13 @@ const KINDS: [(&str, &str); 3] = [("render", "test"), ("depth", "depth"), ("erro
 
 pub(crate) struct SceneGallery<'a> {
     pub(crate) scene: String,
-    /// Run of each variant that has runs of the scene: its label as in the tables, and the record of its lowest seed.
+    /// Runs with the lowest seed of each variant that has runs of the scene: label, as in the tables, and record.
     pub(crate) runs: Vec<(String, &'a Record)>,
     pub(crate) views: Vec<GalleryView>,
 }
 
 pub(crate) struct GalleryView {
-    /// Stem of the files' names.
+    /// Stem of the names of the view's files.
     pub(crate) name: String,
     pub(crate) truth: Option<GalleryImage>,
     /// Render, depth and error of each of the gallery's runs.
@@ -55,8 +55,8 @@ pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
 }
 
 impl<'a> SceneGallery<'a> {
-    /// Reads the views that `choose` picks from those that every run of `scene` has, or from all if there is none, of
-    /// the lowest seed of each variant. Images that are missing or cannot be read are left out and named in `missing`.
+    /// Reads images of the lowest seed of each variant: of the views that `choose` picks from those that every run of `scene`
+    /// has, or from all if no view is shared. Images that are missing or cannot be read are left out and named in `missing`.
     pub(crate) fn collect(
         variants: &[VariantGroup<'a>],
         root: &Path,
@@ -99,7 +99,7 @@ impl<'a> SceneGallery<'a> {
 }
 
 impl GalleryView {
-    /// Returns whether any run has an image of the kind at this place of [`KINDS`].
+    /// Returns whether any run has an image of the kind with this index in [`KINDS`].
     pub(crate) fn has(&self, kind: usize) -> bool {
         self.shots.iter().any(|shots| shots[kind].is_some())
     }
@@ -144,7 +144,7 @@ pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
     Ok(png.into_inner())
 }
 
-/// Chooses `count` of the names, from the middles of as many equal parts.
+/// Chooses `count` of the names: the middle one of each of `count` equal parts.
 pub(crate) fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     if names.len() <= count {
         return names;

@@ -19,7 +19,7 @@ pub struct ReportInput {
     pub title: String,
     /// Records of the runs, variants in the order in which they are shown.
     pub records: Vec<Record>,
-    /// Cautions that stand above all numbers, such as `procedural scenes`.
+    /// Warnings that are shown above all numbers, such as `procedural scenes`.
     pub warnings: Vec<String>,
     /// Charts in addition to those of every report.
     pub figures: Vec<Figure>,
@@ -32,7 +32,7 @@ pub struct ReportInput {
 }
 
 impl ReportInput {
-    /// Makes a report of `records`.
+    /// Makes the input of a report of `records`.
     #[must_use]
     pub fn new(experiment: &str, title: &str, records: Vec<Record>) -> Self {
         Self { experiment: experiment.into(), title: title.into(), records, ..Self::default() }

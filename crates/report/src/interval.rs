@@ -3,9 +3,9 @@ use std::fmt;
 use infonerf_metrics::Summary;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Share of repetitions whose interval contains the true mean.
+/// Confidence level: share of repeated experiments whose interval contains the true mean.
 const CONFIDENCE: f64 = 0.95;
-/// Sums of squares below this share of the total are rounding errors.
+/// Share of the total sum of squares below which a sum of squares is taken for a rounding error.
 const ROUNDING: f64 = 1e-18;
 
 /// Mean with its 95 % confidence interval: mean ± t SE, where t is the 97.5 % quantile of Student's distribution.
@@ -13,7 +13,7 @@ const ROUNDING: f64 = 1e-18;
 pub struct Interval {
     /// Estimate of the mean.
     pub mean: f64,
-    /// Lower and upper end; `None` if a single value leaves nothing to estimate a spread from.
+    /// Lower and upper end; `None` for a single value, from which no spread can be estimated.
     pub bounds: Option<[f64; 2]>,
 }
 
@@ -36,14 +36,14 @@ impl Interval {
     }
 
     /// Estimates the mean difference over exactly these scenes (a difference per view set, at least one), each with the
-    /// same weight, over other view sets: a linear model with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s²
+    /// same weight, over other view sets: a linear model with the `a` scenes as fixed effects. SE = s √(Σ 1/n)/a, where s²
     /// = Σ (d − scene's mean)² / (N − a) is pooled over the scenes and has N − a degrees of freedom. For a single scene
-    /// it is Student's paired test.
+    /// this is Student's paired test.
     ///
     /// View sets of one scene count as independent of those of another. The paper's spreads agree with that: NeRF's
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.
     ///
-    /// `None` if every scene has a single pair, from which no spread of view sets follows.
+    /// Returns `None` if every scene has a single pair, from which the spread over view sets cannot be estimated.
     pub(crate) fn on_these_scenes(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let count = scenes.len() as f64;
@@ -61,9 +61,9 @@ impl Interval {
 
     /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e,
     /// fitted by restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest.
-    /// If all scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
+    /// If all scenes have equally many pairs and differ more than their pairs do, this is Student's test of the scenes' means.
     ///
-    /// `None` for a single scene.
+    /// Returns `None` for a single scene.
     pub(crate) fn on_scenes_alike(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();
@@ -90,8 +90,8 @@ fn moments(values: &[f64]) -> [f64; 3] {
 ///
 /// With λ = Var b / Var e, a scene has the weight w = n/(1 + λn), and μ = Σ w·mean / Σ w. REML minimises the deviance
 /// (N − 1) ln s² + R/s² + Σ ln(1 + λn) + ln Σ w, where R = within + Σ w (mean − μ)², so s² = R/(N − 1), over λ ≥ 0. The
-/// squared standard error of μ is V = s²/Σ w. Satterthwaite: 2 V²/Var V, with Var V from the deviance's Hessian H in
-/// (ln s², λ): 1/(gᵀH⁻¹g) with g the gradient of ln V; N − 1 where λ = 0.
+/// squared standard error of μ is V = s²/Σ w. Its degrees of freedom (Satterthwaite) are 2 V²/Var V = 1/(gᵀH⁻¹g) with the
+/// deviance's Hessian H in (ln s², λ) and g the gradient of ln V; N − 1 where λ = 0.
 fn reml(moments: &[[f64; 3]], within: f64) -> Interval {
     let free = moments.iter().map(|[n, ..]| n).sum::<f64>() - 1.0;
     let weight = |n: f64, lambda: f64| n / (1.0 + lambda * n);
@@ -134,7 +134,7 @@ impl fmt::Display for Interval {
     /// Writes `+0.42 [+0.10, +0.74]`, with the formatter's precision (2 decimals when none is given).
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let precision = f.precision().unwrap_or(2);
-        // No "-0.00".
+        // Zero is written without a minus.
         let shown = |value: f64| {
             let text = format!("{value:+.precision$}");
             if text.trim_matches(['+', '-', '0', '.']).is_empty() { format!("{:+.precision$}", 0.0) } else { text }
@@ -156,7 +156,7 @@ mod tests {
     struct Case {
         case: String,
         scenes: Vec<Vec<f64>>,
-        /// Mean, low end and high end of an interval.
+        /// Mean, low end and high end of an interval, by name.
         these: Option<HashMap<String, f64>>,
         alike: Option<HashMap<String, f64>>,
     }

@@ -9,12 +9,12 @@ use crate::quantity::Quantity;
 use crate::table::{Table, overview_table, scene_table};
 use crate::text::escape_markdown;
 
-/// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand: for
-/// each its command and protocol, the notes of its records, the means over scenes, each scene's PSNR, and its claims.
+/// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand. Each
+/// experiment has its command and protocol, the notes of its records, means over scenes, each scene's PSNR, and claims.
 pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
     let mut blocks = vec![format!("# {}", escape_markdown(title))];
     blocks.push("Written by `infonerf collect` from results files; not edited by hand.".into());
-    // The protocol stands above all tables.
+    // The protocol is printed above all tables.
     let markdown = |table: Table| Table { protocol: Vec::new(), ..table }.to_markdown();
     for input in experiments {
         let records = &input.records;
@@ -65,7 +65,7 @@ mod tests {
         for part in ["# Results", "## Four views", "infonerf exp synthetic-4view", "**19.00**", "| mic |", "seed 0"] {
             assert!(document.contains(part), "{part}: {document}");
         }
-        // Once for all runs and tables.
+        // Notes and protocol appear once for all runs and tables.
         for part in ["- procedural scene", "seed 0"] {
             assert_eq!(document.matches(part).count(), 1, "{part}: {document}");
         }

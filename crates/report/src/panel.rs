@@ -37,12 +37,12 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Rgb
     })
 }
 
-/// Draws the first view of each scene, a row each; `None` without any.
+/// Draws the first view of each scene as a row; `None` if there are no images.
 pub(crate) fn compose(scenes: &[&SceneGallery]) -> Result<Option<RgbImage>, ReportError> {
     let rows: Vec<_> = scenes.iter().filter_map(|scene| Some((scene, scene.views.first()?))).collect();
     let labels: IndexSet<&String> =
         rows.iter().flat_map(|(scene, _)| scene.runs.iter().map(|(label, _)| label)).collect();
-    // Columns: a heading, and the image of each row.
+    // Each column has a heading, and an image for each row.
     let truths = rows.iter().map(|(_, view)| view.truth.as_ref().and_then(decoded)).collect();
     let mut columns: Vec<(String, Vec<Option<RgbImage>>)> = vec![(TRUTH.into(), truths)];
     for label in labels {
@@ -58,7 +58,7 @@ pub(crate) fn compose(scenes: &[&SceneGallery]) -> Result<Option<RgbImage>, Repo
     if columns.is_empty() {
         return Ok(None);
     }
-    // Each scene names its truth, the first also the variants.
+    // Every row has the name of its scene above the truth. The variants are named in the first row only.
     let text = |heading: &str, row: usize| match (heading, row) {
         (TRUTH, _) => format!("{}, {TRUTH}", rows[row].0.scene),
         (heading, 0) => heading.to_owned(),

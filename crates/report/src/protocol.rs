@@ -2,17 +2,17 @@ use std::path::Path;
 
 use crate::record::{Record, TestViews, distinct};
 
-/// Views, or values that nothing explains, that a line names one by one; it counts more of them.
+/// Maximum number of views, or of values that nothing explains, that a line lists. A larger number of them is only counted.
 const MAX_LISTED: usize = 8;
-/// Seeds, or other causes of a difference, that a line names one by one; it counts more of them.
+/// Maximum number of seeds, or of other causes of a difference, that a line lists. A larger number of them is only counted.
 const MAX_EXPLAINED: usize = 32;
 
 /// Describes how `records` were obtained, in up to three lines: training views, test views, image size and seeds;
 /// preset, iterations and device; how images are measured.
 ///
 /// Where records differ in one of these, the line names the value of each seed, scene, preset or variant
-/// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
-/// explains it, unless they are too many. Iterations that differ are a range. Empty for no records.
+/// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`). If none of the four explains the values, they are listed as
+/// `mixed`, or counted if there are too many. Iterations that differ are a range. No records have no lines.
 pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     if records.is_empty() {
         return Vec::new();
@@ -27,7 +27,7 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
         described(records, "test views ", "", |record| {
             let TestViews { protocol, count, .. } = &record.test_views;
             match protocol.as_str() {
-                "training" => format!("training ({count}; how well these are fitted, nothing of new views)"),
+                "training" => format!("training ({count}; how well these are fitted, not the quality of new views)"),
                 _ if *count > MAX_LISTED || record.test_files.is_empty() => format!("{protocol} ({count})"),
                 _ => format!("{protocol} ({count}: {})", view_names(&record.test_views.ids, &record.test_files)),
             }
@@ -53,7 +53,7 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     [first.join(" · "), second.join(" · "), third].into_iter().filter(|line| !line.is_empty()).collect()
 }
 
-/// Names views: by the names of their files, unless these end with the ids, as Blender's do, or there are none.
+/// Lists views by the names of their files, or by ids if the names end with the ids (as Blender's do) or there are no files.
 fn view_names(ids: &[usize], files: &[String]) -> String {
     let number = |file: &String| {
         let stem = Path::new(file).file_stem().unwrap_or_default().to_string_lossy();
@@ -66,7 +66,7 @@ fn view_names(ids: &[usize], files: &[String]) -> String {
     joined(&files.iter().map(name).collect::<Vec<_>>())
 }
 
-/// Describes one attribute of all records, as briefly as its differences allow.
+/// Describes `value` of all records: once if it is the same for all, else by seed, scene, preset or variant, else as a list.
 fn described<R: AsRef<Record>>(records: &[R], before: &str, after: &str, value: impl Fn(&Record) -> String) -> String {
     let values = distinct(records, &value);
     if let [only] = values.as_slice() {
@@ -86,7 +86,7 @@ fn described<R: AsRef<Record>>(records: &[R], before: &str, after: &str, value: 
         })
     });
     let text = explained.unwrap_or_else(|| match values.len() {
-        count if count > MAX_LISTED => format!("{count} different ones, as in results.json"),
+        count if count > MAX_LISTED => format!("{count} different values, see results.json"),
         _ => format!("mixed: {}", values.join("; ")),
     });
     format!("{before}{text}{after}")

@@ -9,18 +9,18 @@ use crate::table::{Cell, Column, Table, TableRow, VariantGroup, groups, measured
 /// Published figures of a paper.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Published {
-    /// Paper and table.
+    /// Name of the paper and its table.
     pub source: String,
     /// Figures of each variant.
     pub rows: Vec<PublishedRow>,
-    /// Differences of its protocol from that of our runs, a line each.
+    /// Differences of the paper's protocol from that of our runs, one line each.
     pub footnotes: Vec<String>,
 }
 
 /// Figures of a paper for one variant.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PublishedRow {
-    /// Variant of ours that it belongs to, or a name of its own.
+    /// Name of our variant that the figures belong to, or another name.
     pub variant: String,
     /// Scene of the figures; `None` for means over the paper's scenes.
     pub scene: Option<String>,
@@ -43,7 +43,7 @@ impl Published {
 
     /// Makes a table of our figures next to the paper's, a column each; `None` if the paper has no figures.
     ///
-    /// Rows are our variants, then the paper's other ones; figures of single scenes only for scenes of ours.
+    /// Rows are our variants, then the paper's other variants and, for our scenes only, its figures of single scenes.
     pub fn table<R: AsRef<Record>>(&self, records: &[R]) -> Option<Table> {
         let scenes = distinct(records, |record| record.scene.clone());
         let shown = |quantity: &Quantity| self.rows.iter().any(|row| row.summary(*quantity).is_some());

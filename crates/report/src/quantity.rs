@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, de};
 use crate::record::Record;
 
 /// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
-/// or a cost. Files name it by its key.
+/// or a cost. Files name a quantity by its key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quantity(Descriptor);
 
@@ -41,7 +41,7 @@ impl Quantity {
     pub const SSIM: Self = Self(infonerf_metrics::SSIM.descriptor);
     /// Mean entropy of the ray distribution.
     pub const RAY_ENTROPY: Self = OF_RAYS[0];
-    /// Wall clock of training.
+    /// Wall-clock time of training.
     pub const TRAIN_SECONDS: Self = quantity("train_seconds", "Training", "s", 1, Better::Lower);
 
     /// Returns the metrics, and the statistics of the paper's Figure A.
@@ -64,12 +64,12 @@ impl Quantity {
         Self::all().into_iter().find(|quantity| quantity.key() == key)
     }
 
-    /// Returns its key in `results.json`.
+    /// Returns the key, by which files name the quantity.
     pub fn key(self) -> &'static str {
         self.0.key
     }
 
-    /// Returns its value of a run; `None` if it was not computed.
+    /// Returns the value of the quantity in a run; `None` if it was not computed.
     pub fn value(self, record: &Record) -> Option<f64> {
         let value = match self.key() {
             "ray_entropy_bits" => record.ray_entropy_bits,

@@ -15,7 +15,7 @@ pub const VIEWER_PAGE: &str = "viewer.html";
 pub struct Record {
     /// Name of the experiment, as its configuration file is called.
     pub experiment: String,
-    /// Scene.
+    /// Name of the scene.
     pub scene: String,
     /// Variant: what is compared, such as `nerf` and `infonerf`.
     pub variant: String,
@@ -24,9 +24,9 @@ pub struct Record {
     pub setting: Option<Setting>,
     /// Seed of the run.
     pub seed: u64,
-    /// Preset: `fast`, `paper` or `released`.
+    /// Name of the preset, such as `fast`, `paper` or `released`.
     pub preset: String,
-    /// Device that trained it.
+    /// Device that trained the run.
     pub device: String,
     /// Ids of the training views, in the order given.
     pub train_views: Vec<usize>,
@@ -41,17 +41,17 @@ pub struct Record {
     /// Protocol of the metrics, in words.
     #[serde(default)]
     pub evaluation: String,
-    /// `[width, height]` in pixels, of training and test images.
+    /// Size `[width, height]` of training and test images in pixels.
     pub image_size: [usize; 2],
-    /// Optimizer steps taken.
+    /// Number of optimizer steps taken.
     pub iterations: u64,
-    /// Wall clock of training alone, in seconds, without loading and evaluation.
+    /// Wall-clock time of training alone, in seconds, without loading and evaluation.
     pub train_seconds: f64,
-    /// Wall clock of one test image, in seconds.
+    /// Wall-clock time of rendering one test image, in seconds.
     pub render_seconds_per_image: f64,
-    /// Points along training rays before skipping.
+    /// Number of points along training rays before skipping.
     pub samples_total: u64,
-    /// Points along training rays at which the field was evaluated.
+    /// Number of points along training rays at which the field was evaluated.
     pub samples_evaluated: u64,
     /// The metrics of [`METRICS`], a key each: means over the test views.
     #[serde(flatten, deserialize_with = "known_metrics")]
@@ -60,12 +60,12 @@ pub struct Record {
     pub ray_entropy_bits: Option<f64>,
     /// Mean information gain between test rays and their neighbours (the paper's Figure A).
     pub information_gain: Option<f64>,
-    /// Errors of the training cameras; `None` if the true ones are unknown, or were given.
+    /// Errors of the training cameras; `None` if the true cameras are unknown, or were given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cameras: Option<CameraErrors>,
     /// Peak resident memory of the process in bytes, where the system reports it.
     pub peak_rss_bytes: Option<u64>,
-    /// True when the field went empty.
+    /// Whether the field went empty.
     pub collapsed: bool,
     /// Remarks, among them the reason for each metric that is `null`.
     pub notes: Vec<String>,
@@ -87,7 +87,7 @@ pub struct CameraErrors {
 /// A variant of an experiment with the values that a sweep gave some keys.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Setting {
-    /// The experiment's variant.
+    /// Name of the experiment's variant.
     pub variant: String,
     /// Values by dotted key, such as `1e-3` of `loss.entropy.weight`.
     pub values: IndexMap<String, String>,
@@ -96,7 +96,7 @@ pub struct Setting {
 /// The views over which the metrics are means.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TestViews {
-    /// `all`, or `every-8` for each eighth.
+    /// Choice of views, such as `all`, or `every-8` for every eighth view.
     pub protocol: String,
     /// Number of views.
     pub count: usize,
@@ -144,12 +144,12 @@ impl Record {
         run_directory(&self.scene, &self.variant, self.seed)
     }
 
-    /// Returns `lego / infonerf / seed 0`.
+    /// Returns the label of the run, such as `lego / infonerf / seed 0`.
     pub(crate) fn run_label(&self) -> String {
         format!("{} / {} / seed {}", self.scene, self.label(), self.seed)
     }
 
-    /// Returns the variant as readers see it, such as `infonerf, λ₁ = 1e-3`.
+    /// Returns the label of the variant with its values, such as `infonerf, λ₁ = 1e-3`.
     pub fn label(&self) -> String {
         let Some(Setting { variant, values }) = &self.setting else { return self.variant.clone() };
         values.iter().fold(variant.clone(), |label, (key, value)| format!("{label}, {} = {value}", short_key(key)))
@@ -170,7 +170,7 @@ impl Record {
     }
 }
 
-/// Reads the metrics among the keys that are no field of a record, in the order of [`METRICS`].
+/// Reads the metrics from the keys that are not fields of a record, in the order of [`METRICS`].
 fn known_metrics<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Values, D::Error> {
     let mut others = serde_json::Map::deserialize(deserializer)?;
     let number = |(key, value): (&str, serde_json::Value)| {

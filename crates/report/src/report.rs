@@ -18,7 +18,7 @@ use crate::table::measured;
 struct ReportPage<'a> {
     title: String,
     contents: &'a ReportContents<'a>,
-    /// Quantities that any run has.
+    /// Quantities that at least one run has.
     quantities: Vec<Quantity>,
 }
 
@@ -48,8 +48,8 @@ pub fn write_report(input: &ReportInput, root: &Path) -> Result<PathBuf, ReportE
     Ok(html)
 }
 
-/// Writes the `report.html` of several experiments into `root`, below which each has a folder of its name with its own
-/// report: the claims of all, then tables, charts and a test view of each experiment. Returns its path.
+/// Writes the `report.html` of several experiments into `root`, and returns its path: the claims of all, then tables, charts
+/// and a test view of each experiment. Each experiment has a folder of its name below `root`, with its own report.
 ///
 /// # Errors
 /// As [`write_report`].

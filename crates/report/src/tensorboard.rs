@@ -20,8 +20,8 @@ const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
 
-/// Writes an event file next to each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns
-/// them. Point TensorBoard's `--logdir` at `folder`.
+/// Writes an event file next to each `metrics.jsonl` in `folder` or below, replaces an earlier one, and returns the paths of
+/// the files. Point TensorBoard's `--logdir` at `folder`.
 ///
 /// Lines that are not JSON are left out, such as the last one of a run that was killed.
 ///
@@ -47,8 +47,8 @@ pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
 /// Makes the event file of a `metrics.jsonl` whose last line was written at `end`.
 ///
 /// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps
-/// and `EVENT/KEY` in others; a nested one is called like `train/losses/rgb`. An event's time is `end` less the seconds
-/// of training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
+/// and `EVENT/KEY` in others; a nested one is called like `train/losses/rgb`. The time of an event is `end` minus the seconds
+/// of training that remained, so that TensorBoard's axis of relative time shows seconds of training.
 pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     let seconds = |line: &Value| line["seconds"].as_f64();
@@ -87,7 +87,7 @@ fn push(file: &mut Vec<u8>, data: &[u8]) {
     let length = (data.len() as u64).to_le_bytes();
     for part in [&length[..], data] {
         file.extend(part);
-        // Rotated and shifted: a CRC over data that holds CRCs would be weak.
+        // TFRecord rotates each CRC and adds a constant, since a CRC over data that contains CRCs would be weak.
         file.extend(crc32c::crc32c(part).rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes());
     }
 }
@@ -97,7 +97,7 @@ fn tag(field: u64, kind: u64) -> Vec<u8> {
     varint(field << 3 | kind)
 }
 
-/// Encodes seven bits in each byte, the lowest first.
+/// Encodes an integer with seven bits in each byte, the lowest first.
 fn varint(mut value: u64) -> Vec<u8> {
     let mut bytes = Vec::new();
     while value >= 0x80 {

@@ -6,17 +6,17 @@ pub fn escape_html(text: &str) -> String {
     marks.into_iter().fold(plain(text), |text, (mark, escaped)| text.replace(mark, escaped))
 }
 
-/// Escapes a sentence for HTML content; what stands between backticks becomes `<code>`.
+/// Escapes a sentence for HTML content; text between backticks becomes `<code>`.
 pub(crate) fn html_prose(text: &str) -> String {
     by_code(text, escape_html, |code| format!("<code>{}</code>", escape_html(code)))
 }
 
-/// Escapes a sentence for Markdown on one line, also inside a table cell; what stands between backticks stays code.
+/// Escapes a sentence for Markdown on one line, also inside a table cell; text between backticks stays code.
 pub(crate) fn escape_markdown(text: &str) -> String {
     by_code(&plain(text), markdown_text, |code| format!("`{}`", code.replace('|', "\\|")))
 }
 
-/// Applies `of_code` to what stands between backticks and `of_text` to the rest, or to all if they are not paired.
+/// Applies `of_code` to the text between backticks and `of_text` to the rest, or to all if backticks are not paired.
 fn by_code(text: &str, of_text: impl Fn(&str) -> String, of_code: impl Fn(&str) -> String) -> String {
     let parts: Vec<&str> = text.split('`').collect();
     if parts.len().is_multiple_of(2) || parts.iter().skip(1).step_by(2).any(|code| code.is_empty()) {

@@ -39,7 +39,7 @@ impl TextTable {
         self.lines().join("\n") + "\n"
     }
 
-    /// Formats the table as comma-separated values (RFC 4180), with `#` quoted as comments start with it.
+    /// Formats the table as comma-separated values (RFC 4180). Cells with `#` are quoted, since comments start with it.
     pub fn to_csv(&self) -> String {
         let quoted = |cell: &String| match cell.contains([',', '"', '\n', '\r', '#']) {
             true => format!("\"{}\"", cell.replace('"', "\"\"")),

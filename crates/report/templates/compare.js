@@ -1,4 +1,4 @@
-// A render that is held shows the truth in its place.
+// While a render is pressed, it shows the truth instead.
 for (const view of document.querySelectorAll('.view, .panel')) {
   const truth = view.querySelector('img.truth');
   if (!truth) continue;

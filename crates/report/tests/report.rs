@@ -100,7 +100,7 @@ fn page_holds_everything_and_links_nothing() {
     // 2 scenes × 3 views × (truth + 2 variants × render, depth, error), and truth and renders of both scenes at the top
     assert_eq!(html.matches("data:image/png;base64,").count(), 42 + 6);
     assert!(html.find("<img").unwrap() < html.find("<table").unwrap(), "the figure stands before the tables");
-    // Of all scenes three; of each scene PSNR, loss, and the loss terms of each variant.
+    // Three charts of all scenes; for each scene PSNR, loss, and the loss terms of each variant.
     let charts = 3 + 2 * (2 + 2);
     assert_eq!(html.matches("<svg ").count(), charts);
     assert_eq!(fs::read_dir(root.path().join("plots")).unwrap().count(), charts);
@@ -115,7 +115,7 @@ fn page_holds_everything_and_links_nothing() {
     assert!(html.contains("<li>knot/nerf/seed0/metrics.jsonl: 1 lines were not understood</li>"));
 }
 
-/// Truth, and render and depth of two variants, a row per scene.
+/// A panel has a row per scene with the truth, and the render and depth of two variants.
 #[test]
 fn panel_has_a_row_for_each_scene() {
     let root = tempfile::tempdir().unwrap();

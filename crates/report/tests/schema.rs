@@ -1,4 +1,4 @@
-//! The JSON schema of `results.json` says what records hold, and what reading them needs.
+//! The JSON schema of `results.json` describes every key of a record, and requires the keys that reading needs.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Event files for TensorBoard, whose own reader `tensorboard/check.py` holds against the same log.
+//! Event files for TensorBoard. `tensorboard/check.py` compares them with the log through TensorBoard's own reader.
 
 use std::fs;
 use std::path::Path;

@@ -7,9 +7,9 @@ use crate::ray::Ray;
 /// An axis-aligned box, `min ≤ max` in each coordinate, in world units.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Aabb {
-    /// The corner with the least coordinates.
+    /// Corner with the min coordinates.
     pub min: Vec3,
-    /// The corner with the greatest coordinates.
+    /// Corner with the max coordinates.
     pub max: Vec3,
 }
 

@@ -56,7 +56,7 @@ impl Camera {
     /// is `2/√12` of that, so that its variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit
     /// ray is `z = t · cos θ`.
     ///
-    /// Where the lens cannot be inverted ([`Camera::covers`] is false) it is the ray at the edge of where it can.
+    /// Where the lens cannot be inverted ([`Camera::covers`] is false), this is the ray at the edge of the invertible domain.
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (origin, direction) = self.ray_f64(f64::from(x), f64::from(y));
         let cosine = direction.dot(self.forward_f64());
@@ -89,8 +89,8 @@ impl Camera {
         self.lens.is_perspective() || self.lens.unproject(image).is_some()
     }
 
-    /// Returns the continuous pixel position of a world point, or `None` where it is not in front of the
-    /// camera, or outside what its lens can be inverted on. The position may lie outside the image.
+    /// Returns the continuous pixel position of a world point. `None` if it is not in front of the camera, or outside
+    /// the invertible domain of its lens. The position may lie outside the image.
     pub fn project(&self, p: Vec3) -> Option<Vec2> {
         self.project_f64(p.as_dvec3()).map(|p| p.as_vec2())
     }
@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    /// The released mip-NeRF takes the distance between neighbouring pixels' directions of depth 1.
+    /// Checks cones against the released mip-NeRF: the distance between adjacent pixels' directions of depth 1.
     #[test]
     fn cones_are_as_wide_as_pixels() {
         let camera = Camera::from_fov(40, 30, 0.7, DMat4::IDENTITY);
@@ -251,7 +251,7 @@ mod tests {
                 assert!((back - DVec2::new(x, y)).length() < 1e-9 && camera.covers(x, y), "{lens} {back}");
                 let ray = camera.ray(x as f32, y as f32);
                 assert!((f64::from(ray.cosine) - direction.dot(camera.forward_f64())).abs() < 1e-6);
-                // As wide as to the next pixel, in the mean over both directions.
+                // Geometric mean of the distances to the next pixel in both directions.
                 let width = |dx: f64, dy: f64| (camera.ray_f64(x + dx, y + dy).1 - direction) / 1e-3;
                 let area = width(1e-3, 0.0).cross(width(0.0, 1e-3)).length().sqrt();
                 let ratio = f64::from(ray.radius) * 12f64.sqrt() / 2.0 / area;

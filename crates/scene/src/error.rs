@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// Error of loading a scene, selecting views from it, or writing it.
 ///
-/// Every message is a single line and says where the fault is and what was expected there.
+/// Every message is a single line with the place of the fault and what was expected there.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SceneError {
@@ -22,7 +22,7 @@ pub enum SceneError {
     Io {
         /// The file concerned.
         path: PathBuf,
-        /// The system's own reason.
+        /// Reason that the system gives.
         reason: std::io::Error,
     },
     /// A file whose contents do not match its type: broken JSON, a truncated PNG, a malformed array.

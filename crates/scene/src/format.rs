@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Format of a scene's source. On a command line (feature `clap`): the formats that built-in scenes are exported to.
+/// Format of a scene's source. Command lines (feature `clap`) accept the formats of exported built-in scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]

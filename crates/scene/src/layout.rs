@@ -1,4 +1,4 @@
-//! How cameras are arranged around a scene's content.
+//! Arrangement of cameras around a scene's content.
 
 use std::fmt;
 
@@ -7,11 +7,10 @@ use serde::Serialize;
 use crate::camera::Camera;
 use crate::poses::{FORWARD_FACING, cone, scene_focus};
 
-/// Cameras look at an object if the mean cosine of the angle between their viewing axes and the direction to the object is
-/// at least this.
+/// Min mean cosine of the angle between viewing axes and directions to the centre at which cameras look at an object.
 const INWARD: f64 = 0.5;
 
-/// How the cameras are arranged around the content.
+/// Arrangement of the cameras around the content.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {

@@ -5,13 +5,13 @@ use std::fmt;
 
 use glam::{DMat2, DVec2, DVec3};
 
-/// The largest tangent of the angle to the axis at which a radial-tangential lens is evaluated (88.9°).
+/// Max tangent of the angle to the axis at which a radial-tangential lens is evaluated (88.9°).
 const WIDEST: f64 = 50.0;
-/// Steps of the search for the end of the invertible domain.
+/// Number of steps of the search for the end of the invertible domain.
 const STEPS: usize = 4096;
-/// Newton steps for the tangential part: four suffice for any real lens.
+/// Max number of Newton steps for the tangential part; four suffice for any real lens.
 const NEWTON: usize = 32;
-/// The residual that counts as solved, in focal lengths.
+/// Max residual of a solution, in focal lengths.
 const SOLVED: f64 = 1e-13;
 
 /// The distortion model of a lens.
@@ -82,7 +82,7 @@ impl Lens {
         Self::new(LensModel::RadialTangential { k, q: [0.0; 3], p })
     }
 
-    /// Returns a lens with the coefficients of COLMAP's FULL_OPENCV: `k₁` to `k₃` above, `k₄` to `k₆` below the line.
+    /// Returns a lens with COLMAP's FULL_OPENCV coefficients: `k₁` to `k₃` of the numerator, `k₄` to `k₆` of the denominator.
     pub fn rational(k: [f64; 6], p: [f64; 2]) -> Self {
         let [k1, k2, k3, k4, k5, k6] = k;
         Self::new(LensModel::RadialTangential { k: [k1, k2, k3, 0.0], q: [k4, k5, k6], p })
@@ -98,7 +98,7 @@ impl Lens {
         Self::new(LensModel::Fov { omega })
     }
 
-    /// Returns the lens for the image turned clockwise by 90°, `(x, y) ↦ (−y, x)`: the tangential part turns along.
+    /// Returns the lens for the image turned clockwise by 90°, `(x, y) ↦ (−y, x)`, which changes the tangential part.
     pub(crate) fn turned(&self) -> Self {
         match self.model {
             LensModel::RadialTangential { k, q, p: [p1, p2] } => {
@@ -286,7 +286,7 @@ impl fmt::Display for Lens {
     /// Writes the model's name and its coefficients to four digits, such as `fisheye, k 0.1 0 0 0`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |values: &[f64]| {
-            // Without the sign of a zero.
+            // Adding 0 removes the sign of −0.
             let rounded = values.iter().map(|value| (value * 1e4).round() / 1e4 + 0.0);
             rounded.map(|value| value.to_string()).collect::<Vec<_>>().join(" ")
         };
@@ -339,8 +339,8 @@ impl LensModel {
         (above / below, (above_derivative * below - above * below_derivative) / (below * below))
     }
 
-    /// Returns the radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the
-    /// image.
+    /// Returns the radial part and its derivative: the distance in the image as a function of the angle's tangent, or
+    /// for fisheyes of the angle.
     fn profile(&self, r: f64) -> (f64, f64) {
         match self {
             Self::Perspective => (r, 1.0),
@@ -370,7 +370,7 @@ impl LensModel {
     }
 }
 
-/// Returns about the last value between `low`, where `holds` is true, and `high`, where it is not: by `steps` bisections.
+/// Bisects `steps` times between `low`, where `holds` is true, and `high`, where it is false; returns the last `low`.
 fn last_where((mut low, mut high): (f64, f64), steps: usize, holds: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..steps {
         let middle = 0.5 * (low + high);
@@ -435,12 +435,12 @@ mod tests {
         let direction = fisheye.unproject(image).unwrap();
         assert!(direction.z < 0.0 && (fisheye.project(direction).unwrap() - image).length() < 1e-12);
         assert_eq!((fisheye.undistort(image), fisheye.unproject(DVec2::new(3.2, 0.0))), (None, None));
-        // A model that is nothing anywhere is refused everywhere but at the centre.
+        // A model with NaN can be inverted only at the centre.
         let broken = Lens::radial_tangential([f64::NAN, 0.0, 0.0, 0.0], [0.0; 2]);
         assert_eq!(broken.undistort(DVec2::new(0.1, 0.0)), None);
     }
 
-    /// The formulas, by hand.
+    /// Checks the formulas against values by hand.
     #[test]
     fn the_formulas() {
         for (omega, r) in [(0.9, 0.5), (1.8, 2.0), (0.9, 1e-4), (1e-3, 0.7)] {
@@ -476,7 +476,7 @@ mod tests {
             let (a, b) = (at(DVec2::X * step) - at(DVec2::ZERO), at(DVec2::Y * step) - at(DVec2::ZERO));
             let area = a.perp_dot(b).abs().sqrt() / step;
             let found = lens.magnification(direction);
-            // A fisheye's is measured across the ray: the plane's area is 1 / cos θ of that.
+            // A fisheye's magnification is measured across the ray; the area in the plane is 1 / cos θ times as large.
             let ratio = if matches!(lens.model(), LensModel::Fisheye { .. }) { direction.z.sqrt() } else { 1.0 };
             assert!((found / area * ratio - 1.0).abs() < 1e-4, "{lens}: {found} {area}");
         }

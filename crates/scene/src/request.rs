@@ -6,7 +6,7 @@ use crate::error::SceneError;
 use crate::format::Format;
 use crate::select::{TestProtocol, ViewSelection};
 
-/// Longest image side that can be asked for, in pixels.
+/// Max image side of a request in pixels.
 const MAX_SIZE: u32 = 16_384;
 
 /// Request for a scene: its views, their size, their background.
@@ -23,7 +23,7 @@ pub struct SceneRequest {
     pub background: [f32; 3],
     /// Frame of a film (ZJU-MoCap); `None` for the first.
     pub frame: Option<usize>,
-    /// The format of a folder; `None` for the first that it fits.
+    /// Format of a folder; `None` for the first that reads it.
     pub format: Option<Format>,
     /// Treatment of the pixels that a capture's masks leave out.
     pub masks: MaskUse,
@@ -56,7 +56,7 @@ impl Default for SceneRequest {
 }
 
 impl SceneRequest {
-    /// Refuses what no scene can satisfy.
+    /// Returns an error for a request that no scene can satisfy.
     ///
     /// # Errors
     /// An image size of 0 or beyond the largest, or a background outside `[0, 1]`.

@@ -28,16 +28,16 @@ pub struct View {
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
     pub depth: Option<Arc<[f32]>>,
-    /// Pixels that masked metrics use, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
-    /// capture's mask leaves in. `None` without a mask.
+    /// Pixels that masked metrics use, row-major: those of the object in DTU, those of the person in ZJU-MoCap, and
+    /// those that a capture's mask keeps. `None` without a mask.
     pub mask: Option<Arc<[bool]>>,
-    /// Pixels that can be learned from and compared with, row-major: those of the photograph whose ray is known and that no
-    /// mask leaves out. `None` if all can.
+    /// Pixels for training and comparison, row-major: they belong to the photograph, their ray is known, and no mask
+    /// leaves them out. `None` if all do.
     pub valid: Option<Arc<[bool]>>,
 }
 
 impl View {
-    /// Returns a view all of whose pixels count, without depth or mask, of a PNG called `name`.
+    /// Returns a view of a PNG called `name`, with all pixels valid and without depth or mask.
     pub fn new(id: usize, name: impl Into<String>, camera: Camera, image: impl Into<Arc<Image>>) -> Self {
         let name = name.into();
         let file = format!("{name}.png");
@@ -50,7 +50,7 @@ impl View {
         self.resized((self.image.width.max(self.image.height) / factor.max(1)).max(1))
     }
 
-    /// Returns the view with `longest` pixels on its longest side, fewer than it has, as [`Self::reduced`] does.
+    /// Returns the view reduced to `longest` pixels on its longest side, as by [`Self::reduced`].
     pub fn resized(&self, longest: u32) -> Self {
         let (width, height) = (self.image.width, self.image.height);
         let size = resized_dimensions(width, height, longest);
@@ -79,26 +79,26 @@ pub struct Scene {
     pub test: Vec<View>,
     /// Format that the scene was loaded from.
     pub format: Format,
-    /// The colour of a ray that meets nothing, display-encoded RGB in `[0, 1]`: what transparent pixels were composited on,
-    /// or, of photographs without a known backdrop, the mean colour of the training views.
+    /// Colour of a ray that meets nothing, display-encoded RGB in `[0, 1]`: the colour behind transparent pixels, or
+    /// for photographs without a known backdrop the mean colour of the training views.
     pub background: [f32; 3],
-    /// Whether `background` is what lies behind the content.
+    /// Whether `background` is the true colour behind the content.
     pub backdrop: Backdrop,
     /// Extent of the content, and arrangement of the cameras around it.
     pub space: Space,
-    /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
-    /// their poses: no image of an unchosen view is read.
+    /// Cameras of all training views, chosen or not, at the scene's image size. Images of views that are not chosen are
+    /// not read.
     pub all_train_cameras: Vec<Camera>,
-    /// The exact cameras of `train` if these were [disturbed](Scene::disturbed), in the frame of the test views.
+    /// Exact cameras of `train` if these were [disturbed](Scene::disturbed), in the frame of the test views.
     pub exact_cameras: Option<Vec<Camera>>,
-    /// The cameras of `train` as they were before matches between photographs refined them, if these did.
+    /// Cameras of `train` before matches between photographs refined them; `None` if they were not refined.
     pub unrefined_cameras: Option<Vec<Camera>>,
-    /// World coordinates of the scene's origin in the files that it was loaded from; 0 unless these lie so far out that
-    /// `f32` could not tell points apart. Exports add it.
+    /// Position of the scene's origin in the coordinates of its files; 0 unless the files' coordinates are too far from
+    /// 0 for the precision of `f32`. Exports add it.
     pub origin: DVec3,
     /// Lines about the data for a person to read: changes that loading made, and doubts.
     pub warnings: Vec<String>,
-    /// Lines on what was done with the cameras that give no cause for doubt.
+    /// Lines about changes of the cameras that are no reason for doubt.
     pub notes: Vec<String>,
 }
 

@@ -12,9 +12,9 @@ use crate::range::Range;
 /// The region that a scene's content occupies, and how its cameras are arranged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Space {
-    /// Least distance of content along any ray, scene units, ≥ 0.
+    /// Min distance of content along any ray, scene units, ≥ 0.
     pub near: f32,
-    /// Greatest distance of content along any ray, scene units, > `near`.
+    /// Max distance of content along any ray, scene units, > `near`.
     pub far: f32,
     /// The interval of each ray in which the content lies; within `near` and `far`.
     pub range: Range,
@@ -22,13 +22,13 @@ pub struct Space {
     pub bounds: Aabb,
     /// Whether all content lies in `bounds`, with nothing but the background beyond.
     pub bounded: bool,
-    /// How the cameras are arranged.
+    /// Arrangement of the cameras.
     pub layout: Layout,
     /// The up direction shared by the cameras, unit length.
     pub up: Vec3,
     /// The point that the cameras look at; where they look outward, the mean of their positions.
     pub centre: Vec3,
-    /// The greatest distance of a camera from `centre`, scene units, > 0.
+    /// Max distance of a camera from `centre`, scene units, > 0.
     pub radius: f32,
     /// Surface points, where the format provides them.
     #[serde(skip)]
@@ -79,7 +79,7 @@ impl Space {
         self
     }
 
-    /// Replaces near and far, and the bounds, by those that a file gives, if it does.
+    /// Replaces near and far, and the bounds, by those of a file where it states them.
     pub fn with(mut self, range: Option<(f32, f32)>, bounds: Option<Aabb>) -> Self {
         if let Some((near, far)) = range {
             (self.near, self.far, self.range) = (near, far, Range::Distance { near, far });
@@ -94,7 +94,7 @@ impl Space {
 /// A body with a known surface, for fields that are attached to its vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
-    /// Points on its surface, in the world, scene units.
+    /// Points on the body's surface, in the world, scene units.
     pub vertices: Vec<Vec3>,
     /// Axes of the body's own frame in world coordinates, as columns.
     pub axes: Mat3,

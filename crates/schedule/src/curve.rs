@@ -2,8 +2,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::Moment;
 
-/// A number as a function of the [`Moment`] of a run. The crate's documentation has its forms and their TOML. Defaults are not
-/// written.
+/// Number that depends on the [`Moment`] of a run. The crate's documentation lists its forms and their TOML.
+/// Serialization omits fields that have their default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     remote = "Self",
@@ -15,19 +15,19 @@ use crate::Moment;
 pub enum Schedule {
     /// One value throughout.
     Constant(f64),
-    /// A way from one value to another, with `s` rising from 0 to 1 between the shares `start` and `end` of the run.
+    /// Ramp between two values: `s` rises linearly from 0 to 1 between the shares `start` and `end` of the run.
     Ramp {
         /// Value until `start`.
         from: f64,
         /// Value from `end` on.
         to: f64,
-        /// Share of the run, in [0, 1].
+        /// Share of the run at which the ramp starts, in [0, 1].
         #[serde(default, skip_serializing_if = "is_default")]
         start: f64,
-        /// Share of the run, in [start, 1].
+        /// Share of the run at which the ramp ends, in [start, 1].
         #[serde(default = "whole", skip_serializing_if = "is_whole")]
         end: f64,
-        /// Shape of the way.
+        /// Shape of the ramp.
         #[serde(default, skip_serializing_if = "is_default")]
         curve: RampShape,
         /// Training steps over which the value rises linearly from 0; 0 for none.
@@ -38,9 +38,9 @@ pub enum Schedule {
     Decay {
         /// Value at the first step.
         from: f64,
-        /// Factor, above 0.
+        /// Factor on the value after `every` steps, above 0.
         factor: f64,
-        /// Training steps, at least 1.
+        /// Number of training steps after which the value is multiplied by `factor`, at least 1.
         every: usize,
         /// Whether the value changes every `every` steps only, instead of smoothly.
         #[serde(default, skip_serializing_if = "is_default")]
@@ -51,7 +51,7 @@ pub enum Schedule {
     },
     /// Piecewise constant: the value of the last `(share, value)` whose share of the run has been reached.
     Steps {
-        /// Shares of the run, which rise from 0, and values.
+        /// Pairs of a share of the run and a value. Shares start at 0 and rise.
         steps: Vec<(f64, f64)>,
         /// Training steps over which the value rises linearly from 0; 0 for none.
         #[serde(default, skip_serializing_if = "is_default")]
@@ -135,7 +135,7 @@ impl Schedule {
         let value = match self {
             Self::Constant(value) => *value,
             Self::Ramp { from, to, start, end, curve, .. } => match (between(*start, *end, progress), curve) {
-                // Exact at both ends.
+                // Both shapes give exactly `from` at s = 0 and `to` at s = 1.
                 (s, RampShape::Linear) => from * (1.0 - s) + to * s,
                 (1.0, RampShape::Exponential) => *to,
                 (s, RampShape::Exponential) => from * (to / from).powf(s),
@@ -157,19 +157,19 @@ impl Schedule {
         self.largest() == 0.0 && self.least() == 0.0
     }
 
-    /// Returns the largest value of a run of any length.
+    /// Returns the max value over a run of any length.
     pub fn largest(&self) -> f64 {
         let largest = self.extremes().1;
         largest.max(largest * self.warm(0))
     }
 
-    /// Returns the least value of a run of any length. A warm-up begins at a share of the curve.
+    /// Returns the min value over a run of any length. A warm-up starts at 1/`warmup` of the curve's value.
     pub fn least(&self) -> f64 {
         let least = self.extremes().0;
         least.min(least * self.warm(0))
     }
 
-    /// Returns the least and the largest value without a warm-up.
+    /// Returns the min and the max value without the warm-up.
     fn extremes(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
@@ -188,7 +188,7 @@ impl Schedule {
         }
     }
 
-    /// Returns the share of the value that a warm-up leaves at `step`.
+    /// Returns the warm-up's factor on the value at `step`: (step + 1)/warmup, at most 1.
     fn warm(&self, step: usize) -> f64 {
         let warmup = match *self {
             Self::Constant(_) => 0,
@@ -204,7 +204,7 @@ impl From<f64> for Schedule {
     }
 }
 
-/// Returns the share of the way from `start` to `end` at `progress`, in [0, 1]; a step if the two are equal.
+/// Returns (progress − start)/(end − start), clamped to [0, 1]; if `start` equals `end`, a step from 0 to 1.
 fn between(start: f64, end: f64, progress: f64) -> f64 {
     if progress >= end {
         1.0
@@ -224,7 +224,7 @@ mod tests {
         table["w"].clone().try_into().map_err(|error: toml::de::Error| error.message().to_owned())
     }
 
-    /// Values at shares of the run, and least and largest ones; every form survives TOML and JSON.
+    /// Checks values at shares of the run, min and max; every form survives a round trip through TOML and JSON.
     #[test]
     fn values_over_the_run() {
         #[allow(clippy::type_complexity, reason = "a table")]

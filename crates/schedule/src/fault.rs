@@ -3,14 +3,14 @@ use std::ops::RangeInclusive;
 
 use crate::curve::Schedule;
 
-/// A fault of a config: a value that is out of range, or that does not go with the rest.
+/// Error in a config: a value that is out of range, or that contradicts other keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// The key, with the tables that it is in: `train.rays`.
+    /// Key with its tables, such as `train.rays`.
     pub key: String,
     /// Description of the values that are accepted.
     pub expected: String,
-    /// The value that was given.
+    /// Value that was given.
     pub found: String,
 }
 
@@ -20,10 +20,10 @@ impl Fault {
         Self { key: key.into(), expected: expected.into(), found: found.to_string() }
     }
 
-    /// Refuses the value `found` at `key` unless it is `good`.
+    /// Returns a fault with the value `found` at `key` unless `good` is true.
     ///
     /// # Errors
-    /// If the value is not good.
+    /// If `good` is false.
     pub fn unless(good: bool, key: &str, expected: impl Into<String>, found: impl ToString) -> Result<(), Self> {
         if good { Ok(()) } else { Err(Self::new(key, expected, found)) }
     }
@@ -46,7 +46,7 @@ impl Fault {
         Self::unless_within(range, key, schedule.largest())
     }
 
-    /// Puts the key into `table`.
+    /// Returns the fault with `table` in front of its key: `table.key`.
     #[must_use]
     pub fn within(self, table: &str) -> Self {
         Self { key: format!("{table}.{}", self.key), ..self }

@@ -41,7 +41,7 @@ pub use fault::Fault;
 pub struct Moment {
     /// Training steps taken.
     pub step: usize,
-    /// Share of the run that is done, in [0, 1]: of its steps, or of its time under a time budget.
+    /// Share of the run's steps that is done, in [0, 1]; under a time budget, share of its time.
     pub progress: f64,
 }
 

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::camera::{Pose, SimpleRadial};
 
-/// Parameters of the lens: the logarithm of the focal length, and `k1`.
+/// Number of parameters of the lens: `ln focal` and `k1`.
 const LENS: usize = 2;
 const POSE: usize = 6;
 /// Residual of a point behind the camera, as a multiple of the robust scale.
@@ -54,12 +54,12 @@ pub(crate) struct Adjustment<'a> {
     pub(crate) prior: Prior,
     pub(crate) poses: Option<&'a PosePrior>,
     pub(crate) points: bool,
-    /// Residuals far above this, in pixels, lose their weight (Cauchy's loss).
+    /// Scale s of Cauchy's loss in pixels: residuals far above it lose their weight.
     pub(crate) scale: f64,
     pub(crate) steps: usize,
 }
 
-/// The linearised problem: `lens · poses` dense, a 3 × 3 block per point.
+/// Normal equations: dense for lens and poses, with a 3×3 block for each point.
 struct Normal {
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -69,7 +69,7 @@ struct Normal {
 struct PointBlock {
     matrix: DMat3,
     gradient: DVec3,
-    /// Rows of the coupling to lens and poses: parameter and derivative.
+    /// Rows of the coupling to lens and poses: index of the parameter, and second derivatives.
     rows: Vec<(usize, DVec3)>,
 }
 
@@ -206,7 +206,7 @@ impl Prior {
         Self { focal: lens.focal, focal_deviation: 0.0, k1_deviation: 0.0 }
     }
 
-    /// Returns the differences of the lens from what was expected, in deviations.
+    /// Returns `ln (focal / expected)` and `k1`, each divided by its deviation, or 0 for a parameter that is kept.
     fn residuals(&self, lens: &SimpleRadial) -> [f64; LENS] {
         let over = |value: f64, deviation: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
         [over((lens.focal / self.focal).ln(), self.focal_deviation), over(lens.k1, self.k1_deviation)]
@@ -214,7 +214,7 @@ impl Prior {
 }
 
 impl PosePrior {
-    /// Returns each camera's turn `log(R R₀ᵀ)` and move `R (c₀ - c)` from where it is expected, in its axes and deviations.
+    /// Returns each camera's rotation `log(R R₀ᵀ)` and shift `R (c₀ - c)` from its expected pose, divided by the deviations.
     fn residuals(&self, poses: &[Pose]) -> impl Iterator<Item = [DVec3; 2]> {
         self.poses.iter().zip(poses).map(|(expected, pose)| {
             let turn = DQuat::from_mat3(&(pose.rotation * expected.rotation.transpose())).to_scaled_axis();
@@ -222,7 +222,7 @@ impl PosePrior {
         })
     }
 
-    /// Turns are small: their derivative is taken to be the identity.
+    /// Adds the prior to the normal equations. Rotations are small: the identity approximates their derivative.
     fn add_to(&self, normal: &mut Normal, poses: &[Pose]) {
         for (camera, residuals) in self.residuals(poses).enumerate() {
             let lever = poses[camera].rotation * self.poses[camera].centre() / self.shift_deviation;
@@ -262,7 +262,7 @@ fn derivative(lens: &SimpleRadial, pose: &Pose, point: DVec3) -> Option<(DVec2, 
     let p = at.truncate() / at.z;
     let (radius2, unit) = (p.length_squared(), DVec2::AXES);
     let row = |axis: usize| {
-        // By p, then by the point in the camera's axes.
+        // Derivatives by p, then by the point in the camera's axes.
         let by_p = lens.focal * ((1.0 + lens.k1 * radius2) * unit[axis] + 2.0 * lens.k1 * p[axis] * p);
         let shift = DVec3::new(by_p.x, by_p.y, -by_p.dot(p)) / at.z;
         let turn = turned.cross(shift);

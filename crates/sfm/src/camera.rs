@@ -14,10 +14,10 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The world's axes.
+    /// Pose with the world's axes and origin.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
-    /// Converts camera-to-world in OpenGL's axes.
+    /// Converts a camera-to-world matrix with OpenGL's axes.
     pub fn of(to_world: &DMat4) -> Self {
         let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)) * DMat3::from_mat4(*to_world).transpose();
         Self { rotation, translation: -(rotation * to_world.w_axis.truncate()) }
@@ -40,8 +40,8 @@ impl Pose {
     }
 }
 
-/// Returns `(x, y) / z`, in the axes of computer vision, of what `camera` sees at a pixel, its focal lengths multiplied by
-/// `factor`.
+/// Returns `(x, y) / z` (x right, y down, z forward) of the ray through a pixel of `camera`, whose focal lengths are
+/// multiplied by `factor`.
 pub fn ray(camera: &Camera, pixel: DVec2, factor: f64) -> Option<DVec2> {
     let focal = factor * DVec2::new(camera.fx, camera.fy);
     camera.lens.undistort((pixel - DVec2::new(camera.cx, camera.cy)) / focal)
@@ -51,11 +51,11 @@ pub fn ray(camera: &Camera, pixel: DVec2, factor: f64) -> Option<DVec2> {
 /// `p = focal · (1 + k1 r²) · (x, y) / z + centre` with `r² = (x² + y²) / z²`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimpleRadial {
-    /// Pixels.
+    /// Focal length in pixels.
     pub focal: f64,
-    /// Radial distortion.
+    /// Coefficient of radial distortion.
     pub k1: f64,
-    /// Pixels.
+    /// Principal point in pixels.
     pub centre: DVec2,
 }
 
@@ -74,15 +74,15 @@ impl SimpleRadial {
     }
 }
 
-/// Returns the point closest to the rays along which the cameras see it, `(x, y, 1)` in their axes: the least squares
-/// of perpendicular distances over depths, by reweighting. `None` where the rays are parallel or it is behind a camera.
+/// Triangulates a point from rays `(x, y, 1)` in the cameras' axes: minimizes squared image errors by reweighted least
+/// squares. `None` if the rays are parallel or the point is behind a camera.
 pub(crate) fn triangulate(seen: &[(Pose, DVec2)]) -> Option<DVec3> {
     let mut depths = vec![1.0; seen.len()];
     let mut point = None;
     for _ in 0..4 {
         let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
         for ((pose, p), depth) in seen.iter().zip(&depths) {
-            // Rows `x z' - x'` and `y z' - y'` of the camera's coordinates, over the depth: errors in the picture.
+            // Rows `x z' - x'` and `y z' - y'` of the point in the camera's axes, divided by the depth: image errors.
             let rows = pose.rotation.transpose();
             for (axis, offset, v) in [(rows.x_axis, pose.translation.x, p.x), (rows.y_axis, pose.translation.y, p.y)] {
                 let normal = (rows.z_axis * v - axis) / *depth;

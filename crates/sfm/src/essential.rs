@@ -6,13 +6,13 @@ use nalgebra::{Matrix3, SMatrix};
 use crate::camera::Pose;
 use crate::p3p::{evaluate, product, real_roots};
 
-/// Exponents of x, y, z, a hexadecimal digit each, in the order in which the first ten are eliminated.
+/// Monomials by their exponents of x, y, z, a hexadecimal digit each. The first ten are eliminated in this order.
 const MONOMIALS: [u16; 20] = [
     0x300, 0x030, 0x210, 0x120, 0x201, 0x200, 0x021, 0x020, 0x111, 0x110, 0x102, 0x101, 0x100, 0x012, 0x011, 0x010,
     0x003, 0x002, 0x001, 0x000,
 ];
 
-/// Polynomials of degree 3 in x, y, z.
+/// Coefficients of [`MONOMIALS`]: a polynomial of degree 3 in x, y, z.
 type Cubic = [f64; 20];
 
 fn times(a: &Cubic, b: &Cubic) -> Cubic {
@@ -38,7 +38,7 @@ fn sum(terms: impl IntoIterator<Item = (f64, Cubic)>) -> Cubic {
 /// Solves for the at most ten matrices with `bᵀ E a = 0` for five pairs of directions `(x, y, 1)`, `det E = 0` and
 /// `2 E Eᵀ E = tr(E Eᵀ) E`. Empty if the pairs are degenerate.
 pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
-    // Columns 5 to 8 of Q in `[Aᵀ | 1] = Q R` are orthogonal to the five equations.
+    // Columns 5 to 8 of Q in `[Aᵀ | B] = Q R`, with any B, are orthogonal to the five equations.
     let mut columns = SMatrix::<f64, 9, 9>::identity();
     for (i, (a, b)) in pairs.iter().enumerate() {
         let (a, b) = (a.extend(1.0).to_array(), b.extend(1.0).to_array());
@@ -75,7 +75,7 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
     if !eliminate(&mut m) {
         return Vec::new();
     }
-    // Rows for x²z, y²z, xyz less z times those for x², y², xy: three equations `p x + q y + r = 0` with p, q, r in z.
+    // Rows for x²z, y²z, xyz minus z times rows for x², y², xy: equations `p x + q y + r = 0` with p, q, r in z.
     let rows: [[Vec<f64>; 3]; 3] = std::array::from_fn(|i| {
         let (a, b) = (m.row(4 + 2 * i), m.row(5 + 2 * i));
         let part = |first: usize, count: usize| {
@@ -122,14 +122,14 @@ fn eliminate(m: &mut SMatrix<f64, 10, 20>) -> bool {
     true
 }
 
-/// Returns the squared distance from a pair to the nearest that meets `bᵀ E a = 0`, to first order.
+/// Returns Sampson's error: the squared distance, to first order, from a pair to the nearest one with `bᵀ E a = 0`.
 pub(crate) fn sampson(e: &DMat3, (a, b): (DVec2, DVec2)) -> f64 {
     let (a, b) = (a.extend(1.0), b.extend(1.0));
     let (ea, eb) = (*e * a, e.transpose() * b);
     b.dot(ea).powi(2) / (ea.truncate().length_squared() + eb.truncate().length_squared())
 }
 
-/// Returns the four poses of the second camera, the first at the origin, baseline 1.
+/// Returns the four poses of the second camera that `e` allows; the first is at the origin, the baseline is 1.
 pub(crate) fn poses(e: &DMat3) -> [Pose; 4] {
     let svd = Matrix3::from_column_slice(&e.to_cols_array()).svd(true, true);
     let matrix = |m: Option<Matrix3<f64>>| m.map_or(DMat3::IDENTITY, |m| DMat3::from_cols_slice(m.as_slice()));

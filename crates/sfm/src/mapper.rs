@@ -9,16 +9,16 @@ use crate::p3p::p3p;
 use crate::ransac::Ransac;
 use crate::reconstruction::SparseModel;
 
-/// Points that a photograph must see to be placed.
+/// Min number of points that a photograph must see to be placed.
 pub(crate) const MIN_POINTS: usize = 15;
-/// The share of a photograph's matches with points that must agree on its pose.
+/// Min share of a photograph's matches with points that must agree on its pose.
 const AGREEING: f64 = 0.25;
 const SAMPLES: usize = 5000;
-/// Rays that meet at a smaller angle, in radians, make no point.
+/// Min angle, in radians, between two rays to a point.
 const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
-/// Pairs of views that a point is tried from, at most.
+/// Max number of pairs of views from which a point is triangulated.
 const TRIED: usize = 30;
-/// Factors on the tolerance, one adjustment each, where cameras are known roughly.
+/// Factors of the tolerance in successive adjustments of roughly known cameras.
 const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
 const FOR_LENS: usize = 3;
 /// Factor by which the number of placed photographs grows from one bundle adjustment to the next.
@@ -26,18 +26,18 @@ const GROWTH: f64 = 1.1;
 
 pub(crate) struct Mapper<'a> {
     tracks: &'a [Track],
-    /// The place of each track's point, if it has one.
+    /// Position of each track's point, if it has one.
     positions: Vec<Option<DVec3>>,
     poses: Vec<Result<Pose, String>>,
     lens: SimpleRadial,
     prior: Prior,
     expected: Option<PosePrior>,
-    /// Pixels between where a point is seen and where it falls.
+    /// Max reprojection error in pixels.
     tolerance: f64,
 }
 
 impl<'a> Mapper<'a> {
-    /// Makes a map of the photographs that have one of `poses`, which are `expected` to be these if they are known roughly.
+    /// Makes a map from the photographs that have one of `poses`; `expected` is the prior of roughly known poses.
     pub(crate) fn new(
         tracks: &'a [Track],
         poses: Vec<Result<Pose, String>>,
@@ -67,7 +67,7 @@ impl<'a> Mapper<'a> {
         self.keep_certain()
     }
 
-    /// Adjusts what is placed roughly: first points may fall far from where they are seen, then ever less.
+    /// Adjusts roughly known cameras; the tolerance of reprojection errors shrinks from wide to its normal value.
     pub(crate) fn refine(mut self) -> SparseModel {
         let tolerance = self.tolerance;
         for times in WIDENED {
@@ -78,9 +78,8 @@ impl<'a> Mapper<'a> {
         self.keep_certain()
     }
 
-    /// Returns the map, after it took the pose off the photograph that sees fewest points while these are fewer than
-    /// [`MIN_POINTS`]. A point that two photographs saw is none once one of them has lost its pose, so that the other may
-    /// follow.
+    /// Returns the map. Before, it removes the pose of the photograph that sees fewest points until each sees at least
+    /// [`MIN_POINTS`]. Each removal also removes the points that only one placed photograph still sees.
     fn keep_certain(mut self) -> SparseModel {
         loop {
             let points: Vec<Point> = self.found().into_iter().map(|(_, point)| point).collect();
@@ -115,12 +114,12 @@ impl<'a> Mapper<'a> {
         self.tracks[track].iter().filter_map(view).collect()
     }
 
-    /// Whether a point falls where it is seen.
+    /// Returns whether the reprojection error of a point is below the tolerance.
     fn agrees(&self, pose: &Pose, position: DVec3, pixel: DVec2) -> bool {
         self.lens.project(pose.transform(position)).is_some_and(|p| p.distance(pixel) < self.tolerance)
     }
 
-    /// Returns the placed photographs of a track that see it at `position`, with their poses and pixels.
+    /// Returns the placed photographs of a track with a small reprojection error of `position`, with their poses and pixels.
     fn agreeing(&self, track: usize, position: DVec3) -> impl Iterator<Item = (usize, Pose, DVec2)> {
         self.seen(track).into_iter().filter(move |(_, pose, pixel)| self.agrees(pose, position, *pixel))
     }
@@ -133,7 +132,7 @@ impl<'a> Mapper<'a> {
         }
     }
 
-    /// Triangulates, adjusts, and drops points that then fit too few views, `rounds` times.
+    /// Triangulates, adjusts, and removes points that then fit too few views, `rounds` times.
     fn settle(&mut self, rounds: usize) {
         for _ in 0..rounds {
             self.triangulate();
@@ -178,7 +177,7 @@ impl<'a> Mapper<'a> {
         self.kept(track, triangulate(&best)?)
     }
 
-    /// Places the photograph that sees most points, or the next; `false` if none can be placed.
+    /// Places the photograph that sees most points, or else the next one; returns `false` if none can be placed.
     fn place_next(&mut self) -> bool {
         let seen = |photograph: usize| -> Vec<(DVec2, DVec3)> {
             let point = |(track, position): (&Track, &Option<DVec3>)| {
@@ -229,14 +228,14 @@ mod tests {
     use crate::testing::{disturb, turn, world};
     use crate::two_view::{relative, two_view};
 
-    /// Returns what `tracks` place of a world whose poses are known to 0.01.
+    /// Refines poses that are known up to 0.01 by `tracks`.
     fn refined(tracks: &[Track], all: &Bundle) -> SparseModel {
         let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
         let poses = all.poses.iter().map(|pose| Ok(*pose)).collect();
         Mapper::new(tracks, poses, (all.lens, Prior::fixed(&all.lens)), 2.5, Some(expected)).refine()
     }
 
-    /// The second photograph sees ten points with the first, which are too few for that, and 16 or 10 others with the third.
+    /// Shares ten points between photographs 0 and 1, too few to place 0, and 16 or 10 others between photographs 1 and 2.
     #[test]
     fn photographs_that_only_uncertain_ones_confirm_are_not_placed() {
         let all = world(7, 3, 40);
@@ -247,13 +246,13 @@ mod tests {
         let found = refined(&tracks, &all);
         assert_eq!(found.poses[0], Err("10 points seen, 15 needed".into()));
         assert_eq!(found.placed(), 2);
-        // A point that a single placed photograph sees is none.
+        // A point that only one placed photograph sees does not count.
         assert_eq!((found.points.len(), found.observations()), (16, 32));
         let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
         assert_eq!(refined(&fewer, &all).placed(), 0, "20 points of the second are 10 without the first");
     }
 
-    /// The last photograph sees nothing that the others do.
+    /// Gives the last photograph no matches.
     #[test]
     fn all_photographs_with_matches_are_placed() {
         let mut all = world(11, 5, 120);
@@ -276,7 +275,7 @@ mod tests {
         assert!((380..=430).contains(&found.observations()), "{}", found.observations());
     }
 
-    /// Cameras 3° and 4 % off; the last sees nothing that the others do, one match in nine is wrong. Without an error they stay.
+    /// Refines cameras that are off by 3° and 4 %, with one wrong match in nine and none in the last. Exact cameras stay.
     #[test]
     fn rough_cameras_are_refined_and_certain_ones_stay() {
         let truth = world(11, 5, 120);
@@ -300,7 +299,7 @@ mod tests {
                 let off = apart(found.poses[0].as_ref().unwrap(), ours);
                 let rough = apart(&expected.poses[0], &expected.poses[i]);
                 assert!(off < 0.2 * size + 1e-4 && (i == 0 || size == 0.0 || rough > 1.0), "{i}: {rough} {off}");
-                // The frame is that of the cameras given, whose errors nearly have no mean.
+                // The frame is that of the given cameras, whose mean error is almost 0.
                 assert!(turn(&ours.rotation, &exact.rotation) < 2.0 * size + 1e-4);
                 let shift = ours.centre().distance(exact.centre());
                 assert!(shift < 0.3 * size + 1e-6, "{size} {i}: {shift}");

@@ -1,4 +1,4 @@
-//! Features of photographs that look alike, and tracks of those that are one point.
+//! Matches of similar features between photographs, and tracks of features that show one point.
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
@@ -9,18 +9,18 @@ use rayon::prelude::*;
 
 use crate::sift::{Features, LENGTH};
 
-/// Matches without which two photographs are not compared.
+/// Min number of matches of a pair of photographs.
 pub(crate) const FEWEST: usize = 20;
-/// A match must be closer than this share of the distance to the second best.
+/// Max ratio of a match's distance to the second best one's.
 const RATIO: f32 = 0.8;
 /// Number of photographs up to which all pairs are matched.
 const ALL_PAIRS: usize = 24;
-/// Photographs with which each of more is matched at least, and how many after it in their order.
+/// Number of similar photographs with which each one of more is matched, and of photographs that follow it in order.
 const NEIGHBOURS: usize = 12;
 const FOLLOWING: usize = 2;
-/// Features of each photograph by which likely pairs are found.
+/// Number of features per photograph by which likely pairs are found.
 const STRONGEST: usize = 600;
-/// Rows of similarities that are held at once.
+/// Number of rows of similarities that are held at the same time.
 const BLOCK: usize = 512;
 
 #[derive(Clone)]
@@ -31,15 +31,15 @@ pub(crate) struct Matches {
     pub(crate) pairs: Vec<(usize, usize)>,
 }
 
-/// Returns the matches of likely pairs of photographs that have [`FEWEST`] or more.
+/// Returns the matches of each likely pair of photographs with at least [`FEWEST`] of them.
 pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
     let pairs = likely_pairs(features).into_par_iter();
     let matched = pairs.map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) });
     matched.filter(|matches| matches.pairs.len() >= FEWEST).collect()
 }
 
-/// Returns the pairs of photographs that are matched: all of few, else each photograph with the [`NEIGHBOURS`] with which its
-/// strongest features have most matches, and with the next [`FOLLOWING`] in their order.
+/// Returns the pairs of photographs that are matched: all pairs of few photographs. Otherwise each is matched with the
+/// [`NEIGHBOURS`] whose strongest features match most, and with the next [`FOLLOWING`] in order.
 fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
     let count = features.len();
     let all: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
@@ -61,7 +61,7 @@ fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
     likely.into_iter().collect()
 }
 
-/// Returns the indices `(a, b)` of features that are each other's closest, by far in both photographs.
+/// Returns the indices `(a, b)` of features that are each other's nearest, and pass the ratio test in both directions.
 pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
     let (rows, columns) = (a.pixels.len(), b.pixels.len());
     let (mut to_b, mut to_a) = (vec![Best::NONE; rows], vec![Best::NONE; columns]);
@@ -116,7 +116,7 @@ impl Best {
         }
     }
 
-    /// Returns the best, if it is closer than [`RATIO`] of the second: of unit vectors, d² = 2 - 2 s.
+    /// Returns the best feature if its distance is below [`RATIO`] times the second's; unit vectors have d² = 2 - 2 s.
     fn chosen(&self) -> Option<usize> {
         (1.0 - self.first < RATIO * RATIO * (1.0 - self.second)).then_some(self.index)
     }
@@ -125,8 +125,8 @@ impl Best {
 /// Photographs and the pixels in which they see one point, each photograph once.
 pub(crate) type Track = Vec<(usize, DVec2)>;
 
-/// Returns the connected components of `matches`, a track each. A photograph that would see the point of a track at two
-/// pixels is left out of that track.
+/// Returns the connected components of `matches` as tracks. A photograph that sees a track at two pixels is removed
+/// from that track.
 pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item = &'m Matches>) -> Vec<Track> {
     let mut first = vec![0];
     for (i, all) in features.iter().enumerate() {
@@ -138,7 +138,7 @@ pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item 
         parent[a.max(b)] = a.min(b);
     };
     for (i, all) in features.iter().enumerate() {
-        // Features that differ in their orientation alone.
+        // Features at one pixel differ only in orientation.
         let same = (1..all.pixels.len()).filter(|&k| all.pixels[k] == all.pixels[k - 1]);
         same.for_each(|k| join(first[i] + k, first[i] + k - 1));
     }
@@ -176,7 +176,7 @@ mod tests {
     use crate::sift::features;
     use infonerf_scene::image::GreyImage;
 
-    /// Blobs of all sizes, drawn in a frame that is turned, scaled and moved.
+    /// Draws blobs of all sizes, with centres mapped by `to_picture` and radii multiplied by `scale`.
     fn picture(to_picture: impl Fn(DVec2) -> DVec2, scale: f64) -> GreyImage {
         let side = 320;
         let mut values = vec![0.5f64; side * side];
@@ -209,7 +209,7 @@ mod tests {
         let at = |x: f64| DVec2::new(x, 0.0);
         let photograph =
             |pixels: &[f64]| Features { pixels: pixels.iter().map(|x| at(*x)).collect(), ..Default::default() };
-        // The first two features of the third photograph differ in orientation alone.
+        // The first two features of the third photograph differ only in orientation.
         let features = [photograph(&[1.0, 2.0]), photograph(&[3.0, 4.0]), photograph(&[5.0, 5.0, 6.0])];
         let matched = |a, b, pairs: [(usize, usize); 2]| Matches { a, b, pairs: pairs.to_vec() };
         let matches =
@@ -217,11 +217,11 @@ mod tests {
         let joined = tracks(&features, &matches[..2]);
         let all = vec![vec![(0, at(1.0)), (1, at(3.0)), (2, at(5.0))], vec![(0, at(2.0)), (1, at(4.0)), (2, at(6.0))]];
         assert_eq!(joined, all);
-        // The last match makes one of the two, in which every photograph is ambiguous.
+        // The last matches join both tracks into one, in which every photograph is ambiguous.
         assert!(tracks(&features, &matches).is_empty());
     }
 
-    /// Thirty photographs in a circle, each of which looks like those up to three places away.
+    /// Arranges thirty photographs in a circle; each shares features with those up to four places away.
     #[test]
     fn likely_pairs_are_those_that_look_alike() {
         let random = |i: usize, k: usize| (((i * LENGTH + k) as f64 * 12.9898).sin() * 43758.5453).fract() as f32;

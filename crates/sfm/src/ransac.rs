@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 
-/// The chance with which one sample without an outlier is drawn.
+/// Probability that at least one sample without outliers is drawn.
 const CONFIDENCE: f64 = 0.9999;
 
 pub(crate) struct Ransac {
@@ -15,7 +15,7 @@ pub(crate) struct Ransac {
 }
 
 impl Ransac {
-    /// Returns the model of `N` data with the least `Σ min(error, threshold)` over data `0..count`, and its inliers.
+    /// Returns the model, solved from `N` data, with the min `Σ min(error, threshold)` over data `0..count`, and its inliers.
     pub(crate) fn run<M, const N: usize>(
         &self,
         count: usize,

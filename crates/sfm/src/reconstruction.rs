@@ -14,54 +14,54 @@ use crate::two_view::{TwoView, verified};
 use infonerf_scene::image::GreyImage;
 
 pub(crate) const FEATURES: usize = 6000;
-/// Greatest distance between the pixel at which a point is seen and its projection, over the longer side of a photograph.
+/// Max reprojection error, divided by the longer side of a photograph.
 pub(crate) const TOLERANCE: f64 = 2.5e-3;
-/// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
+/// Focal lengths, divided by the longer side, that are tried if none is known: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
-/// Uncertainty of a guessed focal length, and of one from EXIF: deviation of its logarithm.
+/// Deviations of the logarithm of a focal length: of a guessed one, and of a known one.
 const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.03;
-/// The usual focal length, over the longer side, and the deviation of its logarithm among cameras.
+/// Usual focal length divided by the longer side, and the deviation of its logarithm among cameras.
 const USUAL: (f64, f64) = (0.85, 0.5);
-/// Rivals of the best reconstruction: those whose score is at least this share of its, from which the uncertainty of
-/// the focal length is judged.
+/// Min ratio of a reconstruction's score to the best one's at which its focal length is a rival: rivals show how
+/// uncertain the focal length is.
 const RIVAL: f64 = 0.9;
-/// Two guesses of which all photographs are placed with focal lengths this close, by the logarithm of their ratio, end the search.
+/// Max difference between the logarithms of two focal lengths that place all photographs at which the search ends.
 const SAME_FOCAL: f64 = 0.02;
 /// Ratio between rival focal lengths above which the focal length is reported as uncertain.
 const UNCERTAIN: f64 = 1.2;
-/// A pair shows no depth if one homography explains this share of its matches.
+/// Min share of a pair's matches explained by one homography at which the pair shows no depth.
 const FLAT: f64 = 0.95;
-/// Number of photographs from which the focal length is found where it is not known.
+/// Number of photographs from which an unknown focal length is found.
 const FEW: usize = 9;
-/// Number of pairs of photographs from which a reconstruction is started in turn.
+/// Number of pairs of photographs from which reconstructions start; the best one is kept.
 const STARTS: usize = 3;
-/// Angles above this, in radians, make a pair no better to start from.
+/// Max angle between rays, in radians, that counts in the choice of a starting pair.
 const WIDE: f64 = 0.2;
 
 /// Error of photographs that show no depth.
 pub const NO_DEPTH: &str = "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
                             turned, crops of one photograph, or a flat scene";
 
-/// A photograph; all have one lens, whose axis goes through the middle of each. Images of several sizes are at one scale.
+/// A photograph. All share one lens with the principal point in the middle; images of several sizes have one scale.
 #[derive(Clone, Debug)]
 pub struct Photograph {
     /// The image, reduced to any size.
     pub image: GreyImage,
     /// Pixels whose features count, row-major; `None` if all do.
     pub mask: Option<Vec<bool>>,
-    /// Focal length over the longer side of the image, if it is known.
+    /// Focal length divided by the longer side of the image, if it is known.
     pub focal: Option<f64>,
 }
 
-/// Cameras and points, in a world of arbitrary place and scale. Pixels are those of a canvas of the greatest width and height
-/// of all photographs, in whose middle each is.
+/// Cameras and points in a world of arbitrary position and scale. Pixels are those of a canvas with the max width and
+/// max height of all photographs, on which each photograph is centred.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SparseModel {
-    /// The lens of all photographs, in their pixels.
+    /// Lens of all photographs, in pixels of the canvas.
     pub lens: SimpleRadial,
-    /// The pose of each photograph, or why it has none.
+    /// Pose of each photograph, or the reason why it has none.
     pub poses: Vec<Result<Pose, String>>,
     /// Points that two or more photographs see.
     pub points: Vec<Point>,
@@ -77,12 +77,12 @@ impl SparseModel {
     }
 }
 
-/// Finds cameras and points, and reports each step to `progress` in a line. `focal`, over the longer side, replaces what the
-/// photographs state.
+/// Finds cameras and points, and reports each step to `progress` in a line. `focal`, divided by the longer side,
+/// replaces the focal lengths of the photographs.
 ///
 /// # Errors
-/// No two photographs have enough matches that agree on how the cameras stand to each other, or one homography explains
-/// the matches of each pair, so that nothing shows depth; in one line.
+/// Returns one line if no two photographs have enough matches that agree on a relative pose, or if one homography
+/// explains the matches of each pair, so that nothing shows depth.
 pub fn reconstruct(
     photographs: &[Photograph],
     focal: Option<f64>,
@@ -130,7 +130,7 @@ pub fn reconstruct(
     best_guess(&guesses, longer, count, |guess| mapped(guess, &matched), &mut progress)
 }
 
-/// Returns the number of up to `most` photographs with many `matched` features among them, and their matches.
+/// Chooses up to `most` photographs with many matches among them; returns their number and these matches.
 fn most_matched(matched: &[Matches], most: usize) -> (usize, Vec<Matches>) {
     let mut chosen: Vec<usize> = Vec::new();
     let mut gains: BTreeMap<usize, usize> = BTreeMap::new();
@@ -147,11 +147,11 @@ fn most_matched(matched: &[Matches], most: usize) -> (usize, Vec<Matches>) {
     (chosen.len(), matched.iter().filter(is_within).cloned().collect())
 }
 
-/// Maps `count` photographs with each of the focal lengths `guesses`, over the `longer` side, and returns the map that
-/// places most of them and explains most.
+/// Maps `count` photographs with each of the focal lengths `guesses` (divided by the `longer` side). Returns the map
+/// with most placed photographs, or among several the one that explains most.
 ///
 /// # Errors
-/// As [`reconstruct`].
+/// Errors of [`reconstruct`].
 fn best_guess(
     guesses: &[f64],
     longer: f64,
@@ -203,8 +203,8 @@ fn best_guess(
     Ok(found)
 }
 
-/// Returns how likely a focal length is, 1 at most. A very long one explains more matches than the true one if the cameras
-/// stand in a row: seen from so far, a point's depth is free, so that any match agrees.
+/// Returns the plausibility of a focal length, at most 1. If cameras stand in a row, a very long focal length explains
+/// more matches than the true one: from far away a point's depth is free, so that any match agrees.
 fn plausibility(focal: f64) -> f64 {
     1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
 }

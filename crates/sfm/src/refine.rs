@@ -15,7 +15,7 @@ use crate::reconstruction::{FEATURES, SparseModel, TOLERANCE};
 use crate::sift::{Features, LENGTH, features};
 use crate::two_view::{relative, verified};
 
-/// Points may always fall this many pixels from where they are seen.
+/// Min tolerance of reprojection errors in pixels.
 const MIN_TOLERANCE: f64 = 1.0;
 
 /// Uncertainty of cameras: deviations of normal distributions.
@@ -23,18 +23,18 @@ const MIN_TOLERANCE: f64 = 1.0;
 pub struct Uncertainty {
     /// Deviation of orientations, in radians.
     pub turn: f64,
-    /// Deviation of places, in units of the world.
+    /// Deviation of positions, in units of the world.
     pub shift: f64,
-    /// Deviation of the logarithm of the focal lengths, which all are off by one factor; 0 if they are exact.
+    /// Deviation of the logarithm of one factor by which all focal lengths are off; 0 if they are exact.
     pub focal: f64,
 }
 
-/// Deviations that a relative pose may be from the given one: a texture that repeats agrees on a pose far from it.
+/// Max difference of a relative pose from the given one, in deviations: repetitive textures agree on wrong poses.
 const MAX_DEVIATIONS: f64 = 4.0;
 
 impl Uncertainty {
-    /// Whether two cameras that are thought to be at `given` may be at the relative pose `found`, whose translation is known up
-    /// to its length: within [`MAX_DEVIATIONS`] in rotation, and in the direction of the translation.
+    /// Returns whether the relative pose `found` is within [`MAX_DEVIATIONS`] of the relative pose of `given`, in
+    /// rotation and in direction of the translation. The length of its translation is unknown.
     fn allows(&self, found: &Pose, given: [Pose; 2]) -> bool {
         let Pose { rotation, translation } = relative([&given[0], &given[1]]);
         let turned = DQuat::from_mat3(&found.rotation).angle_between(DQuat::from_mat3(&rotation));
@@ -47,19 +47,19 @@ impl Uncertainty {
 /// Refined cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refined {
-    /// The pose of each photograph, or the reason why it keeps its own.
+    /// Pose of each photograph, or the reason why it keeps the given one.
     pub poses: Vec<Result<Pose, String>>,
-    /// Factor by which focal lengths are longer than they were given.
+    /// Ratio of refined to given focal lengths.
     pub focal: f64,
     /// Points that two or more photographs see.
     pub points: Vec<Point>,
-    /// Median distance, in pixels, between where points are seen and where they fall: by the given cameras, which place them
-    /// anew, and by the refined ones.
+    /// Median reprojection errors in pixels, of the given and of the refined cameras. Each time the cameras triangulate
+    /// the points anew.
     pub errors: [f64; 2],
 }
 
-/// Adjusts the cameras of `views` and the points that they share together, beginning at the given poses and drawn to them by
-/// their `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
+/// Adjusts the cameras of `views` and the points that they share, starting at the given poses. A prior with
+/// `uncertainty` keeps what matches leave open. Errors are in pixels of a camera with about the focal length `focal`.
 pub fn refine(views: &[View], focal: f64, uncertainty: Uncertainty) -> Refined {
     let features: Vec<Features> = views.par_iter().map(|view| seen(view, focal)).collect();
     let longer = views.iter().map(|view| view.image.width.max(view.image.height)).max().unwrap_or(0);
@@ -78,8 +78,8 @@ pub fn refine(views: &[View], focal: f64, uncertainty: Uncertainty) -> Refined {
     Refined { focal: adjusted.focal / focal, poses, points, errors }
 }
 
-/// Returns the median distance, in pixels, between where `points` are seen and where they fall when these cameras alone
-/// place them: infinite for points that they cannot place, and 0 without points.
+/// Returns the median reprojection error of `points`, triangulated by these cameras, in pixels. Points that they cannot
+/// triangulate have an infinite error; without points it is 0.
 fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[Point]) -> f64 {
     let errors_of = |point: &Point| -> Vec<f64> {
         let view = |&(i, pixel): &(usize, DVec2)| Some((*poses[i].as_ref().ok()?, pixel));
@@ -94,7 +94,7 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
     errors.get(errors.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Finds the features of a view at valid pixels, as a lens of that focal length without distortion sees them.
+/// Finds the features of a view at valid pixels, and converts them to a lens of focal length `focal` without distortion.
 fn seen(view: &View, focal: f64) -> Features {
     let (width, height) = (view.image.width as usize, view.image.height as usize);
     let found = features(&GreyImage::luma(width, height, view.image.rgb.iter().copied()), None, FEATURES);

@@ -6,39 +6,39 @@ use glam::DVec2;
 use infonerf_scene::image::GreyImage;
 use nalgebra::{Matrix3, Vector3};
 
-/// Values per descriptor: 4 × 4 cells of 8 orientations.
+/// Number of values per descriptor: 4 × 4 cells of 8 orientations.
 pub(crate) const LENGTH: usize = CELLS * CELLS * BINS;
 const CELLS: usize = 4;
 const BINS: usize = 8;
 const SCALES: usize = 3;
 /// Blur of the first image of each octave, in its pixels.
 const SIGMA: f32 = 1.6;
-/// Blur that a photograph is taken to have, in its pixels.
+/// Assumed blur of a photograph, in its pixels.
 const CAMERA_SIGMA: f32 = 0.5;
-/// Extrema of the difference of Gaussians below this are noise.
+/// Min absolute value of an extremum of the difference of Gaussians; smaller ones are noise.
 const CONTRAST: f32 = 0.005;
-/// Larger ratios of principal curvatures are edges.
+/// Max ratio of principal curvatures; larger ones are edges.
 const EDGE: f32 = 10.0;
-/// The shortest side of an octave, in pixels.
+/// Min side of an octave in pixels.
 const SMALLEST: usize = 16;
 /// Width, in pixels, of the border in which there are no features.
 const BORDER: usize = 5;
-/// Bins of the histogram of orientations.
+/// Number of bins of the histogram of orientations.
 const ANGLES: usize = 36;
-/// Peaks of that histogram above this share of the highest one are orientations too, two at most.
+/// Min ratio of a peak of that histogram to the highest one at which it is an orientation too; two are used at most.
 const PEAK: f32 = 0.8;
-/// Photographs of at most this longest side are doubled first.
+/// Max longest side, in pixels, of photographs that are doubled first.
 const DOUBLED: usize = 1024;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Features {
-    /// Positions in pixels, by falling contrast; the centre of the first pixel is (0.5, 0.5).
+    /// Positions in pixels, by decreasing contrast; the centre of the first pixel is (0.5, 0.5).
     pub(crate) pixels: Vec<DVec2>,
-    /// [`LENGTH`] values each, of unit length.
+    /// Descriptors of unit length, [`LENGTH`] values each.
     pub(crate) descriptors: Vec<f32>,
 }
 
-/// Finds the features of `image`, the `most` of highest contrast; of an image with a `mask`, row-major, those on pixels that count.
+/// Finds the `most` features of `image` with highest contrast, at pixels that `mask` (row-major) allows.
 pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, most: usize) -> Features {
     let counts = |pixel: DVec2| mask.is_none_or(|mask| mask[pixel.y as usize * image.width + pixel.x as usize]);
     let (mut base, mut spacing) = first_level(image);
@@ -68,14 +68,14 @@ pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, most: usize) ->
     features
 }
 
-/// Returns the first image of the first octave, with a blur of [`SIGMA`], and the distance of its pixels in those of `image`.
+/// Returns the first image of the first octave, with a blur of [`SIGMA`], and its pixel spacing in pixels of `image`.
 fn first_level(image: &GreyImage) -> (GreyImage, f64) {
     let double = image.width.max(image.height) <= DOUBLED;
     let (base, sigma) = if double { (doubled(image), 2.0 * CAMERA_SIGMA) } else { (image.clone(), CAMERA_SIGMA) };
     (blurred(&base, (SIGMA * SIGMA - sigma * sigma).sqrt()), if double { 0.5 } else { 1.0 })
 }
 
-/// Ever more blurred images of one size, and their differences.
+/// Images of one size with increasing blur, and their differences.
 struct Octave {
     levels: Vec<GreyImage>,
     differences: Vec<GreyImage>,
@@ -139,7 +139,7 @@ impl Octave {
         })
     }
 
-    /// Returns the extremum of the quadratic through the values around; `None` if it is weak, on an edge, or runs away.
+    /// Returns the extremum of the quadratic through adjacent values; `None` if it is weak, on an edge, or does not converge.
     fn refined(&self, mut s: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
         let (width, height) = (self.levels[0].width, self.levels[0].height);
         for _ in 0..5 {
@@ -198,7 +198,7 @@ fn gradients(image: &GreyImage, at: &Extremum, radius: f32, mut visit: impl FnMu
     }
 }
 
-/// Returns the one or two directions that most gradients around a feature have.
+/// Returns the one or two dominant directions of the gradients around a feature.
 fn orientations(image: &GreyImage, at: &Extremum) -> Vec<f32> {
     let sigma = 1.5 * at.sigma;
     let mut histogram = [0f32; ANGLES];
@@ -294,7 +294,7 @@ fn halved(image: &GreyImage) -> GreyImage {
     GreyImage { width, height, values }
 }
 
-/// Doubles the size: pixel `2 x` of the result is pixel `x`, those between are means.
+/// Doubles the size: pixel `2 x` of the result is pixel `x`; pixels between are means.
 fn doubled(image: &GreyImage) -> GreyImage {
     let (width, height) = (2 * image.width, 2 * image.height);
     let value = |i: usize| {
@@ -325,7 +325,7 @@ mod tests {
         Extremum { x: at, y: at, sigma: 2.0, level: 0, contrast: 1.0 }
     }
 
-    /// The camera's blur of half a pixel, one after doubling, and the one that is added come to [`SIGMA`].
+    /// Checks that the camera's blur of 0.5 pixels, or 1 after doubling, and the added blur combine to [`SIGMA`].
     #[test]
     fn the_first_level_has_the_blur_of_an_octave() {
         for (side, before) in [(65, 2.0 * CAMERA_SIGMA), (DOUBLED + 1, CAMERA_SIGMA)] {
@@ -334,7 +334,7 @@ mod tests {
             let row: Vec<f32> = (0..base.width).map(|x| base.at(x, centre)).collect();
             let sum: f32 = row.iter().sum();
             let variance: f32 = row.iter().zip(0..).map(|(v, x)| v / sum * (x as f32 - centre as f32).powi(2)).sum();
-            // Doubling interpolates, which has a variance of half a pixel of its own.
+            // Interpolation by doubling adds a variance of 0.5 square pixels.
             let interpolated = if spacing < 1.0 { 0.5 } else { 0.0 };
             let added = SIGMA * SIGMA - before * before;
             assert!((variance - interpolated - added).abs() < 0.03, "{side}: {variance} {added}");

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::bundle::{Bundle, Point};
 use crate::camera::{Pose, SimpleRadial};
 
-/// Returns points in a box of side 2, seen without error from `cameras` places 4 away, in pictures of 1000 × 800.
+/// Returns points in a box of side 2, seen without error by `cameras` at a distance of 4, in images of 1000 × 800 pixels.
 pub(crate) fn world(seed: u64, cameras: usize, points: usize) -> Bundle {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut any = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
@@ -28,7 +28,7 @@ pub(crate) fn world(seed: u64, cameras: usize, points: usize) -> Bundle {
     Bundle { lens, poses, points }
 }
 
-/// Moves what is seen by up to `noise` pixels each way, and every `wrong`th of it to anywhere.
+/// Moves observations by up to `noise` pixels on each axis, and every `wrong`th one to a random pixel.
 pub(crate) fn disturb(points: &mut [Point], noise: f64, wrong: usize) {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     for (i, (_, pixel)) in points.iter_mut().flat_map(|p| &mut p.seen).enumerate() {

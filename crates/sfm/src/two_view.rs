@@ -14,21 +14,21 @@ use crate::reconstruction::TOLERANCE;
 use crate::sift::{Features, features};
 
 const SAMPLES: usize = 2000;
-/// Samples of four matches for a homography, at most.
+/// Max number of samples of four matches for a homography.
 const HOMOGRAPHIES: usize = 300;
 
 pub(crate) struct TwoView {
     /// Pose of the second camera; the first is at the origin, the distance between them 1.
     pub(crate) pose: Pose,
-    /// The matches that agree, by index.
+    /// Indices of the matches that agree.
     pub(crate) inliers: Vec<usize>,
     /// Angles between both cameras' rays to each inlier's point, in radians.
     pub(crate) angles: Vec<f64>,
-    /// Share of the inliers that one homography explains as well: a camera that was only turned, or a flat scene.
+    /// Share of the inliers that one homography explains as well; high if the camera was only turned or the scene is flat.
     pub(crate) flat: f64,
 }
 
-/// Pairs of photographs, with the matches that agree on a relative pose alone.
+/// Pairs of photographs with only those matches that agree on a relative pose.
 type Verified = Vec<(Matches, TwoView)>;
 
 /// Returns the pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose.
@@ -47,7 +47,7 @@ fn pixels(features: &[Features], Matches { a, b, pairs }: &Matches) -> Vec<(DVec
 }
 
 /// Returns the relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels.
-/// `None` where no five of them allow one.
+/// `None` if no five of them give one.
 pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, tolerance: f64, seed: u64) -> Option<TwoView> {
     let rays: Vec<(DVec2, DVec2)> = matches.iter().map(|(a, b)| (lens.unproject(*a), lens.unproject(*b))).collect();
     let threshold = (tolerance / lens.focal).powi(2);
@@ -77,7 +77,7 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
     Some(TwoView { pose, inliers, angles, flat: flatness(&agreed, threshold, seed) })
 }
 
-/// Returns the share of `rays` that the best homography takes from the first to the second camera, by squared distances
+/// Returns the share of `rays` that the best homography maps from the first to the second camera, with squared errors
 /// below `threshold`.
 fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
     let ransac = Ransac { threshold, most: HOMOGRAPHIES, seed };
@@ -125,9 +125,9 @@ pub(crate) fn cross(v: DVec3) -> DMat3 {
     DMat3::from_cols(v.cross(DVec3::X), v.cross(DVec3::Y), v.cross(DVec3::Z))
 }
 
-/// Focal lengths over the longer side with which matches are verified if the given ones do not suffice.
+/// Focal lengths, divided by the longer side, with which matches are verified in addition to the given ones.
 const FOCAL_LENGTHS: [f64; 3] = [0.7, 1.1, 1.8];
-/// Pairs of images are compared if this share of their matches agrees on a relative pose.
+/// Min share of a pair's matches that agree on a relative pose; pairs with fewer are left out.
 const AGREEING: f64 = 0.5;
 
 /// Pixels of two images that show the same points.
@@ -142,8 +142,8 @@ pub struct ImageMatches {
 }
 
 /// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
-/// the matches alone. `focal` holds the focal lengths, in pixels, that the cameras are thought to have; an image has at most
-/// `most` features.
+/// the matches alone. `focal` has the assumed focal lengths of the cameras in pixels. An image has at most `most`
+/// features.
 pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
     let found: Vec<Features> = images.par_iter().map(|image| features(image, None, most)).collect();
     let verify = |matches: &Matches| {
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use crate::testing::{disturb, turn, world};
 
-    /// One end of two in five matches is anywhere.
+    /// Moves one end of two in five matches to a random pixel.
     #[test]
     fn outliers_do_not_turn_the_pose() {
         let mut all = world(2, 3, 200);

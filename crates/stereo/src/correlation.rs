@@ -2,10 +2,10 @@
 
 use infonerf_scene::image::GreyImage;
 
-/// Added to the variances, so that noise in an even window correlates with nothing.
+/// Constant added to variances, so that noise in uniform windows does not correlate.
 const NOISE: f32 = 1e-4;
 
-/// Sums over the windows of one image that others are compared with.
+/// Statistics of the windows of an image with which other images are compared.
 pub(crate) struct Windows<'a> {
     image: &'a GreyImage,
     half: usize,
@@ -24,7 +24,7 @@ impl<'a> Windows<'a> {
     ///
     /// `(E[ab] − E[a]E[b]) / √((Var a + c)(Var b + c))`, `c = 1e-4`
     ///
-    /// Pixels that are NaN in the image are left out of its windows; NaN where `b` lacks one of the others.
+    /// NaN pixels of `a` are left out of its windows. The result is NaN where `b` is NaN at another pixel of the window.
     pub(crate) fn correlation(&self, b: &[f32]) -> Vec<f32> {
         let products = |(&a, &b): (&f32, &f32)| {
             if a.is_nan() || b.is_nan() { [0.0; 4] } else { [1.0, b, b * b, a * b] }
@@ -113,7 +113,7 @@ mod tests {
         let found = Windows::new(&a, 2).correlation(&brighter);
         assert!(found[0].is_nan() && found[2].is_nan() && !found[3].is_nan());
         assert!(found.iter().all(|value| value.is_nan() || (*value > 0.98 && *value < 1.001)), "{found:?}");
-        // Pixels that are no part of the image are left out of its windows, and poison no other.
+        // Pixels that are NaN in the image are left out of its windows and affect no others.
         let mut holed = a.clone();
         holed.values[4 * 11 + 5] = f32::NAN;
         let found = Windows::new(&holed, 2).correlation(&a.values);

@@ -36,7 +36,7 @@ use crate::sweep::PlaneSweep;
 pub struct StereoSettings {
     /// The longest side of the images that are compared, in pixels; larger ones are averaged down.
     pub size: u32,
-    /// Views that each view is compared with, at most.
+    /// Max number of views with which each view is compared.
     pub neighbours: usize,
 }
 
@@ -46,9 +46,9 @@ impl Default for StereoSettings {
     }
 }
 
-/// Reduction of the images in which the depths that occur are found first.
+/// Reduction of the images in which the range of depths is found first.
 const REDUCTION: u32 = 3;
-/// Fewer matches than this share of all pixels do not show which depths occur.
+/// Min share of matched pixels from which the range of depths is found.
 const MIN_MATCHES: f32 = 0.01;
 
 /// Computes a depth map for each training view of `scene`, in their order. A view without another one close to it gets
@@ -101,7 +101,7 @@ struct Disparities {
 impl Disparities {
     const ALL: Self = Self { least: 0.0, greatest: f32::INFINITY };
 
-    /// Returns the least and the greatest disparity along `ray` at which content of `scene` may lie.
+    /// Returns the min and max disparity along `ray` at which content of `scene` may lie.
     fn along(&self, scene: &Scene, ray: &Ray) -> Option<(f32, f32)> {
         let (near, far) = scene.interval(ray)?;
         let (least, greatest) = ((1.0 / far).max(self.least), (1.0 / near.max(1e-3 * far)).min(self.greatest));
@@ -109,7 +109,7 @@ impl Disparities {
     }
 }
 
-/// Returns the range of all but a hundredth of the matched disparities at either end, a quarter wider; `None` for too few
+/// Returns the range from the 1 % to the 99 % quantile of matched disparities, a quarter wider; `None` for too few
 /// matches.
 fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
@@ -122,10 +122,10 @@ fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     Some(Disparities { least: 0.8 * found[margin], greatest: 1.25 * found[found.len() - 1 - margin] })
 }
 
-/// The angle between two lines of sight that shows depth best: less shows little, more shows different sides (MVSNet,
-/// Yao et al. 2018, Sec. 4.1).
+/// Best angle between two lines of sight for depth: smaller ones show little depth, larger ones show different sides
+/// (MVSNet, Yao et al. 2018, Sec. 4.1).
 const BEST_ANGLE_DEG: f32 = 5.0;
-/// Largest angle at which windows look alike.
+/// Max angle between two lines of sight at which windows look similar.
 const MAX_ANGLE_DEG: f32 = 45.0;
 
 /// Returns at most `count` cameras other than `view`, the best first.
@@ -146,8 +146,8 @@ fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
     scored.into_iter().map(|(_, other)| other).collect()
 }
 
-/// Returns the point that `camera` looks at: on its middle ray, as far away as the scene's centre if the cameras surround an
-/// object, else at the geometric mean of the disparities within range.
+/// Returns the point that `camera` looks at, on its middle ray: as far away as the scene's centre if the cameras
+/// surround an object, else at the geometric mean of the min and max disparity.
 fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
     let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
     let (far, near) = within.along(scene, &ray)?;
@@ -167,13 +167,13 @@ pub struct DepthMap {
     pub height: usize,
     /// Inverse distance along the unit ray through each pixel's centre, row-major, 1/scene unit; NaN where nothing was matched.
     pub disparity: Vec<f32>,
-    /// The step between planes at each pixel, in the same unit: how exact a disparity can be.
+    /// Difference in disparity between planes at each pixel, 1/scene unit: the resolution of the disparity.
     pub step: Vec<f32>,
 }
 
 impl DepthMap {
-    /// Returns disparity and step at the continuous position `(x, y)` of `camera`'s image, which may be larger than the
-    /// map: those of the pixel that it lies in. `None` where nothing was matched.
+    /// Returns disparity and step of the pixel that contains the continuous position `(x, y)` of `camera`'s image,
+    /// which may be larger than the map. `None` where nothing was matched.
     pub fn at(&self, camera: &Camera, x: f32, y: f32) -> Option<(f32, f32)> {
         let column = (x / camera.width as f32 * self.width as f32) as usize;
         let row = (y / camera.height as f32 * self.height as f32) as usize;
@@ -182,8 +182,8 @@ impl DepthMap {
         disparity.is_finite().then_some((disparity, self.step[at]))
     }
 
-    /// Returns the disparity that all but a hundredth of the matched pixels are below: the nearest surface of the view.
-    /// `None` if there are none.
+    /// Returns the 99 % quantile of matched disparities: the nearest surface of the view without stray matches. `None`
+    /// if there are none.
     pub fn nearest(&self) -> Option<f32> {
         let mut found: Vec<f32> = self.disparity.iter().copied().filter(|disparity| disparity.is_finite()).collect();
         found.sort_by(f32::total_cmp);
@@ -196,11 +196,11 @@ impl DepthMap {
     }
 }
 
-/// Greatest difference between two views' disparities of one point, in steps between planes.
+/// Max difference between two views' disparities of one point, in steps between planes.
 const TOLERANCE: f32 = 1.5;
 
-/// Clears each pixel whose surface point is confirmed by no other view of `pairs`: one whose own map has, at the pixel
-/// where it sees the point, the point's disparity to within [`TOLERANCE`] steps.
+/// Clears each pixel that no other view of `pairs` confirms. A view confirms it if its own map, at the pixel where it
+/// sees the surface point, has the point's disparity up to [`TOLERANCE`] steps.
 fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) -> Vec<DepthMap> {
     let checked = |view: usize| {
         let (map, camera) = (&maps[view], &cameras[view]);

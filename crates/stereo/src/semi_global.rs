@@ -5,17 +5,17 @@ use rayon::prelude::*;
 
 /// Cost of a step to the next plane between neighbouring pixels.
 const SMALL_STEP: f32 = 0.02;
-/// Cost of a larger step where the image is even; less across an edge.
+/// Cost of a larger step in uniform areas of the image; less across an edge.
 const LARGE_STEP: f32 = 0.25;
-/// Difference in grey that halves [`LARGE_STEP`].
+/// Difference in grey values that halves [`LARGE_STEP`].
 const EDGE: f32 = 0.05;
 
 const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
 
 /// Returns the best plane of each pixel, refined between planes by a parabola through its cost and its neighbours'.
 ///
-/// Along each direction r, `L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + P₁, min L(q) + P₂) − min L(q)` with q = p − r
-/// (Eq. 13); the plane with the least ΣL wins.
+/// Along each direction r, `L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + P₁, min L(q) + P₂) − min L(q)` with q = p −
+/// r (Eq. 13). The best plane has the min ΣL.
 pub(crate) fn labels(costs: &[f32], planes: usize, guide: &GreyImage) -> Vec<f32> {
     let add = |mut sum: Vec<f32>, costs: Vec<f32>| {
         sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
@@ -54,7 +54,7 @@ fn gathered(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize, i
     total
 }
 
-/// Computes one pixel's costs from those of the pixel before it.
+/// Computes the costs of one pixel from the costs of the pixel before it.
 fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
     let least = from.iter().copied().fold(f32::INFINITY, f32::min);
     let stay = |d: usize| from[d].min(least + large);
@@ -67,7 +67,7 @@ fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
     }
 }
 
-/// Returns the index of the least of `costs`, refined to a fraction by a parabola through it and its neighbours.
+/// Returns the index of the min of `costs`, refined to a fraction by a parabola through it and its neighbours.
 fn refined_minimum(costs: &[f32]) -> f32 {
     let best = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
     if best == 0 || best + 1 == costs.len() {

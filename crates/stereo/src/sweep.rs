@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::correlation::Windows;
 use crate::{DepthMap, Disparities};
 
-/// Candidate depths per ray.
+/// Min and max number of candidate depths per ray.
 const MIN_PLANES: usize = 16;
 const MAX_PLANES: usize = 192;
 /// Half the side of the windows that are compared, in pixels.
@@ -15,13 +15,13 @@ const HALF_WINDOW: usize = 3;
 /// Cost of a plane at which no other view can be compared.
 const UNSEEN_COST: f32 = 0.5;
 
-/// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of
-/// what the ray can show.
+/// Candidate depths of each pixel of a view: the same number on each ray, evenly spaced between the min and max
+/// disparity that the ray can show.
 pub(crate) struct PlaneSweep {
     width: usize,
     height: usize,
     pub(crate) planes: usize,
-    /// Ray, disparity of its first plane (the farthest), and the step to the next, for each pixel; none where it shows nothing.
+    /// Ray of each pixel, disparity of its first (farthest) plane, and step to the next; `None` where it shows nothing.
     rays: Vec<Option<(Ray, f32, f32)>>,
 }
 
@@ -33,8 +33,8 @@ impl PlaneSweep {
             within.along(scene, &ray).map(|(far, near)| (ray, far, near))
         };
         let ends: Vec<_> = (0..width * height).map(ends).collect();
-        // As many planes as a point moves pixels in another view, by how far the first of most steps takes it there: the
-        // nearest points may lie outside of that view, or behind it.
+        // One plane for each pixel that a point moves in another view, extrapolated from the farthest of the max number
+        // of steps: nearer points may lie outside of that view or behind it.
         let moves = |&(ray, far, near): &(Ray, f32, f32), other: &Camera| {
             let step = (near - far) / (MAX_PLANES - 1) as f32;
             let [a, b] = [far, far + step].map(|disparity| other.project(ray.at(1.0 / disparity)));

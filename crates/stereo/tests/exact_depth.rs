@@ -9,7 +9,7 @@ fn room() -> Scene {
     load("room", &SceneRequest { train, image_size: Some(128), ..SceneRequest::default() }).unwrap()
 }
 
-/// How far the map's disparities are from the exact ones, in steps between planes, sorted.
+/// Returns the errors of the map's disparities in steps between planes, sorted.
 fn errors(scene: &Scene, view: usize, map: &DepthMap) -> Vec<f32> {
     let exact = scene.train[view].depth.as_ref().unwrap();
     let error = |i: usize| (map.disparity[i] - 1.0 / exact[i]).abs() / map.step[i];
@@ -30,7 +30,7 @@ fn matched_pixels_are_where_they_are() {
     }
 }
 
-/// Captures often come without near and far, and what is assumed for them is wide.
+/// Widens near and far, which are estimated in many captures.
 #[test]
 fn near_and_far_may_be_far_off() {
     let mut scene = room();
@@ -44,7 +44,7 @@ fn near_and_far_may_be_far_off() {
     }
 }
 
-/// A map of a smaller image answers for positions in the larger one.
+/// Checks that a map of a smaller image is indexed by pixels of the larger one.
 #[test]
 fn maps_are_asked_in_pixels_of_the_view() {
     let scene = room();
@@ -56,7 +56,7 @@ fn maps_are_asked_in_pixels_of_the_view() {
     assert_eq!(map.at(camera, 2.0 * column + 0.5, 2.0 * row + 1.5), Some((map.disparity[i], map.step[i])));
 }
 
-/// The lower half of each image is noise that a mask leaves out.
+/// Fills the lower half of each image with noise that a mask leaves out.
 #[test]
 fn pixels_that_are_not_valid_are_not_matched() {
     let scene = room();

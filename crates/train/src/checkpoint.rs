@@ -22,7 +22,7 @@ use crate::weight_averaging::WeightAverage;
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     progress: Progress,
-    /// Number of models in the averaged one.
+    /// Number of models in the weight average.
     averaged: usize,
     /// Contents of the files by name.
     parts: BTreeMap<&'static str, Vec<u8>>,
@@ -38,7 +38,7 @@ const OCCUPANCY: &str = "occupancy.bin";
 struct Manifest {
     version: u32,
     progress: Progress,
-    /// Number of models in the averaged one.
+    /// Number of models in the weight average.
     averaged: usize,
     files: Vec<CheckpointFile>,
 }
@@ -183,7 +183,7 @@ impl Checkpoint {
     }
 }
 
-/// Finds a weight that is not finite: such a model is not worth keeping, and the checkpoint before it is.
+/// Finds a weight that is not finite: such a model must not replace the previous checkpoint.
 fn not_finite<F: Field>(model: &Model<F>) -> Option<f32> {
     struct Search(Option<f32>);
     impl ModuleVisitor for Search {

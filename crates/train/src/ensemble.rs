@@ -1,7 +1,7 @@
 //! Ensembles: several fields of one scene, each trained with its own random numbers, whose pictures are averaged.
 //!
-//! Four photographs leave much of a scene open, and each field fills it in another way. What they agree on stays in the
-//! mean of their pictures, what one of them made up fades (deep ensembles, Lakshminarayanan et al. 2017).
+//! Few photographs leave much of a scene undetermined, and each field completes it differently. In the mean of their
+//! pictures, content that all share stays, and artefacts of one field fade (deep ensembles, Lakshminarayanan et al. 2017).
 
 use std::time::Instant;
 
@@ -17,12 +17,12 @@ use crate::trainer::{Outcome, Trainer};
 pub type MemberStep = (Vec<Event>, Result<Outcome, TrainError>);
 
 /// Takes a step of each of `trainers` at once, a thread each. This is faster than sharing every operation of one field
-/// among all threads. Each step counts as its share of the time that all took together, so that the times of all fields
-/// add up to that of the run. No field's numbers depend on the others.
+/// among all threads. Each step counts as an equal share of the time that all took together, so that the times of all
+/// fields add up to the time of the run. The values of a field do not depend on the others.
 pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<MemberStep> {
     let start = Instant::now();
     let taken: Vec<_> = match trainers {
-        // A device may know its work by the thread that asks for it.
+        // A single trainer stays in this thread, as a device may tie its work to the calling thread.
         [only] => vec![only.advance(None)],
         _ => trainers.par_iter_mut().map(|trainer| trainer.advance(None)).collect(),
     };
@@ -35,7 +35,7 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Memb
     trainers.iter_mut().zip(taken).map(count).collect()
 }
 
-/// Returns the fields that did not go empty, or all if all did, and how many are left out.
+/// Returns the fields that have not collapsed, or all if all have, and the number of fields that are left out.
 pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>>, usize) {
     let (collapsed, good): (Vec<_>, Vec<_>) = trainers.into_iter().partition(Trainer::has_collapsed);
     if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }

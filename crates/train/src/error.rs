@@ -6,13 +6,13 @@ use thiserror::Error;
 /// Error of a run; each message is one line.
 #[derive(Debug, Error)]
 pub enum TrainError {
-    /// A value of the config is out of range, or does not go with the rest.
+    /// A value of the config is out of range, or contradicts another one.
     #[error(transparent)]
     Fault(#[from] Fault),
     /// A config or a checkpoint cannot be read, or a file not be written: one line with the key or the file, and the cause.
     #[error("{0}")]
     Config(String),
-    /// A loss is not finite. The last checkpoint is from before it.
+    /// A loss is not finite. The last checkpoint was taken before it.
     #[error("step {step}: the {what} is {value}, not a finite number; the last checkpoint is kept")]
     NonFinite {
         /// Name of the value, such as ``loss `entropy` ``.
@@ -33,7 +33,7 @@ pub enum TrainError {
 impl TrainError {
     /// Returns a fault of the config at `key`.
     pub(crate) fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
-        // What was typed may hold line breaks; a message is one line.
+        // Control characters, such as line breaks, are escaped, as a message is one line.
         let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
         Self::Config(format!("{key}: {cause}").chars().map(escaped).collect())
     }

@@ -11,7 +11,7 @@ use infonerf_scene::View;
 use crate::error::TrainError;
 use crate::test_pose::fit_test_pose;
 
-/// A picture with less mean opacity than this shows nothing.
+/// Mean opacity below which a picture counts as empty.
 const EMPTY_PICTURE: f32 = 1e-3;
 
 /// One test view, rendered and measured.
@@ -59,7 +59,7 @@ pub struct Evaluated {
     pub seconds_per_image: f64,
     /// Mean opacity of the pictures.
     pub opacity: f64,
-    /// Whether all pictures are empty: the field is so faint that nothing of it is left.
+    /// Whether all pictures are empty, as of a field that is too faint to be seen.
     pub shows_nothing: bool,
 }
 
@@ -75,8 +75,8 @@ impl<'a> Evaluation<'a> {
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
     }
 
-    /// Does as [`Self::add`] after the pose of each member's camera was fitted to the image of the view in `steps`
-    /// steps, if any ([`fit_test_pose`]).
+    /// Renders and measures `view` as [`Self::add`] does, after the pose of each member's camera is fitted to the view's
+    /// image in `steps` steps ([`fit_test_pose`]). With 0 steps the pose stays as it is.
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -94,8 +94,8 @@ impl<'a> Evaluation<'a> {
         self.add(renderer, &fitted, view)
     }
 
-    /// Renders `view`, the mean of the members' pictures, and compares it with its photograph, whose own residual has no part
-    /// in the picture ([`render_tested`]).
+    /// Renders `view`, the mean of the members' pictures, and compares it with its photograph, whose own residual is left
+    /// out of the picture ([`render_tested`]).
     ///
     /// # Errors
     /// If a render is not finite.

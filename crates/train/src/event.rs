@@ -12,7 +12,7 @@ pub enum Event {
         step: usize,
         /// Seconds of training so far.
         seconds: f64,
-        /// The whole objective.
+        /// Value of the objective.
         loss: f32,
         /// Each term that took part, by name, without its weight.
         losses: BTreeMap<String, f32>,
@@ -27,7 +27,7 @@ pub enum Event {
         /// Share of candidate samples that a field evaluated, in this step.
         evaluated: f64,
     },
-    /// The field went empty.
+    /// The field has collapsed: its space is empty.
     Collapse {
         /// Step at which it happened.
         step: usize,

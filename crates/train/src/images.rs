@@ -10,7 +10,7 @@ use infonerf_schedule::Moment;
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::{Pixels, central_half, crop, training_cameras};
 
-/// Pixels of training images, with what they show.
+/// Pixels of training images and their colours.
 #[derive(Clone, Debug)]
 pub struct SeenPixels {
     /// The pixels.
@@ -36,7 +36,7 @@ pub(crate) struct Images {
     height: u32,
     /// Colour of each pixel of each view.
     rgb: Vec<Vec<[f32; 3]>>,
-    /// The pixels that can be drawn, where these are not all.
+    /// Pixels that can be drawn; `None` if all can be drawn.
     valid: Option<ValidPixels>,
 }
 
@@ -45,12 +45,12 @@ pub(crate) struct Images {
 struct ValidPixels {
     /// Pixels of the whole images.
     whole: Vec<u32>,
-    /// Pixels of the images' central halves; of a view that has none there, all.
+    /// Pixels of the images' central halves; for a view without valid pixels there, all its valid pixels.
     central: Vec<u32>,
 }
 
 impl ValidPixels {
-    /// Returns the squares of `factor` × `factor` pixels that are valid throughout; `None` where a view has none.
+    /// Returns the squares of `factor` × `factor` pixels whose pixels are all valid; `None` if a view has no such square.
     fn of(views: &[View], factor: u32) -> Option<Self> {
         let image = &views[0].image;
         let (stride, width, height) = (image.width, image.width / factor, image.height / factor);
@@ -201,7 +201,7 @@ mod tests {
     use crate::pixels::{UnseenViews, rotation};
     use crate::testing::knot;
 
-    /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
+    /// Checks every kind of batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]
     fn invalid_pixels_are_never_drawn() {
         let mut scene = knot(2, 16);

@@ -19,19 +19,19 @@ pub struct Information {
 }
 
 impl Information {
-    /// Returns the mean over several fields; none for none.
+    /// Returns the mean over several fields; `None` without fields.
     pub fn mean(all: &[Self]) -> Option<Self> {
         let of = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / all.len() as f64;
         (!all.is_empty()).then(|| Self { entropy_bits: of(|one| one.entropy_bits), gain: of(|one| one.gain) })
     }
 }
 
-/// Settings of [`information`]: which rays it is measured on, and how.
+/// Settings of [`information`]: the rays that are measured, and the definitions of entropy and gain.
 #[derive(Clone, Copy, Debug)]
 pub struct InformationQuery<'a> {
     /// Loss terms whose keys define entropy and gain.
     pub loss: &'a LossConfig,
-    /// How neighbours' cameras are rotated, here anew for each ray.
+    /// Rotation of neighbours' cameras, which is drawn anew for each ray.
     pub neighbours: &'a NeighbourConfig,
     /// Number of rays.
     pub rays: usize,
@@ -39,7 +39,7 @@ pub struct InformationQuery<'a> {
     pub seed: u64,
 }
 
-/// Measures entropy and information gain on random rays of the test views, without gradients; none for no rays.
+/// Measures entropy and information gain on random rays of the test views, without gradients; `None` without rays.
 ///
 /// Hidden and empty samples are treated as in training.
 pub fn information<F: Field>(

@@ -28,7 +28,7 @@ pub(crate) struct FieldBuilder<F> {
 }
 
 impl FieldBuilder<RadianceField> {
-    /// Fields as `config` describes them for a scene.
+    /// Returns a builder of the fields that `config` describes for a scene.
     pub(crate) fn configured(config: &Config, scene: &Scene) -> Self {
         let Aabb { min, max } = field_bounds(config, scene);
         let (bounds, body) = ([min.to_array(), max.to_array()], scene.space.body.clone());
@@ -77,7 +77,7 @@ impl<F: Field> FieldBuilder<F> {
     }
 }
 
-/// Whether a field of this config is conditioned on photographs: on those that a step chooses, or always on the first.
+/// Returns whether a field of this config is conditioned on photographs: on those drawn in a step, or always on the first.
 pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.traits().sources != SourceImages::None
 }
@@ -101,7 +101,7 @@ fn with_initial_weights<F: Field>(config: &Config, model: Model<F>) -> Result<Mo
     let checkpoint = checkpoint.ok_or_else(|| fault("no checkpoint".into()))?;
     let restored = checkpoint.restore_model(model).map_err(|error| {
         let causes = error.to_string();
-        // A list of every tensor that does not fit: the first one says enough.
+        // The error lists every tensor that does not fit; the first one is enough.
         fault(causes.split("\", \"").next().unwrap_or_default().to_owned())
     });
     Ok(restored?)

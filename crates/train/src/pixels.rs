@@ -17,12 +17,12 @@ pub struct Pixels {
     pub cameras: Arc<[Camera]>,
     /// Pixels: the index of the camera, and the position in its image.
     pub at: Vec<PixelAt>,
-    /// Width of a pixel, in pixels of the cameras: more than 1 for images that are smaller.
+    /// Width of a pixel, in pixels of the cameras; above 1 for downscaled images.
     pub width: f32,
 }
 
 impl Pixels {
-    /// Returns the view of the first pixel, and of all where a batch is of one image.
+    /// Returns the view of the first pixel, which is that of all pixels if a batch is of one image.
     pub(crate) fn view(&self) -> usize {
         self.at[0].view
     }
@@ -62,7 +62,7 @@ pub(crate) fn central_half(size: u32) -> (u32, u32) {
     (size / 4, (size / 2).max(1))
 }
 
-/// Returns the rotation that takes the cameras of a step to those of neighbouring rays: one for all.
+/// Returns the rotation from a step's cameras to those of neighbouring rays, the same for all rays.
 pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
     near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
@@ -121,7 +121,7 @@ mod tests {
     use crate::config::{Config, Preset, RotationCentre};
     use crate::testing::knot;
 
-    /// Neighbours of a capture far from the origin are neighbours of it, and not somewhere else.
+    /// Checks that neighbouring rays of a capture far from the origin start near the capture.
     #[test]
     fn neighbours_turn_about_the_scene() {
         let mut scene = knot(2, 16);

@@ -43,7 +43,7 @@ impl Phase {
 
 /// Wall-clock time spent in each phase, and the traffic between the host and the device.
 ///
-/// A GPU is handed work and does it later: unless it is waited for, its time is booked where its results are first read.
+/// A GPU works asynchronously: unless it is waited for, its time is booked under the phase that first reads its results.
 #[derive(Clone, Debug, Default)]
 pub struct Profile {
     spent: [Duration; Phase::ALL.len()],
@@ -68,7 +68,7 @@ impl Profile {
     /// Books the time since `start` under `phase`.
     pub(crate) fn book(&mut self, phase: Phase, start: Instant) {
         if let Some(device) = &self.waits_for {
-            // What goes wrong on the device is reported where its results are read.
+            // Errors of the device are reported where its results are read.
             let _ = device.sync();
         }
         self.spent[phase as usize] += start.elapsed();
@@ -83,8 +83,8 @@ impl Profile {
         self.traffic = self.traffic + (Traffic::now() - before);
     }
 
-    /// Returns the traffic between the host and the device in all steps. It is counted for the whole process: that of
-    /// other fields trained at the same time is included.
+    /// Returns the traffic between the host and the device in all steps. It is counted for the whole process, including
+    /// other fields that are trained at the same time.
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }

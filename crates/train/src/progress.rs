@@ -2,9 +2,9 @@ use infonerf_render::Counts;
 use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
-/// A field is empty whose seen rays have less opacity than this share of the pixels that show something ...
+/// A field is empty if the mean opacity of seen rays is below `EMPTY` · foreground, and their share foreground above `EMPTY`.
 const EMPTY: f32 = 0.01;
-/// ... and has collapsed if it stays so for this many steps while any more than as large a share of the pixels does.
+/// Number of empty steps in a row after which the field has collapsed.
 const COLLAPSE: usize = 50;
 
 /// Progress of a run.
@@ -37,8 +37,8 @@ impl Progress {
         self.samples_per_ray = (0.9 * before + 0.1 * samples_per_ray).max(1.0);
     }
 
-    /// Counts a step whose seen rays have mean opacity `acc`, and of whose pixels a share of `foreground` shows something.
-    /// Returns whether the field has collapsed.
+    /// Counts a step whose seen rays have mean opacity `acc`, while a share `foreground` of their pixels differs from the
+    /// background. Returns whether the field has collapsed.
     pub(crate) fn count_opacity(&mut self, acc: f32, foreground: f32) -> bool {
         let is_empty = acc < EMPTY * foreground && foreground > EMPTY;
         self.empty_steps = if is_empty { self.empty_steps + 1 } else { 0 };
@@ -49,7 +49,7 @@ impl Progress {
         self.empty_steps >= COLLAPSE
     }
 
-    /// Returns the progress after a fresh start: nothing is known of the new field.
+    /// Returns the progress after a fresh start: times and counts are kept, everything about the old field is dropped.
     pub(crate) fn restarted(&self) -> Self {
         let Self { seconds, samples_total, samples_evaluated, restarts, .. } = *self;
         Self { seconds, samples_total, samples_evaluated, restarts: restarts + 1, ..Self::default() }

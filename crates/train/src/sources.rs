@@ -16,7 +16,7 @@ use crate::pixels::generator;
 pub(crate) struct TrainingSources(pub(crate) Sources);
 
 impl TrainingSources {
-    /// Copies of the training views if a field `sees` them.
+    /// Copies the training views if a field `sees` images.
     pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
         let views =
             if sees { scene.train.iter().map(|view| source(view, scene.background)).collect() } else { Arc::default() };
@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(drawn(&four, Batch::Pixels, 0, 0), [0, 1, 2, 3]);
         assert_eq!(drawn(&four, Batch::HeldOut, 0, 0), [0, 2, 3]);
         assert_eq!(drawn(&photographs(1), Batch::HeldOut, 0, 0), [0]);
-        // One to the most are drawn, each at most once.
+        // One to two views are drawn, each at most once.
         let draws: Vec<Vec<usize>> = (0..100).map(|step| drawn(&four, Batch::HeldOut, 2, step)).collect();
         for count in [1, 2] {
             assert!(draws.iter().any(|views| views.len() == count));

@@ -17,7 +17,7 @@ const RATE: f64 = 2e-3;
 /// Optimizes the pose of `view` for `steps` Adam steps with the field fixed (BARF, Lin et al. 2021, Sec. 4), and returns
 /// `trained` with the frame in which it shows the view. The pose begins where the alignment of the training cameras puts it.
 ///
-/// So the error of poses is left out of the error of pictures. The image of the view determines six values; a new view has none.
+/// The error of pictures then excludes that of poses. The view's image determines six values; a new view has no image.
 #[must_use]
 pub fn fit_test_pose<F: Field>(
     renderer: &Renderer,

@@ -1,7 +1,7 @@
 //! Averaging of weights over the end of a run (Polyak and Juditsky 1992; Izmailov et al. 2018).
 //!
-//! Few views leave much of a scene undetermined, and there the weights keep wandering with the batches. Their mean is less
-//! noisy than any one of them.
+//! Few views leave much of a scene undetermined, and there the weights keep fluctuating with the batches. Their mean has
+//! less noise than the weights of any one step.
 
 use std::collections::VecDeque;
 
@@ -10,7 +10,7 @@ use burn::tensor::Tensor;
 use infonerf_field::Field;
 use infonerf_render::Model;
 
-/// Steps between two models that are averaged: successive ones are nearly the same, and each costs a pass over all weights.
+/// Number of steps between averaged models: successive ones are nearly the same, and each costs a pass over all weights.
 const EVERY: usize = 8;
 
 #[derive(Clone, Debug)]
@@ -28,7 +28,7 @@ impl<F: Field> Default for WeightAverage<F> {
 }
 
 impl<F: Field> WeightAverage<F> {
-    /// Whether the model after `step` steps is among those averaged, in a run that averages its last `share`.
+    /// Returns whether a run that averages its last `share` includes the model after `step` steps, at the share `done`.
     pub(crate) fn takes(share: f64, step: usize, done: f64) -> bool {
         share > 0.0 && done >= 1.0 - share && step.is_multiple_of(EVERY)
     }

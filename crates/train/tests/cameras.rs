@@ -11,7 +11,7 @@ use infonerf_train::{Config, Preset, Trainer, fit_test_pose};
 
 const STEPS: usize = 300;
 
-/// The quick field on images of 48², small from the first step on.
+/// Returns a config of preset `fast` for images of 48², at first of half that size.
 fn config(refine: &str) -> Config {
     let settings = "field.resolutions=[16,32,64] train.downscale={steps=[[0.0,2],[0.4,1]]} train.iterations=300 train.rays=512 \
                     train.target_samples=0 train.cameras.lr={from=2e-3,to=1e-4,curve='exponential',warmup=50}";
@@ -19,7 +19,7 @@ fn config(refine: &str) -> Config {
     Config::of(Preset::Fast, settings.split_whitespace().chain([refine.as_str()])).unwrap()
 }
 
-/// The error of one camera's pose: degrees, and percent of its distance.
+/// Returns the error of one camera's pose: degrees, and percent of its distance from the origin.
 fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
     let turn = found.rotation() * truth.rotation().transpose();
     let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
@@ -27,7 +27,7 @@ fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
     [cosine.clamp(-1.0, 1.0).acos().to_degrees(), 100.0 * moved]
 }
 
-/// With a field of many exact views held fixed, the pose of an image is recovered.
+/// Checks that the pose of an image is recovered with a fixed field, which was trained on many exact views.
 #[test]
 fn pose_of_an_image_is_recovered() {
     let scene = scene_of("knot", 30, 48);
@@ -43,7 +43,7 @@ fn pose_of_an_image_is_recovered() {
     }
 }
 
-/// Disturbed cameras of many views come nearer to the exact ones, in as few steps not by much.
+/// Checks that disturbed cameras of many views approach the exact ones; in so few steps only by a little.
 #[test]
 fn disturbed_cameras_approach_the_exact_ones() {
     let scene = Arc::new(scene_of("knot", 30, 48).as_ref().clone().disturbed(3.0, 0.04, 1));

@@ -1,4 +1,4 @@
-//! Error of the samples that pictures leave out.
+//! Error of pictures that is due to the samples that they skip.
 
 use crate::common::steps;
 use burn::tensor::Device;
@@ -6,7 +6,7 @@ use infonerf_render::{Renderer, render_image};
 use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_train::{Config, Preset, Trainer};
 
-/// Rays that stop early and take longer steps through thin fog, against all samples.
+/// Compares rays that stop early, and take longer steps through thin fog, with rays of all samples.
 #[test]
 #[allow(clippy::print_stdout, reason = "the figures of docs/numerics.md")]
 fn pictures_are_within_60_db_of_exact_ones() {

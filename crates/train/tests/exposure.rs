@@ -13,7 +13,7 @@ use infonerf_train::config::Refine;
 const DARKER: f32 = 0.5;
 const STEPS: usize = 600;
 
-/// Many views, which see the same surfaces. The first photograph's exposure is less; what is behind the scene stays as it is.
+/// Returns a scene of many views of the same surfaces. The first photograph is darker, but for the background.
 fn scene_of_changing_exposure() -> Scene {
     let mut scene = scene_of("knot", 16, 16).as_ref().clone();
     let background = scene.background;
@@ -27,7 +27,7 @@ fn scene_of_changing_exposure() -> Scene {
     scene
 }
 
-/// Training loss over the last steps, and what each view shows of grey.
+/// Returns the training loss over the last steps, and the colour that each view shows for grey.
 fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     let [_, _, mut config, ..] = configs();
     config.train.exposure_compensation = compensated;
@@ -50,7 +50,7 @@ fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     (last.iter().sum::<f32>() / last.len() as f32, shown)
 }
 
-/// The gain of an image that is darker than the others is found, and the image no longer contradicts them.
+/// Checks that the gain of a darker image is learned, and that the image no longer contradicts the others.
 #[test]
 fn darker_image_is_compensated_for() {
     let (plain, none) = trained(false);

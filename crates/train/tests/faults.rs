@@ -12,7 +12,7 @@ use infonerf_ops::to_host;
 use infonerf_schedule::Moment;
 use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
 
-/// A run folder with a checkpoint after step 2, and one after step 1 before it.
+/// Saves a checkpoint after step 1, and one after step 2, to a run folder.
 fn saved(folder: &Path) {
     let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
     for _ in 0..2 {
@@ -71,7 +71,7 @@ fn error_names_the_newest_damaged_checkpoint() {
     assert_eq!(message.lines().count(), 1);
 }
 
-/// Killed while it wrote: what is half-written is not taken for a checkpoint, nor in the way of the next one.
+/// Checks a run that was killed while it wrote: a half-written checkpoint is neither loaded nor in the way of the next one.
 #[test]
 fn interrupted_save_leaves_the_checkpoint_intact() {
     let folder = tempfile::tempdir().unwrap();
@@ -85,7 +85,7 @@ fn interrupted_save_leaves_the_checkpoint_intact() {
     checkpoint.save(folder.path()).unwrap();
     assert!(!beside.exists());
 
-    // Killed between the two renames: only the one before is left.
+    // If the run is killed between the two renames, only the previous checkpoint is left.
     fs::rename(folder.path().join("checkpoint"), &beside).unwrap();
     let (checkpoint, _) = Checkpoint::load(folder.path()).unwrap();
     assert_eq!(checkpoint.unwrap().progress().step, 2);
@@ -136,7 +136,7 @@ fn infinite_loss_stops_the_run() {
     }
 }
 
-/// A field of one density, its parameter; NaN in one step.
+/// Field of one density, which is its parameter; NaN in one step.
 #[derive(Module, Debug)]
 struct NanField {
     density: Param<Tensor<1>>,
@@ -162,7 +162,7 @@ impl Field for NanField {
     }
 }
 
-/// Whether losses are read each step or later: the steps before are reported, and none after changes the weights.
+/// Checks that earlier steps are reported, and that no later step changes the weights, whenever losses are read.
 #[test]
 fn infinite_loss_is_found_when_read_late() {
     for device in devices() {
@@ -182,13 +182,13 @@ fn infinite_loss_is_found_when_read_late() {
         assert_ne!(good.2, [1.0]);
         assert!(good.0.is_ok() && before.0.as_ref().unwrap_err().contains("step 3"), "{before:?}");
         assert_eq!((&before.1, &before.2, before.3), (&good.1, &good.2, 3));
-        // By a read that is due, and by a checkpoint.
+        // The NaN is found by a read that is due, and by a checkpoint.
         assert_eq!(run(5, 8), before);
         assert_eq!(run(16, 8), before);
     }
 }
 
-/// A field that is empty while the pictures are not starts over, and gives up when no start is left.
+/// Checks that a field that is empty while its images are not starts over, and gives up when no fresh start is left.
 #[test]
 fn empty_field_starts_over() {
     // Nothing is learned, and the density of a ReLU field of this size is 0 everywhere for some seeds.
@@ -212,7 +212,7 @@ fn empty_field_starts_over() {
         (0..10).filter(|&seed| run(seed, 0, 1) == (Outcome::Collapsed, vec![(50, false)], 0)).collect();
     assert!(!collapsed.is_empty(), "no seed gives an empty field");
     for seed in collapsed {
-        // What is read of steps after the collapse is of the field that was given up.
+        // Losses of steps after the collapse belong to the field that was given up.
         assert_eq!(run(seed, 0, 16), run(seed, 0, 1));
         assert_eq!(run(seed, 1, 16), run(seed, 1, 1), "seed {seed}");
         let (_, collapses, restarts) = run(seed, 1, 1);
@@ -220,7 +220,7 @@ fn empty_field_starts_over() {
     }
 }
 
-/// Steps that aim for fewer samples than a ray has take one ray of each kind.
+/// Checks that steps that aim for fewer samples than a ray has take one ray of each kind.
 #[test]
 fn step_has_at_least_one_ray_of_each_kind() {
     let few = ["train.rays=2", "train.unseen_rays=1", "train.target_samples=1", "loss.kl.weight=0"];

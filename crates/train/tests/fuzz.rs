@@ -14,7 +14,7 @@ fn count(usual: usize) -> usize {
     std::env::var("INFONERF_FUZZ").map_or(usual, |count| count.parse().expect("a number"))
 }
 
-/// A few characters changed, taken out or repeated, or a word put in.
+/// Changes, removes or repeats a few characters, or puts in a word.
 fn mutated(text: &str, rng: &mut ChaCha8Rng) -> String {
     let words: Vec<&str> = WORDS.split_whitespace().chain(["\u{0}"]).collect();
     let mut text: Vec<char> = text.chars().collect();

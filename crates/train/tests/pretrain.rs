@@ -1,4 +1,4 @@
-//! Learning from many scenes, beginning with what was learned, and a single view.
+//! Learning from many scenes, starting from pre-trained weights, and learning from a single view.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ fn scenes() -> Vec<Arc<Scene>> {
     ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4, 16)).into()
 }
 
-/// A config of many scenes: L_RGB alone, and no grid, which is of one scene.
+/// Returns a config for many scenes: L_RGB alone, and no occupancy grid, which belongs to one scene.
 fn lesson_config(settings: &[&str]) -> Config {
     let off = ["render.occupancy.enabled=false", "loss.entropy.weight=0", "loss.kl.weight=0"];
     pixel_config(&[&off, settings].concat())

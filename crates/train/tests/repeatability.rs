@@ -13,12 +13,12 @@ use infonerf_train::{
 
 const STEPS: usize = 12;
 
-/// Every kind of field on both backends.
+/// Returns every kind of field on both backends.
 fn cases() -> Vec<(Config, Device)> {
     configs().into_iter().flat_map(|config| devices().map(|device| (config.clone(), device))).collect()
 }
 
-/// Everything that evaluation measures: pictures, metrics, entropy and information gain.
+/// Returns everything that evaluation measures: pictures, metrics, entropy and information gain.
 fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3]>>, Vec<f64>) {
     let scene = scene();
     let view = |view| evaluate_view(trainer.renderer(), &[trainer.trained()], view).unwrap();
@@ -36,7 +36,7 @@ fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
     information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query).unwrap()
 }
 
-/// Neighbours are those of training also where the information gain is reported.
+/// Checks that the reported information gain uses the same centre of rotation for neighbours as training.
 #[test]
 fn information_gain_rotates_about_the_configured_centre() {
     let [flex, _] = devices();
@@ -70,7 +70,7 @@ fn runs_of_one_seed_agree() {
     }
 }
 
-/// The number of threads changes who computes, not what.
+/// Checks that the number of threads changes no value.
 #[test]
 fn number_of_threads_changes_nothing() {
     for (config, device) in cases() {
@@ -81,7 +81,7 @@ fn number_of_threads_changes_nothing() {
     }
 }
 
-/// Fields that are trained side by side have the numbers of each alone, and the times of all add up to what passed.
+/// Checks that fields trained side by side have the values of each alone, and that their times add up to at most what passed.
 #[test]
 fn training_side_by_side_changes_nothing() {
     for (config, device) in cases() {
@@ -105,7 +105,7 @@ fn training_side_by_side_changes_nothing() {
     }
 }
 
-/// A field's steps count as its share of the time before anything is decided or reported by it.
+/// Checks that a step's share of the time is counted before the step's outcome and events are determined.
 #[test]
 fn members_share_the_budget() {
     let (config, device) = cases().remove(0);
@@ -155,7 +155,7 @@ fn resumed_run_gives_the_same_values() {
     }
 }
 
-/// Losses that are read later are the same, and so are the steps.
+/// Checks that losses that are read later are the same, and so are the steps.
 #[test]
 fn late_reading_changes_no_loss() {
     for (config, device) in cases() {
@@ -181,7 +181,7 @@ fn late_reading_changes_no_loss() {
     }
 }
 
-/// A term whose weight is 0 is not computed, and unseen rays that no term needs are not cast.
+/// Checks that a term of weight 0 is not computed, and that unseen rays that no term needs are not cast.
 #[test]
 fn term_of_weight_zero_renders_nothing() {
     let [flex, _] = devices();

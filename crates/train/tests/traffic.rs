@@ -1,11 +1,11 @@
-//! Traffic between host and device in a step. A file of its own: the counts are of the whole process.
+//! Traffic between host and device in a step. The test is a program of its own, as counts are of the whole process.
 
 mod common;
 
 use burn::tensor::Device;
 use common::{config, steps, trainer};
 
-/// A coarse and a fine pass of NeRF with L_RGB alone.
+/// Counts the traffic of a coarse and a fine pass of NeRF with L_RGB alone.
 #[test]
 fn step_moves_each_sample_and_pixel_once() {
     let settings = ["loss.entropy.weight=0", "loss.kl.weight=0", "render.occupancy.enabled=false"];

@@ -1,4 +1,4 @@
-/** Number of points along a brick, and of bytes of one value of each. */
+/** Number of points along a brick, and number of bytes of a brick with one byte per point. */
 const POINTS = 9, BRICK_BYTES = POINTS ** 3;
 
 /** Interleaves `planes` values of each point, which are stored one plane after another as differences along rows. */

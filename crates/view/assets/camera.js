@@ -62,8 +62,8 @@ class Camera {
   }
 
   /**
-   * Turns by angles to the right and down: about the target, or in a room about itself. A scene that was seen from one side is
-   * turned no farther than its cameras, and a little more.
+   * Turns by angles to the right and down, about the target or, in a room, about the eye. A scene that was seen from one side
+   * can be turned only `MARGIN` beyond its cameras.
    */
   orbit(right, down) {
     const before = this.state();
@@ -90,7 +90,7 @@ class Camera {
     this.target = add(this.target, by);
   }
 
-  /** Comes closer to the target by a factor. */
+  /** Multiplies the distance to the target by a factor, within limits. */
   zoom(factor) {
     const { radius } = this.scene, from = minus(this.eye, this.target);
     const distance = Math.max(0.02 * radius, Math.min(10 * radius, norm(from) * factor));

@@ -12,7 +12,7 @@ async function ask(path, query = {}) {
 /** Frame of the camera: scenes that agree in it are looked at from the same place. */
 const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
 
-/** State of a run that is shown: a baked field gets more voxels once it is finished. */
+/** Version of a run's field: it changes with each checkpoint, and at the end, when a baked field gets more voxels. */
 const version = ({ stamp, state }) => `${stamp} ${state === 'finished'}`;
 
 /** Stage with the run that it shows. */
@@ -60,7 +60,7 @@ class Pane {
 const [main, beside] = [...document.querySelectorAll('.stage')].map((root) => new Pane(root));
 let runs = [], listed = '', state = null;
 
-/** Lets two panes look through one camera, the main one's. */
+/** Makes both panes use the main pane's camera. */
 function align() {
   if (!main.scene) return;
   const twins = beside.run !== null && beside.scene !== null;

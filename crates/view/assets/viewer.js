@@ -168,7 +168,7 @@ class Viewer {
     this.wake();
   }
 
-  /** Draws no more frames. */
+  /** Stops drawing frames. */
   stop() {
     this.stopped = true;
   }

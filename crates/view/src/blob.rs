@@ -7,7 +7,7 @@ use base64::prelude::{BASE64_STANDARD, Engine};
 use flate2::{Compression, write::ZlibEncoder};
 use serde_json::{Value, json};
 
-/// Bytes of arrays, one after another.
+/// Bytes of several arrays, one after another.
 #[derive(Default)]
 pub(crate) struct Blob {
     bytes: Vec<u8>,
@@ -21,7 +21,7 @@ impl Blob {
         self.bytes.extend(bytes);
     }
 
-    /// Deflates the bytes (zlib), as base64. The best level saves 2 % on a baked grid and takes eight times as long.
+    /// Returns the deflated bytes (zlib) as base64. The best level would save 2 % on a baked grid and take eight times as long.
     pub(crate) fn deflated(&self) -> Result<String> {
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&self.bytes)?;

@@ -89,7 +89,7 @@ impl DecodedPackage {
         let (mut matrices, mut biases) = (matrices.chunks_exact(16), biases.chunks_exact(4));
         let mut x = self.input(u);
         assert_eq!(x.len(), 4 * self.constant("INPUTS") as usize);
-        // Layers end where their biases do: widths follow from the text of the shader.
+        // Widths of the layers follow from the text of the shader.
         let widths = self.package["shader"].as_str().unwrap().split("int o = 0; o < ").skip(1);
         let widths: Vec<usize> = widths.map(|rest| rest.split(';').next().unwrap().parse().unwrap()).collect();
         for (index, width) in widths.iter().enumerate() {
@@ -117,7 +117,7 @@ impl DecodedPackage {
     }
 }
 
-/// Returns the texel before `u`, and the distance of `u` behind it, with the border going on.
+/// Returns the texel before `u`, and the distance of `u` from it in texels, clamped at the border.
 fn texel(u: f32, size: usize) -> (usize, f32) {
     let v = (u * size as f32 - 0.5).clamp(0.0, size as f32 - 1.0).min(size as f32 - 1.0 - 1e-6);
     (v as usize, v.fract())
@@ -131,7 +131,7 @@ pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     TrainedModel { model: Model::of(fine), occupancy: None, at, frame: None, residuals: None }
 }
 
-/// Makes the package in a scene without views; a baked one has at most `voxels` along its box.
+/// Makes the package of a field in a scene without views; a baked field has at most `voxels` along its box.
 pub(crate) fn packed(config: &RenderConfig, trained: &TrainedModel, voxels: usize) -> DecodedPackage {
     let scene = Scene::default();
     let renderer = Renderer::new(config, &scene);

@@ -18,11 +18,11 @@ use crate::shader::{FieldMarch, clips, vector};
 use crate::tables::{Quantised, groups, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
-/// Number of bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
+/// Number of bytes of uniforms that fit into graphics cards in practice; WebGL2 guarantees a quarter of it.
 const MAX_NETWORK: usize = 1 << 16;
 
-/// Returns whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so
-/// is a factored field whose MLP does not fit into a shader's uniforms.
+/// Returns whether a page evaluates fields of this kind exactly. Other fields are baked, which takes seconds to minutes, as is
+/// a factored field whose MLP does not fit into a shader's uniforms.
 pub fn holds(field: &FieldConfig) -> bool {
     matches!(field, FieldConfig::Factored(_))
 }
@@ -148,9 +148,9 @@ struct TableTextures {
     planes: Vec<Vec<u8>>,
     /// RGBA texture of the lines of all levels, `[levels · 3 · groups, finest, 4]`.
     lines: Vec<u8>,
-    /// Quotient low/range of each plane's texture, and of its line's.
+    /// Quotient low/range of each channel of each plane's texture, and of its line's texture.
     offsets: Vec<f32>,
-    /// Input of the MLP as the shader makes it: its factors undo the quantisation and fade levels.
+    /// Inputs of the MLP in the shader's order, with factors that undo the quantisation and apply the levels' weights.
     inputs: Vec<Place>,
 }
 

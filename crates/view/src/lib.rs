@@ -7,11 +7,11 @@
 //!
 //! A factored field ([`infonerf_ops::factored`]) is so small that a browser can evaluate it as it is: planes and lines
 //! go into textures of 8 bits with a scale and an offset per channel, the MLP into a block of uniforms, and one WebGL2
-//! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. It differs by
+//! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. Images differ by
 //! the tables' rounding (half of 1/255 of each channel's range).
 //!
 //! Any other field is *baked* to a sparse grid of voxels with density and colour, in spherical harmonics of degree 1,
-//! through which the same shader marches. The page has a note of it, with the number of voxels.
+//! through which the same shader marches. The page notes this with the number of voxels.
 //!
 //! - [`page`]: one HTML file of a run's field, self-contained.
 //! - [`Server`]: all runs below some folders, with curves and test views, or two of them under one camera. It follows runs while
@@ -49,7 +49,7 @@ use anyhow::Result;
 use infonerf_experiment::Trained;
 
 /// Makes a self-contained page of the run in `folder`: orbit, pan and zoom, depth and normals, and the training cameras
-/// with their images. It shows the first of several fields, without residuals, and has a note of it. A baked field has
+/// with their images. The page shows and notes the first of several fields, without residuals. A baked field has
 /// at most `voxels` along the longest side of its box, by default 256, or 128 if the field is slow; fewer if too many
 /// of them are filled.
 ///

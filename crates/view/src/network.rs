@@ -4,7 +4,7 @@ use infonerf_ops::factored::FactoredLayout;
 
 use crate::tables::groups;
 
-/// Input or output of a layer at a place of the shader's vector, and its weights' factor; `None` if the place is empty.
+/// Index of an input or output of a layer at a place of the shader's vector, and a factor of its weights; `None` if empty.
 pub(crate) type Place = Option<(usize, f32)>;
 
 /// Weights of an MLP in the order of a uniform block.
@@ -13,7 +13,7 @@ pub(crate) struct PackedNetwork {
     pub(crate) matrices: Vec<f32>,
     /// Biases `[layers, outputs]`, filled up to a multiple of four.
     pub(crate) biases: Vec<f32>,
-    /// Number of vectors of four that go into each layer, and that come out.
+    /// Numbers of input and output vectors of four of each layer.
     pub(crate) layers: Vec<(usize, usize)>,
 }
 

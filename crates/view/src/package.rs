@@ -15,10 +15,10 @@ use serde_json::{Value, json};
 
 use crate::{baked, factored};
 
-/// Longest side of the image that is shown where a field cannot be drawn, and of a slow field's.
+/// Longest side in pixels of the image that replaces a field that cannot be drawn; `SMALL_POSTER` is for baked fields.
 const POSTER: u32 = 256;
 const SMALL_POSTER: u32 = 96;
-/// Longest side of up to eight training images; more of them are smaller, to take as much in total.
+/// Longest side in pixels of up to eight training images. More images are smaller, down to `MIN_SIDE`, for the same total.
 const SIDE: f32 = 256.0;
 const MIN_SIDE: f32 = 32.0;
 const JPEG_QUALITY: u8 = 80;
@@ -50,12 +50,12 @@ fn note(run: &Trained, folder: &Path, voxels: Option<u64>) -> String {
         note += &format!("; {difference}");
     }
     if let Some(voxels) = voxels {
-        note += &format!("; not the field itself, but baked to {voxels} voxels along its box");
+        note += &format!("; an approximation of the field, baked to {voxels} voxels along its box");
     }
     note
 }
 
-/// Makes the object without title, note and images.
+/// Makes the JSON object of a field, without title, note and images.
 pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
     let scene = subjects.scene;
     let exact = match &subjects.trained.model.fine {

@@ -20,7 +20,7 @@ const LIVE_SCRIPT: &str = concat!(include_str!("../assets/curves.js"), include_s
 /// Makes a self-contained page of one field. `poster` is an image for browsers that cannot draw the field.
 pub(crate) fn of_package(package: &Value, poster: &str) -> String {
     let title = package["title"].as_str().unwrap_or_default();
-    // Within a script only a closing tag would end it.
+    // Within a script, only a closing tag would end the script.
     let data = package.to_string().replace("</", "<\\/");
     let poster = format!("<img class=\"poster\" alt=\"A view of the scene\" src=\"{poster}\">");
     let stage = STAGE.replace("{{poster}}", &poster);
@@ -31,7 +31,7 @@ pub(crate) fn of_package(package: &Value, poster: &str) -> String {
         .replace("{{data}}", &data)
 }
 
-/// Makes the page of the server, which requests everything else from it and sends `token` with commands.
+/// Makes the server's page, which requests all else from the server and sends `token` with commands.
 pub(crate) fn live(token: &str) -> String {
     let stage = STAGE.replace("  {{poster}}\n", "");
     LIVE.replace("{{style}}", STYLE)

@@ -11,7 +11,7 @@ pub(crate) const TEMPLATE: &str = include_str!("../assets/field.frag");
 /// Number of colours of the depth map that the shader interpolates between.
 const COLOURS: usize = 33;
 
-/// Parameters of the march, whatever the field.
+/// Parameters of the march through a field of any kind.
 pub(crate) struct FieldMarch<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) config: &'a RenderConfig,
@@ -76,7 +76,7 @@ impl FieldMarch<'_> {
     }
 }
 
-/// Returns whether rays end at the box.
+/// Returns whether rays are clipped to the scene's box.
 pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
     config.clip_to_bounds && warp.is_identity()
 }

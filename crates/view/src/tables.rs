@@ -6,13 +6,13 @@
 pub(crate) struct Quantised {
     /// Bytes `[texels, 4]` of each texture.
     pub(crate) textures: Vec<Vec<u8>>,
-    /// Least value of each channel.
+    /// Minimum value of each channel.
     pub(crate) low: Vec<f32>,
     /// Range of each channel's values, or 1 if they are all equal.
     pub(crate) range: Vec<f32>,
 }
 
-/// Returns the number of textures of `channels`.
+/// Returns the number of textures of four channels that hold `channels`.
 pub(crate) fn groups(channels: usize) -> usize {
     channels.div_ceil(4)
 }

@@ -16,7 +16,7 @@ use infonerf_view::{TrainingControl, page};
 
 const SIZE: u32 = 64;
 
-/// Returns the document of a page after `budget_ms` of the browser's time, which passes faster where nothing is due.
+/// Returns the document of a page after `budget_ms` of the browser's virtual time, which skips idle periods.
 fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     let chosen = std::env::var("CHROMIUM").ok();
     let known = ["chromium", "chromium-browser", "google-chrome"];
@@ -114,7 +114,7 @@ fn page_draws_the_programs_renders() {
         let (drawn, image, colour) = drawn_and_rendered(&file, &run, view);
         eprintln!("camera {view}: {colour:.1} dB, page of {length} bytes");
         assert!(colour > 35.0, "camera {view}: {colour} dB");
-        // Depth as in the report.
+        // Depth is drawn with the colours of the report.
         let (near, far) = (run.scene().space.near, run.scene().space.far);
         let depth = infonerf_report::depth_image(&image.depth, &image.acc, SIZE, SIZE, near, far).unwrap();
         let of_depth = psnr(&pixels(&file, &format!("camera={view}&mode=depth")), &depth);
@@ -146,7 +146,7 @@ fn page_draws_baked_fields() {
     }
 }
 
-/// Moves, turns and presses everything that a page has, and leaves where its camera was after each in the document.
+/// Script that moves, turns and presses all controls of a page, and writes the camera after each of them into the document.
 const CONTROLS: &str = include_str!("browser/controls.js");
 
 #[test]
@@ -169,7 +169,7 @@ fn controls_move_the_camera() {
     assert!(near(distance("turned"), whole) && target("turned").distance(target("start")) < 1e-6 * whole);
     assert!(eye("turned").distance(eye("start")) > 0.1 * whole);
     assert_eq!(eye("reset"), eye("start"));
-    // Moved: eye and target alike. What is let go of stays.
+    // Panning moves eye and target by the same vector. A pointer that is released moves nothing.
     let by = eye("moved") - eye("start");
     assert!(by.length() > 0.01 * whole && (target("moved") - target("start")).distance(by) < 1e-6 * whole);
     assert_eq!(seen["let go"], seen["moved"]);

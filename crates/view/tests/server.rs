@@ -57,7 +57,7 @@ fn only_the_servers_own_page_pauses_and_stops_training() {
     let token = page.split_once("name=\"infonerf-token\" content=\"").unwrap().1.split_once('"').unwrap().0;
     let held = ("x-infonerf-token", token);
     let own = format!("http://{address}");
-    // Without the token, with another, or with it from another page, nothing happens.
+    // Without the token, with another token, or with the token from another page, commands are refused.
     for headers in [
         &[][..],
         &[("x-infonerf-token", "page")],
@@ -140,7 +140,7 @@ fn run_is_followed_while_it_trains() {
     assert!(status == 200 && image.starts_with(b"\x89PNG"));
 }
 
-/// The package of a finished run is read again by another server, until the checkpoint is a newer one.
+/// The package of a finished run is read again by another server, until there is a newer checkpoint.
 #[test]
 fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
     let out = tempfile::tempdir().unwrap();
@@ -157,7 +157,7 @@ fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
     assert_eq!(json(serve(&folder, None), "/field?run=0/.")["note"], "4 steps");
 }
 
-/// A run whose checkpoint cannot be read to its end, as a slow one, holds up no other, and its work has a name.
+/// A run whose checkpoint takes long to read does not delay other runs, and its work is named.
 #[cfg(unix)]
 #[test]
 fn runs_are_packed_independently() {
@@ -179,7 +179,7 @@ fn runs_are_packed_independently() {
     }
     assert_eq!(json(address, &format!("/field?run={}", quick.0))["note"], "4 steps");
     assert!(!waiting.is_finished());
-    // Ends the reading.
+    // Closing the pipe ends the reading.
     drop(fs::OpenOptions::new().write(true).open(&manifest).unwrap());
     waiting.join().unwrap();
 }
@@ -192,12 +192,12 @@ fn fields_of_other_kinds_are_baked() {
     let others = TINY.iter().filter(|setting| !setting.starts_with("field."));
     let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
     let plan = plan("factored", &set);
-    // Coarsely while it trains.
+    // The field is baked coarsely while it trains.
     let folder = train(out.path(), &plan, Some(2));
     let address = serve(&folder, None);
     let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
-    assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
+    assert_eq!(live["note"], "2 steps; an approximation of the field, baked to 96 voxels along its box");
     assert_eq!(live["cameras"].as_array().unwrap().len(), 4);
     train(out.path(), &plan, None);
     let finished = json(address, "/field?run=0/.");
@@ -263,7 +263,7 @@ fn header_of_ten_megabytes_is_cut_off() {
     let mut stream = connect(address);
     stream.write_all(format!("GET /runs HTTP/1.1\r\nHost: {address}\r\n").as_bytes()).unwrap();
     let line = format!("X: {}\r\n", "x".repeat(1 << 10));
-    // The server hangs up before it has read all of it.
+    // The server closes the connection before it has read the whole header.
     let sent = (0..10_000).take_while(|_| stream.write_all(line.as_bytes()).is_ok()).count();
     assert!(sent < 10_000, "all of it was read");
     assert_eq!(get(address, "/runs").0, 200);
@@ -276,7 +276,7 @@ fn server_answers_after_a_thousand_connections() {
     for _ in 0..4 {
         let mut wave: Vec<TcpStream> = (0..250).map(|_| connect(address)).collect();
         for stream in wave.iter_mut().take(100) {
-            // Asks, and is gone before there is an answer.
+            // The client sends a request, and closes the connection before the answer.
             stream.write_all(format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
         }
     }

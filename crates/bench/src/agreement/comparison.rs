@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::values::{gradient_of, uniform};
 
 pub(super) const SEED: u64 = 11;
-/// Maximum error of a value or gradient, over the largest of its array.
+/// Maximum error of a value or gradient, relative to the largest of its array.
 const OPERATION: f64 = 1e-4;
 
 /// Comparison of one quantity.
@@ -43,7 +43,7 @@ impl DeviceComparisons<'_> {
         self.within(OPERATION, name, answer);
     }
 
-    /// Compares as [`Self::operation`], with a maximum error of its own.
+    /// Compares as [`Self::operation`] does, with `bound` as the maximum error.
     pub(super) fn within(&mut self, bound: f64, name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>>) {
         let (got, want) = (answer(self.tested), answer(self.reference));
         self.rows.extend(want.iter().enumerate().map(|(place, want)| {
@@ -54,7 +54,7 @@ impl DeviceComparisons<'_> {
     }
 }
 
-/// Returns the output, and the gradient of Σ uᵢ outᵢ with respect to each input, u in [−1, 1).
+/// Returns the output, and the gradient of Σ uᵢ outᵢ with respect to each input, with random u in [−1, 1).
 pub(super) fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
     let out = out.flatten::<1>(0, D - 1);
     let count = out.dims()[0];
@@ -71,7 +71,7 @@ pub(super) fn worst(got: &[Vec<f32>], want: &[Vec<f32>]) -> Option<f64> {
     got.iter().zip(want).try_fold(0.0, |worst, (got, want)| Some(worse(worst, largest_difference(got, want)?)))
 }
 
-/// Returns the larger of two errors, or NaN if either is, which `f64::max` would pass over.
+/// Returns the larger of two errors, or NaN if either is NaN, which `f64::max` would ignore.
 pub(super) fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }

@@ -16,9 +16,9 @@ use crate::context::Bench;
 use comparison::{DeviceComparison, DeviceComparisons, mean_difference, worst};
 use training::{FIELDS, STEPS, loss_difference};
 
-/// Maximum error of a gradient of a whole step over the largest of its parameter: sums over many samples have another order.
+/// Maximum error of a gradient of a whole step, relative to the largest of its parameter: devices sum in another order.
 const GRADIENT: f64 = 2e-3;
-/// Maximum relative error of a loss in the steps that follow: Adam divides by the size of gradients, which lets small
+/// Maximum relative error of a loss in the following steps: Adam divides by the size of gradients, so that small
 /// differences grow.
 const LOSS: f64 = 1e-2;
 /// Maximum mean difference of a render's values after those steps.
@@ -36,7 +36,7 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
         "--device {device}: agreement is with flex; expected another device that is built in"
     );
     let plan = &bench.plans[0];
-    // Results so far stay if the rest is interrupted.
+    // Results are saved after each group, so that they stay if the rest is interrupted.
     let save = |rows: &[DeviceComparison]| {
         let more = json!({ "against": flex.name.name(), "adapter": tested.adapter });
         bench.save_results(PROTOCOL, rows, more)

@@ -1,4 +1,4 @@
-//! Networks of density and colour, with sizes that no tile of a product divides.
+//! Networks of density and colour, with sizes that are no multiples of the tiles of a matrix product.
 
 use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
@@ -8,7 +8,7 @@ use infonerf_ops::{Segments, from_host};
 use super::comparison::{DeviceComparisons, pulled};
 use crate::values::{leaf, uniform};
 
-/// Outputs with a gradient.
+/// Outputs whose gradient is compared.
 #[derive(Clone, Copy)]
 enum GradientOf {
     Both,
@@ -62,7 +62,7 @@ fn leaves(layers: &[LayerValues], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense
     (leaves, dense)
 }
 
-/// Compares a network with colour, whose directions belong to rays of which some are empty.
+/// Compares a network with colour; directions are per ray, and some rays have no samples.
 fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let (name, [samples, rays], widths, [in_trunk, skip], upstream) = *case;
     let [inputs, width, directed] = widths;
@@ -106,7 +106,7 @@ fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_
     });
 }
 
-/// Compares a network without colour, whose weights have no gradient.
+/// Compares a network without colour and without gradients of the weights.
 fn density(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const WIDTHS: [usize; 3] = [9, 70, 0];
     const LAYERS: usize = 3;

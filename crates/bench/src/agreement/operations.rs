@@ -24,15 +24,15 @@ use crate::values::{leaf, uniform};
 
 /// Maximum error of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;
-/// Maximum error of distances: in bins of almost no weight, the last digits of the cumulative sum place a sample.
+/// Maximum error of distances: in bins of almost no weight, rounding of the cumulative sum decides where a sample is.
 const DISTANCE: f64 = 1e-3;
 
-/// Compares operations that need inputs from `rng`.
+/// Function that compares a group of operations, with inputs from `rng`.
 pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
 pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
-/// Compares compositing, entropies and divergence on rays of all lengths, some of them empty, with optical depths from almost
+/// Compares compositing, entropies and divergence on rays of all lengths, some without samples, with optical depths from almost
 /// nothing to opaque.
 fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 300;
@@ -68,14 +68,14 @@ fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares sample rule, with and without jitter, and points on rays, for a number of rays that no workgroup divides.
+/// Compares sample rules, with and without jitter, and points on rays, for a number of rays that no workgroup size divides.
 fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const SAMPLES: usize = 21;
     const FINE: usize = 34;
     let ends: Vec<f32> = (0..RAYS).flat_map(|_| [1.0 + rng.f32(), 3.0 + rng.f32()]).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
-    // No opaque samples: behind one, NeRF's rule jumps where a bin has a probability of 1e-5 to rounding.
+    // No sample is opaque: behind one, a bin's probability is 1e-5 up to rounding, where NeRF's rule is discontinuous.
     let tau: Vec<f32> = uniform(rng, RAYS * SAMPLES, -14.0, -3.0).into_iter().map(f32::exp).collect();
     for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
         for jittered in [true, false] {
@@ -105,7 +105,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares marches through a partly empty grid, with gradients of losses of their samples.
+/// Compares marches through a partly empty grid, with gradients of losses at their samples.
 fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const CELLS: usize = 7;
@@ -113,7 +113,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let towards: Vec<f32> = origins.iter().map(|o| rng.f32() - 0.5 - o).collect();
     let unit = |v: &[f32; 3]| v.map(|x| x / v.iter().map(|x| x * x).sum::<f32>().sqrt());
     let directions: Vec<f32> = towards.as_chunks().0.iter().flat_map(unit).collect();
-    // One ray in ten misses.
+    // One ray in ten misses the grid.
     let ends: Vec<f32> =
         (0..RAYS).flat_map(|ray| if ray % 10 == 3 { [0.0; 2] } else { [1.0, 3.0 + 2.0 * rng.f32()] }).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
@@ -123,7 +123,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         compare.operation(&format!("marching{name}"), |device| {
             let plain = device.clone().inner();
             let settings = MarchSettings { step: 0.1, hidden_depth };
-            // Cell by cell, where the host marches.
+            // On the host, rays march cell by cell.
             let walk = |ray: usize, samples: &mut RaySamples| {
                 let [near, far] = [ends[2 * ray], ends[2 * ray + 1]];
                 if near >= far {
@@ -208,7 +208,7 @@ fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares encodings, one of more points than one dimension of a GPU's grid has workgroups.
+/// Compares encodings, one of them at more points than one dimension of a GPU's grid has workgroups.
 fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const MANY: usize = 1_500_000;
     const SHOWN: usize = 1000;
@@ -240,8 +240,8 @@ fn rows(points: &Tensor<1>) -> Tensor<2> {
     points.clone().reshape([-1, 3])
 }
 
-/// Compares compositing of rows with padding between them in memory, as CUDA lays them out; the columns that are cut off pad the gradient,
-/// too.
+/// Compares compositing of rows with padding between them in memory, as CUDA lays them out. The columns that are cut off pad
+/// the gradient as well.
 fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const BETWEEN: usize = 64;
     const CHANNELS: usize = 3;

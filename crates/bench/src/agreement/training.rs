@@ -12,16 +12,16 @@ use infonerf_train::{Config, Event, Outcome, Preset, Trainer, evaluate_view};
 
 use super::comparison::worse;
 
-/// Losses below this are compared by their absolute error over it.
+/// Minimum denominator of a loss's relative error.
 const MIN_LOSS: f64 = 0.01;
 pub(super) const STEPS: usize = 20;
 
-/// Settings with which a run takes a second.
+/// Settings with which a run takes about a second.
 const TINY: &str = "scene.size=16 eval.test=first-1 eval.information_rays=0 train.rays=24 train.unseen_rays=12 \
                     loss.kl.weight=1e-3 render.occupancy.enabled=true render.occupancy.resolution=8 \
                     render.occupancy.warmup=2 render.occupancy.every=3";
 
-/// Small field of a kind, with as many loss terms as it supports.
+/// Small field of one kind, trained with as many loss terms as the kind supports.
 pub(super) struct FieldCase {
     pub(super) name: &'static str,
     preset: Preset,
@@ -45,7 +45,7 @@ pub(super) const FIELDS: [FieldCase; 4] = [
     FieldCase {
         name: "factored field",
         preset: Preset::Fast,
-        // GPUs leave out no gradients, however negligible.
+        // GPUs leave out no negligible gradients, so the host must not either.
         settings: "field.resolutions=[4,8,16] field.channels=2 field.width=16 field.layers=1 field.negligible=0.0 \
                    render.samples=12 train.target_samples=400 loss.entropy.weight=1e-3",
     },
@@ -62,7 +62,7 @@ pub(super) const FIELDS: [FieldCase; 4] = [
 pub(super) struct Course {
     /// Losses of each step, by term, with their sum as `total`.
     pub(super) losses: Vec<BTreeMap<String, f32>>,
-    /// Render of the first test view afterwards, three values a pixel.
+    /// Render of the first test view after the last step, three values per pixel.
     pub(super) render: Vec<f32>,
 }
 
@@ -75,8 +75,8 @@ impl FieldCase {
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
 
-    /// Returns a monotone function of the gradient of the whole loss with respect to each parameter: with ε = 1, Adam's first
-    /// step is the rate times g/(1 + |g|).
+    /// Returns −g/(1 + |g|) for the gradient g of the whole loss with respect to each parameter: with ε = 1, Adam's first step is
+    /// the rate times this.
     pub(super) fn gradients(&self, plan: &RunPlan, device: &Device) -> Result<Vec<Vec<f32>>> {
         const RATE: f32 = 100.0;
         let lr = format!("train.lr={RATE:?}");
@@ -90,7 +90,7 @@ impl FieldCase {
         Ok(before.iter().zip(weights(&trainer)).map(moved).collect())
     }
 
-    /// Takes the first [`STEPS`] steps.
+    /// Takes [`STEPS`] steps from the start, and returns their losses and a render.
     pub(super) fn course(&self, plan: &RunPlan, device: &Device) -> Result<Course> {
         let mut trainer = self.trainer(plan, &[&format!("train.iterations={STEPS}")], device)?;
         let mut steps = Vec::new();

@@ -22,7 +22,7 @@ pub(super) const QUANTITIES: [&str; 11] = [
     "termination entropy",
     "termination entropy, eps 1e-10",
 ];
-/// Entropies among them: exact and with the released code's ε, of every distribution.
+/// Entropies among the quantities: of every distribution, exact and with the released code's ε.
 const ENTROPIES: [(RayDistribution, f32); 6] = [
     (RayDistribution::Alpha, 0.0),
     (RayDistribution::Alpha, 1e-10),
@@ -31,9 +31,9 @@ const ENTROPIES: [(RayDistribution, f32); 6] = [
     (RayDistribution::Termination, 0.0),
     (RayDistribution::Termination, 1e-10),
 ];
-/// Colour and distance of each sample.
+/// Number of values of a sample: colour and distance.
 const CHANNELS: usize = 4;
-/// Approximate samples of a batch.
+/// Approximate number of samples in a batch.
 const BATCH: usize = 300_000;
 
 /// Rays with colours, distances, and the gradient of a loss with respect to their colour.
@@ -57,17 +57,17 @@ impl StressBatch {
     }
 }
 
-/// Results of a device: values per ray, and a gradient of each with respect to every τ.
+/// Results of a device: values of each ray, and their gradients with respect to every τ.
 struct DeviceResults {
     weights: Vec<f32>,
     color: Vec<f32>,
-    /// Columns: depth, opacity, Σα, then the entropies.
+    /// Values per ray of depth, opacity, Σα, then the entropies.
     columns: Vec<Vec<f32>>,
-    /// Gradients of colour, depth, opacity, Σα, then the entropies.
+    /// Gradients with respect to τ of colour, depth, opacity, Σα, then the entropies.
     gradients: Vec<Vec<f32>>,
 }
 
-/// Errors of each of [`QUANTITIES`] over `left` rays of a family.
+/// Measures the errors of each of [`QUANTITIES`] over `left` rays of a family.
 pub(super) fn measure(draw: DrawRay, mut left: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
     let mut errors = none();
     while left > 0 {
@@ -96,7 +96,7 @@ fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
     let tau = leaf(&batch.tau, device);
     let values = from_host(&batch.values, CHANNELS, &device.clone().autodiff()).require_grad();
     let upstream = from_host(&batch.upstream, 3, &device.clone().autodiff());
-    // One graph per backward pass: Burn consumes it.
+    // Each backward pass needs a graph of its own, since Burn consumes the graph.
     let run = || composite(tau.clone(), values.clone(), &batch.segments);
     let entropy = |(of, epsilon)| ray_entropy(tau.clone(), &batch.segments, of, epsilon);
     let gradients = |objective: Tensor<1>| {

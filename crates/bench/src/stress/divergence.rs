@@ -12,11 +12,11 @@ use crate::values::{gradient_of, leaf, wide};
 pub(super) const QUANTITIES: [&str; 3] = ["divergence", "divergence, reversed", "divergence, eps 1e-12"];
 /// The released code's ε.
 const EPSILON: f32 = 1e-10;
-/// Minimum that a config allows.
+/// Minimum ε that a config allows.
 const MIN_EPSILON: f32 = 1e-12;
 const BATCH: usize = 10_000;
 
-/// Errors of each of [`QUANTITIES`] over `count` pairs of rays.
+/// Measures the errors of each of [`QUANTITIES`] over `count` pairs of rays.
 pub(super) fn measure(draw: DrawPair, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); QUANTITIES.len()];
     for batch in (0..count).step_by(BATCH).map(|done| BATCH.min(count - done)) {

@@ -2,17 +2,17 @@
 
 use serde::Serialize;
 
-/// Values below this need no correct digits.
+/// Magnitude of an expected value below which relative errors are not measured.
 const FLOOR: f64 = 1e-20;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Errors {
     pub(super) numbers: u64,
-    /// Number of NaN and ±∞ among them.
+    /// Number of NaN and ±∞ among the numbers.
     pub(super) non_finite: u64,
-    /// Largest |got − want|/|want|.
+    /// Maximum of |got − want|/|want|.
     pub(super) value: f64,
-    /// Largest |got − want| over the largest |want| of the same ray or table.
+    /// Maximum of |got − want| over max |want| of the same ray or table.
     pub(super) gradient: f64,
 }
 
@@ -27,17 +27,17 @@ impl Errors {
         }
     }
 
-    /// Counts gradients that should be `want`; where `undefined`, they need only be finite.
+    /// Counts gradients that should be `want`; where `undefined` holds, they only have to be finite.
     pub(super) fn gradient(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) {
         self.gradient = self.gradient.max(self.relative(got, want, undefined));
     }
 
-    /// Counts values that should be `want`, with errors relative to the largest of them: some are differences of large ones.
+    /// Counts values that should be `want`, with errors relative to max |want|, since some are differences of large terms.
     pub(super) fn values(&mut self, got: &[f32], want: &[f64]) {
         self.value = self.value.max(self.relative(got, want, |_| false));
     }
 
-    /// Counts numbers that should be `want`, and returns the largest error of the defined ones over the largest of them.
+    /// Counts numbers that should be `want`, and returns max |got − want| / max |want| of the defined ones.
     fn relative(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) -> f64 {
         self.numbers += got.len() as u64;
         self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;

@@ -18,7 +18,7 @@ use crate::values::{gradient_of, leaf, wide};
 
 type Draw = fn(&mut Rng) -> f32;
 
-/// Coordinates of points, from the origin to far away.
+/// Families of coordinates of points, from the origin to far away.
 pub(super) const COORDINATES: [(&str, Draw); 5] = [
     ("a scene of 4 units", |rng| 8.0 * (rng.f32() - 0.5)),
     ("a scene of 1e-3 units", |rng| 2e-3 * (rng.f32() - 0.5)),
@@ -27,7 +27,7 @@ pub(super) const COORDINATES: [(&str, Draw); 5] = [
     ("as far as f32 goes", |rng| log_uniform(rng, 6.0, 38.5).min(f32::MAX) * if rng.bool() { 1.0 } else { -1.0 }),
 ];
 
-/// Frequencies of the encoding: NeRF's 10 and twice as many.
+/// Number of frequencies of the encoding, twice NeRF's 10.
 const FREQUENCIES: usize = 20;
 
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
@@ -45,9 +45,9 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
     errors
 }
 
-/// Measures the integrated encoding of `count` Gaussians about such coordinates, from nearly points to a unit wide.
+/// Measures the integrated encoding of `count` Gaussians around drawn coordinates, from nearly points to a unit wide.
 pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
-    /// The operation rounds weights below this to 0.
+    /// Weight below which the operation rounds weights to 0.
     const NOTHING: f64 = 1e-9;
     let (means, variances) = (drawn(rng, 3 * count, draw), drawn(rng, 3 * count, |rng| log_uniform(rng, -12.0, 0.0)));
     let [mean, variance] = [&means, &variances].map(|rows| from_host(rows, 3, device));
@@ -68,11 +68,11 @@ pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rn
     errors
 }
 
-/// Measures mean and variances of pieces of cones, from the apex to far away.
+/// Measures the mean and variances of conical frustums, from the apex to far away.
 pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
     let t = drawn(rng, count, |rng| log_uniform(rng, -6.0, 6.0));
-    // Pieces do not reach behind the apex.
+    // Frustums do not reach behind the apex.
     let delta: Vec<f32> = t.iter().map(|t| t * log_uniform(rng, -6.0, 0.3).min(2.0)).collect();
     let radii = drawn(rng, count, |rng| log_uniform(rng, -5.0, -1.0));
     let [a, b, c] = [&t, &delta, &radii].map(|numbers| Tensor::from_floats(numbers.as_slice(), device));

@@ -1,4 +1,4 @@
-//! Errors of rays against the box of a scene, and through the whole renderer.
+//! Errors of intersections of rays with the box of a scene, and of renders by the whole renderer.
 
 use anyhow::Result;
 use burn::tensor::Device;
@@ -14,10 +14,10 @@ use super::errors::Errors;
 use crate::trial::with_settings;
 use crate::values::wide;
 
-/// Draws origin and direction of a ray for a box about the origin with half edge 1.
+/// Draws origin and direction of a ray for a box around the origin with half edge 1.
 type Draw = fn(&mut Rng) -> ([f32; 3], [f32; 3]);
 
-/// Kinds of rays, in halves of the box's edge.
+/// Kinds of rays, in units of half the box's edge.
 pub(super) const WAYS: [(&str, Draw); 7] = [
     ("from outside", |rng| (on_sphere(rng, 3.0), on_sphere(rng, 1.0))),
     ("missing the box", |rng| {
@@ -34,7 +34,7 @@ pub(super) const WAYS: [(&str, Draw); 7] = [
     }),
 ];
 
-/// Halves of the box's edge, scene units.
+/// Values of half the box's edge, scene units.
 pub(super) const SCALES: [f32; 5] = [1e-6, 1e-3, 1.0, 1e3, 1e6];
 
 fn signed(rng: &mut Rng) -> f32 {
@@ -55,9 +55,9 @@ fn rays(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Vec<Ray> {
     (0..count).map(|_| ray(draw(rng))).collect()
 }
 
-/// Measures entry and exit of rays against `f64`.
+/// Measures entry and exit distances of rays against `f64`.
 pub(super) fn bounds(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Errors {
-    /// Overlaps below this share of the distance are within the rounding of the distance itself.
+    /// Share of the distance below which an overlap is within the rounding of the distance itself.
     const GRAZING: f64 = 1e-5;
     let bounds = Aabb::cube([0.0; 3].into(), scale);
     let mut errors = Errors::default();
@@ -81,7 +81,7 @@ pub(super) fn bounds(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Err
     errors
 }
 
-/// Computes entry and exit in `f64`; a miss leaves before it enters.
+/// Computes entry and exit distances in `f64`; a ray that misses the box has an exit before its entry.
 fn slabs(bounds: &Aabb, ray: &Ray) -> (f64, f64) {
     let (mut enter, mut leave) = (0f64, f64::INFINITY);
     for axis in 0..3 {
@@ -100,7 +100,7 @@ fn slabs(bounds: &Aabb, ray: &Ray) -> (f64, f64) {
     (enter, leave)
 }
 
-/// Measures opacity and distance of an untrained field in a box of any size along `count` rays, given its optical depths.
+/// Measures opacity and depth of an untrained field in a box of half edge `scale` along `count` rays, given its optical depths.
 pub(super) fn rendered(
     plan: &RunPlan,
     device: &Device,

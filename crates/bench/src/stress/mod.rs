@@ -31,15 +31,15 @@ const PROTOCOL: &str = "single precision against f64 of the same f32 inputs (a n
                         that is above 1e-20; gradients with respect to optical depth, to tables and weights, or to colour; a \
                         gradient that is infinite by definition (exact entropy of an empty sample) need only be finite";
 
-/// Interpolation at a coordinate of 24 bits, and sums of terms of a thousand: x is known to 1e-6 of its terms, and where
-/// they cancel so that softplus or sigmoid are at their exponential end, that is the relative error of σ or colour.
+/// Reason for large errors of large tables: interpolation at a coordinate of 24 bits, and sums of terms of a thousand, know the
+/// MLP's output to 1e-6 of its terms. Where these cancel before an exponential, this is the relative error of σ or colour.
 const CANCELLED: &str = "terms of 1e5 cancel within the MLP before an exponential";
 
-/// A factor of 8 bits is off by up to 2⁻⁹. Values carry a few times that through the layers; gradients carry more, as their
-/// sums cancel and some ReLUs switch sides.
+/// Reason for large errors of bf16: a factor of 8 bits is off by up to 2⁻⁹. Values carry a few times this error through the
+/// layers. Gradients carry more, as their sums cancel and some ReLUs switch sides.
 const ROUNDED: &str = "factors of the matrix products have 8 bits";
 
-/// Operations and cases with bounds of their own, the devices where they have, the bounds, and the reason.
+/// Operations and cases with bounds of their own: the devices that have them, the bounds, and the reason.
 #[allow(clippy::type_complexity, reason = "a table")]
 const EXCEPTIONS: [(&str, &str, &[&str], (f64, f64), &str); 2] = [
     (network::OPERATION, network::CASE, &["flex"], (0.02, 0.3), ROUNDED),
@@ -55,7 +55,7 @@ struct StressCase {
     #[serde(flatten)]
     errors: Errors,
     /// Bound of the value; `None` on a GPU, which computes in single precision throughout and loses digits where terms cancel:
-    /// its values must be finite.
+    /// values of a GPU only have to be finite.
     value_bound: Option<f64>,
     gradient_bound: Option<f64>,
     exception: Option<&'static str>,
@@ -107,7 +107,7 @@ pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMu
 fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Result<Vec<StressCase>> {
     let rng = &mut Rng::with_seed(SEED);
     let mut rows = Vec::new();
-    // Rays count once, with the first of their quantities.
+    // Rays are counted only once, with the first of their quantities.
     let cases = |quantities: &'static [&str], case, rays, errors: Vec<Errors>| {
         let case = move |(i, (of, errors))| StressCase::new(name, of, case, if i == 0 { rays } else { 0 }, errors);
         quantities.iter().copied().zip(errors).enumerate().map(case)

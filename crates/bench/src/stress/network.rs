@@ -17,7 +17,7 @@ const WIDTH: usize = 64;
 const LAYERS: usize = 4;
 
 /// Measures a trunk of 4 layers of 64 and its density at `count` encoded positions, with the gradient of Σ uσ with respect to
-/// every weight, against single precision. Weights are as before training (He et al. 2015).
+/// every weight, against single precision. Weights are initial ones (He et al. 2015).
 pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let device = device.clone().autodiff();
     let mut uniform =

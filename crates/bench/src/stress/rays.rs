@@ -1,9 +1,9 @@
-//! Extreme rays for a renderer, by family.
+//! Extreme rays for a renderer, by family: optical depths of their samples.
 
 use fastrand::Rng;
 
 pub(super) type DrawRay = fn(&mut Rng) -> Vec<f32>;
-/// Draws a ray and its neighbour, of one length.
+/// Function that draws a ray and its neighbour, with equally many samples.
 pub(super) type DrawPair = fn(&mut Rng) -> (Vec<f32>, Vec<f32>);
 
 const MAX_SAMPLES: usize = 48;
@@ -118,7 +118,7 @@ fn pair(
     (ray, near)
 }
 
-/// Draws rays of which one is empty wherever the other is not.
+/// Draws a pair of rays of which each is empty exactly where the other is not.
 fn disjoint(rng: &mut Rng, power: f64) -> (Vec<f32>, Vec<f32>) {
     let (mut ray, mut near) = (many(rng, |_| 0.0), Vec::new());
     for tau in &mut ray {

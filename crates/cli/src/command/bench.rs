@@ -117,7 +117,7 @@ struct BenchRuns {
 }
 
 impl BenchRuns {
-    /// Measures with the benchmark called `name`; its exit code says whether its bounds hold.
+    /// Runs `benchmark`, which is called `name`. The exit code is a failure if one of its bounds does not hold.
     fn measure(
         &self,
         name: &'static str,

@@ -58,17 +58,17 @@ pub(crate) struct CaptureArgs {
     set: Vec<String>,
 }
 
-/// Number of photographs from which on every eighth is held out and measured.
+/// Minimum number of photographs of which every eighth is held out and measured.
 const MIN_MEASURED: usize = 10;
-/// Maximal number of photographs that are held out and measured.
+/// Maximum number of photographs that are held out and measured.
 const MAX_MEASURED: usize = 8;
-/// Maximal number of photographs that the report shows where none is held out.
+/// Maximum number of photographs that the report shows if none is held out.
 const MAX_SHOWN: usize = 3;
-/// Training time over the time in which the orbit is rendered.
+/// Ratio of the training time to the time for rendering the orbit.
 const ORBIT_SHARE: f64 = 2.0;
-/// Seconds per photograph for reading and checking, and for each of up to [`MAX_RENDERED`] for testing, on two cores.
+/// Seconds on two cores for reading and checking a photograph, and for testing each of up to [`MAX_RENDERED`] photographs.
 const SECONDS_PER_PHOTOGRAPH: [f64; 2] = [0.1, 2.0];
-/// Maximal number of photographs that are rendered for tests and as residuals.
+/// Maximum number of photographs that are rendered for tests and for residuals.
 const MAX_RENDERED: usize = 30;
 
 pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
@@ -116,7 +116,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns the folder of photographs that `path` is, or that the frames of the video `path` are written to.
+/// Returns `path` if it is a folder of photographs, or the folder that the frames of the video `path` are written to.
 fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     if path.is_dir() {
         return Ok(path.to_owned());
@@ -129,8 +129,8 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     Ok(frames)
 }
 
-/// Prints what there is to do with `count` photographs, of which `pairs` are to be matched for their poses, and how long it
-/// takes about.
+/// Prints the stages for `count` photographs, of which `pairs` pairs are matched to find poses, with estimates of the time that
+/// each stage takes.
 fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
     let [read, rendered] = SECONDS_PER_PHOTOGRAPH;
@@ -150,8 +150,8 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
 
-/// Plans what `exp capture --variant infonerf+` runs on the scene in `dir`, of `count` photographs: with few, none is held
-/// out.
+/// Plans the run of `exp capture --variant infonerf+` on the scene in `dir`. With a `count` of fewer than [`MIN_MEASURED`]
+/// photographs, none is held out.
 fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
     let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
         bail!("{}: expected a folder of photographs whose name is text", args.path.display());
@@ -170,8 +170,8 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
 }
 
 /// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the
-/// fields, if they were trained just now, and the path of the report; `None` if the user stops it. Doubts that are `known`
-/// are not told again.
+/// fields, if they were trained just now, and the path of the report; `None` if the user stops the run. Warnings that are
+/// `known` are not printed again.
 fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<Option<(Option<Trained>, PathBuf)>> {
     let folder = session.experiment_folder(&experiment.about.name);
     let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
@@ -202,18 +202,18 @@ fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<
     Ok(Some((trained, outcome.report)))
 }
 
-/// Describes the result of a run: how well photographs that were held out are shown, if there are some.
+/// Describes the result of a run: metrics on held-out photographs if there are any, otherwise steps and time.
 fn result(record: &Record) -> String {
     if record.test_views.protocol == "training" {
         let (steps, seconds) = (record.iterations, record.train_seconds);
-        return format!("{steps} steps in {seconds:.1} s; no photograph is held out, so that no figure is measured");
+        return format!("{steps} steps in {seconds:.1} s; no photograph is held out, so no figure is measured");
     }
     let held_out = counted(record.test_views.count, "held-out photograph");
     format!("{}, measured on {held_out}", summary(record))
 }
 
 /// Writes the orbit of the run of `plan` in `folder`, and its page, unless they are there and the fields were not `trained` just
-/// now. Returns the path of the orbit; `None` if the user stops it.
+/// now. Returns the path of the orbit; `None` if the user stops the rendering.
 fn write_pictures(
     trained: Option<Trained>,
     (plan, folder): (RunPlan, &Path),

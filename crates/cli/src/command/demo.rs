@@ -48,7 +48,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         ..Selection::default()
     };
     let sweep = Sweep::from(Experiment::plan("fast-losses", &selection)?);
-    // A demonstration shows the training: a finished one is no reason not to.
+    // A demonstration shows training, so a finished run is trained again.
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Existing::Overwrite);
     interrupt::install()?;
     outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);

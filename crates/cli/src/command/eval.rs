@@ -1,4 +1,4 @@
-//! `infonerf eval`: runs again, or pictures that somebody else rendered.
+//! `infonerf eval`: evaluates runs again, or pictures that other programs rendered.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -66,8 +66,8 @@ struct PicturesArgs {
     /// How pictures are measured: infonerf, regnerf or neural-body (see docs/protocol.md)
     #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
     protocol: String,
-    /// Key of a metric to compute, such as lpips_vgg; it is an error if it cannot be; may be repeated [default: all that can
-    /// be computed]
+    /// Key of a metric to compute, such as lpips_vgg, and an error if it cannot be computed; may be repeated [default: all
+    /// that can be computed]
     #[arg(long = "metric", value_name = "KEY", requires = "renders")]
     metrics: Vec<String>,
     /// Leave out photographs without a render instead of refusing them
@@ -90,7 +90,7 @@ fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
         let known = Protocol::NAMED.map(|(name, _)| name).join(", ");
         format!("--protocol {}: expected one of {known}", args.pictures.protocol)
     })?;
-    // What was asked for by name has to have a value; without names, all that can be measured is.
+    // Metrics that are given by name must have a value. Without names, all metrics that can be computed are.
     let required = select(args.pictures.metrics.iter().map(String::as_str))?;
     let metrics = if required.is_empty() { METRICS } else { required.as_slice() };
     let networks = args.networks.open(&open_device(args.device.device)?)?;
@@ -155,8 +155,8 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
 
 /// Returns `plan` with the test views of another protocol.
 ///
-/// Some formats hold out views of one list, and all of them are for training where these are what is tested: a run is then of
-/// other views, in another space, than it would be by the other protocol, and is not tested by that.
+/// Returns an error if the run would then have other training views, in another space: formats that hold out views of one list
+/// train on all of them if training views are tested.
 fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
     let mut other = plan.clone();
     other.config.eval.max_views = 0;
@@ -180,7 +180,7 @@ fn measured(trained: &Trained) -> Vec<&View> {
     trained.plan.config.eval.measured(&trained.scene().test)
 }
 
-/// Evaluates `views`, and shows each once it is measured.
+/// Evaluates `views`, and calls `show` for each of them once it is measured.
 fn evaluate(
     trained: &Trained,
     views: &[&View],
@@ -224,7 +224,7 @@ fn line(values: &Values) -> String {
     METRICS.iter().filter_map(shown).collect()
 }
 
-/// Returns the mean PSNR at full size and at each smaller one.
+/// Returns the mean PSNR at full size, then at `1/factor` of it for each factor.
 fn scales(trained: &Trained, factors: &[u32]) -> Result<Vec<f64>> {
     let (networks, protocol) = (Networks::none(), trained.plan.config.eval.metric_protocol());
     let at = |factor: u32| -> Result<f64> {

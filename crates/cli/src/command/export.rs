@@ -64,7 +64,7 @@ enum FormatName {
 
 /// Default number of voxels along the longest side of the scene's box.
 const RESOLUTION: usize = 256;
-/// Default for splats: finer ones fit no better in the steps that they are refined for.
+/// Default number of voxels for splats: with more, splats do not fit better in their number of steps.
 const SPLAT_RESOLUTION: usize = 128;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
@@ -117,7 +117,7 @@ impl FormatName {
     }
 }
 
-/// Makes the folder of the file: an impossible one is found out before the work.
+/// Creates the folder of the file `out`, so that an impossible path is reported before the work begins.
 fn make_folder_of(out: &Path) -> Result<()> {
     if out.is_dir() {
         bail!("{}: expected a file to write, found a folder", out.display());

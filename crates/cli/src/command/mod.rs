@@ -91,4 +91,14 @@ mod tests {
     fn the_command_line_is_consistent() {
         Args::command().debug_assert();
     }
+
+    #[test]
+    fn help_has_no_links_of_rustdoc() {
+        fn check(command: &mut clap::Command) {
+            let help = command.render_long_help().to_string();
+            assert!(!help.contains("[`"), "{}: {help}", command.get_name());
+            command.get_subcommands_mut().for_each(check);
+        }
+        check(&mut Args::command());
+    }
 }

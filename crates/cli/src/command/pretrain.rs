@@ -37,7 +37,7 @@ pub(crate) struct PretrainArgs {
     existing: ExistingArgs,
 }
 
-/// Steps over which the last PSNR is averaged.
+/// Number of last steps over which PSNR is averaged.
 const LAST: usize = 100;
 
 pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {

@@ -1,4 +1,4 @@
-//! `infonerf reproduce`: every table and figure of the paper at a small scale, and whether its statements hold here.
+//! `infonerf reproduce`: every table and figure of the paper at a small scale, and tests of its claims.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

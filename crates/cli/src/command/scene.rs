@@ -20,7 +20,7 @@ pub(crate) enum SceneCommand {
     List,
     /// Describe a folder of photographs: format, cameras, lens, bounds, splits.
     Info {
-        /// Folder of the scene, or of a run: of its cameras, before and after training
+        /// Folder of the scene, or of a run, whose training cameras are compared before and after training
         dir: PathBuf,
         /// Print JSON
         #[arg(long)]
@@ -39,7 +39,7 @@ pub(crate) enum SceneCommand {
     FromImages {
         /// Folder of the photographs
         dir: PathBuf,
-        /// Program that finds them: `best` tries colmap as well if some photographs have no pose, and keeps the better
+        /// Program that finds the poses: `best` tries colmap as well if some photographs have no pose, and keeps the better poses
         #[arg(long, value_parser = ["best", "own", "colmap"], default_value = "best")]
         poses: String,
         /// Focal length of the lens: image widths (of the longer side), or with a unit, `28mm` (at 35 mm) or `3100px`
@@ -64,13 +64,13 @@ pub(crate) enum SceneCommand {
 /// Focal length as `--focal` takes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FocalLength {
-    /// Factor of the longer side of the image.
+    /// Focal length over the longer side of the image.
     Widths(f64),
-    /// Pixels of the image file.
+    /// Focal length in pixels of the image file.
     Pixels(f64),
 }
 
-/// Width of 35 mm film, mm.
+/// Width of a frame of 35 mm film, mm.
 const FILM_WIDTH: f64 = 36.0;
 
 fn focal_length(text: &str) -> Result<FocalLength, String> {
@@ -171,14 +171,14 @@ fn longest_side(dir: &Path) -> Result<u32> {
     Ok(width.max(height))
 }
 
-/// Prints what may be wrong with a capture, a line each, and returns these lines.
+/// Prints the warnings about a capture, one per line, and returns them.
 pub(crate) fn print_doubts(dir: &Path) -> Result<Vec<String>> {
     let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");
     }
     if warnings.is_empty() {
-        outln!("{}: {}, nothing to warn of", dir.display(), counted(views, "view"));
+        outln!("{}: {}, no warnings", dir.display(), counted(views, "view"));
     }
     Ok(warnings)
 }

@@ -55,14 +55,14 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Ends the process when its time is up: what is on disk is complete at any time.
+/// Ends the process after `timeout`, at any point: files on disk are always complete.
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
     errln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
     std::process::exit(1);
 }
 
-/// Ends the process once its parent has closed the pipe to it: what is on disk is complete at any time.
+/// Ends the process once its parent has closed the pipe to it, at any point: files on disk are always complete.
 fn end_with_input() {
     if io::copy(&mut io::stdin(), &mut io::sink()).is_ok() {
         std::process::exit(STOPPED);

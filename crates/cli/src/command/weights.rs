@@ -53,7 +53,7 @@ pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Lists what each of the known weights is for, where it is published, and where it is here.
+/// Lists the known weights: what needs them, where they are published, and where they are on this machine.
 fn list(store: &Store) {
     for (weights, path) in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// Seconds of work become milliseconds: a few small tables, a few rays, two test views.
+/// Settings with which a run takes milliseconds: a few small tables, a few rays, two test views.
 const TINY: &str = "train.iterations=3 train.rays=32 train.unseen_rays=16 train.target_samples=400 \
                     train.checkpoint_every=2 scene.size=24 eval.test=first-2 eval.information_rays=32 \
                     field.resolutions=[4,8] field.channels=2 field.width=16 field.layers=1 \
@@ -21,10 +21,10 @@ const TINY: &str = "train.iterations=3 train.rays=32 train.unseen_rays=16 train.
 pub const SWEEP: &str = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-3 \
                          --grid loss.kl.weight=0,1e-4 --seed 0..1 --set eval.information_rays=0";
 
-/// A folder that goes away after the test.
+/// Temporary folder that is removed after the test.
 pub struct Workplace(tempfile::TempDir);
 
-/// A command line that is about to run.
+/// Command line of the program, before it is run.
 pub struct Invocation {
     folder: PathBuf,
     args: Vec<String>,
@@ -45,24 +45,24 @@ impl Workplace {
         fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
     }
 
-    /// Writes a file, in a folder that is made if need be.
+    /// Writes a file, and creates its folder if necessary.
     pub fn write(&self, part: &str, contents: impl AsRef<[u8]>) {
         let path = self.path(part);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, contents).unwrap();
     }
 
-    /// `infonerf ARGS`, in this folder.
+    /// Makes the command `infonerf ARGS` in this folder.
     pub fn run(&self, args: impl AsRef<str>) -> Invocation {
         Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
     }
 
-    /// `infonerf ARGS` in this folder, with settings under which everything is quick; those in `args` win.
+    /// Makes the command `infonerf ARGS` in this folder with settings that make it quick; those in `args` take precedence.
     pub fn tiny(&self, args: impl AsRef<str>) -> Invocation {
         self.tiny_without("nothing", args)
     }
 
-    /// `infonerf ARGS` with the quick settings but the one of `key`, which `args` set in another way.
+    /// Makes the command `infonerf ARGS` with the quick settings except that of `key`, which `args` set in another way.
     pub fn tiny_without(&self, key: &str, args: impl AsRef<str>) -> Invocation {
         let other = |setting: &&str| setting.split('=').next() != Some(key);
         let settings: String = TINY.split(' ').filter(other).map(|setting| format!(" --set {setting}")).collect();
@@ -72,12 +72,12 @@ impl Workplace {
 }
 
 impl Invocation {
-    /// Runs it, which has to succeed, and returns its standard output.
+    /// Runs the command, asserts success, and returns standard output.
     pub fn said(self) -> String {
         text(&self.succeeds().stdout)
     }
 
-    /// Runs it, which has to succeed with a standard output that has each of `parts`, and returns that.
+    /// Runs the command, asserts success and that standard output contains each of `parts`, and returns standard output.
     pub fn says(self, parts: &[&str]) -> String {
         let said = self.said();
         assert_has(&said, parts);
@@ -107,7 +107,7 @@ impl Invocation {
     pub fn into_command(self) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_infonerf"));
         command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE").env_remove("COLUMNS");
-        // Not the weights that whoever runs the tests may have.
+        // The weights of the user who runs the tests are not used.
         command.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", self.folder.join("cache"));
         command.envs(self.variables).current_dir(self.folder).args(self.args);
         command
@@ -120,7 +120,7 @@ impl Invocation {
         output
     }
 
-    /// Exit code 2, one line on stderr that names each of `parts`.
+    /// Runs the command, and asserts exit code 2 and one line on stderr that contains each of `parts`.
     pub fn fails_with(self, parts: &[&str]) {
         let args = format!("{:?}", self.args);
         let output = self.into_command().output().unwrap();
@@ -147,7 +147,7 @@ pub fn wait_for(path: &Path) {
     wait_until(&path.display().to_string(), || path.exists());
 }
 
-/// Waits for `what`, which has come when `is_there`.
+/// Waits until `is_there` returns true; `what` names the event in a failure.
 pub fn wait_until(what: &str, is_there: impl Fn() -> bool) {
     let patience = Instant::now();
     while !is_there() {
@@ -160,20 +160,20 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program speaks UTF-8")
 }
 
-/// The names of the files and folders in a folder.
+/// Returns the names of the files and folders in a folder.
 pub fn files(folder: &Path) -> BTreeSet<String> {
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect()
 }
 
-/// The records of an experiment's `results.json`.
+/// Returns the records of an experiment's `results.json`.
 pub fn records(experiment: &Path) -> Vec<Value> {
     let path = experiment.join("results.json");
     let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str::<Value>(&text).unwrap().as_array().unwrap().clone()
 }
 
-/// Records without what depends on the clock and the machine.
+/// Returns records without the values that depend on the clock and the machine.
 pub fn without_times(records: &[Value]) -> Vec<Value> {
     let mut records = records.to_vec();
     for record in &mut records {
@@ -184,7 +184,7 @@ pub fn without_times(records: &[Value]) -> Vec<Value> {
     records
 }
 
-/// The lines of a run's `metrics.jsonl` without times.
+/// Returns the events of a run's `metrics.jsonl` without times.
 pub fn events(run: &Path) -> Vec<Value> {
     let text = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
     let parse = |line| {

@@ -18,31 +18,31 @@ use super::{Capture, Found, StatedExtent, same_proportions};
 use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
-/// Most bytes that the chosen images may take in memory together: 3.75 GiB.
+/// Max memory of all chosen images together in bytes: 3.75 GiB.
 const MAX_BYTES: u64 = 15 << 28;
-/// Most pixels of files that are decoded at once before they are resized.
+/// Max number of pixels that are decoded at the same time, before they are resized.
 const MAX_AT_ONCE: u64 = 24 << 20;
-/// Image sides that differ from the stated ones by at most this many pixels, and by at most [`MAX_TRIMMED`] of the side,
-/// were cut off, as undistortion does.
+/// Max difference between the sides of an image and the stated ones that counts as cropping by undistortion, not as
+/// scaling: in pixels, and divided by the stated side ([`MAX_TRIMMED`]).
 const TRIMMED: f64 = 2.0;
 const MAX_TRIMMED: f64 = 0.02;
-/// Number of pixels that are compared first, to tell images apart quickly.
+/// Max number of pixels in the fingerprint by which candidates for equal images are found.
 const FINGERPRINT: usize = 997;
 
-/// The views that a request chooses, with no image decoded.
+/// Views that a request chooses; no image is decoded yet.
 struct Chosen<'f> {
     train: Vec<&'f Frame>,
     test: Vec<&'f Frame>,
-    /// Cameras of the training and then the test images as they are in their files.
+    /// Cameras at the stored image sizes: of the training images, then of the test images.
     cameras: Vec<Camera>,
     scale: ImageScale,
     alpha: bool,
     warnings: Vec<String>,
 }
 
-/// Chooses views and their scale. A view that is in both pools and chosen for training is left out of the test, unless
-/// training views are to be tested. Views of a capture whose image is missing are not chosen unless they are asked for by
-/// id or name; those of a data set, whose choice is published, are left out only if all are asked for.
+/// Chooses views and their scale. A view in both pools that is chosen for training is not tested, unless the request
+/// tests training views. In a capture, views without an image file are skipped unless they are requested by id or name.
+/// In a published data set they are skipped only if all views are requested.
 fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>, SceneError> {
     let mut warnings = Vec::new();
     let selection = by_image_names(&request.train, &found.train, &found.selections)?;
@@ -115,15 +115,15 @@ fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) ->
     }
 }
 
-/// Selects among `frames`; rules look at poses alone, so that any image size will do.
+/// Returns the selected `frames`. Rules depend on poses only, so the cameras get a size of 1×1 pixels.
 fn select<'f>(selection: &ViewSelection, frames: &[&'f Frame], known: &Named) -> Result<Vec<&'f Frame>, SceneError> {
     let poses: Vec<Camera> = frames.iter().map(|frame| frame.camera(1, 1)).collect();
     let ids: Vec<usize> = frames.iter().map(|frame| frame.id).collect();
     Ok(pool::train(selection, &poses, &ids, known)?.into_iter().map(|i| frames[i]).collect())
 }
 
-/// Returns the camera for the image as it is in its file: scaled from the size that it is stated for, or cut by what the
-/// image lacks of that if it is hardly anything.
+/// Returns the camera at the stored size of the image. If both sides differ from the stated ones by at most [`TRIMMED`]
+/// pixels, the image counts as cropped at the right and bottom; otherwise the intrinsics are scaled.
 fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
     let found = dimensions(&frame.image)?;
     let Some(stated) = frame.stated_size() else { return Ok(frame.camera(found.0, found.1)) };
@@ -148,9 +148,9 @@ pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<P
     Ok(PixelCount::new(chosen.scale.canvas, chosen.train.len(), chosen.test.len()))
 }
 
-/// Chooses views, reads their images in parallel and puts the scene together.
+/// Chooses views, reads their images in parallel and builds the scene.
 ///
-/// Test views without a valid pixel, and those that show the photograph of a training view, are left out with a warning.
+/// Test views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning.
 pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
     let Capture { mut found, mut space, origin } = found.understood()?;
     let mut warnings = std::mem::take(&mut found.warnings);
@@ -183,8 +183,8 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     Ok(Scene { train: train_views, test, all_train_cameras, ..scene }.with_guessed_background())
 }
 
-/// Returns the camera of a frame whose image need not be there: for the `base` size if its own is not stated, or is the
-/// one that images of the base size are stated to have.
+/// Returns the camera of a frame without opening its image. `stated` is the stated size of images whose stored size is
+/// `base`. Any other stated size is scaled by base.0 / stated.0; else the camera is for `base`.
 fn likely_camera(frame: &Frame, base: (u32, u32), stated: Option<(u32, u32)>) -> Camera {
     let size = match (frame.stated_size(), stated) {
         (Some(own), Some(of_base)) if own != of_base => {
@@ -196,7 +196,7 @@ fn likely_camera(frame: &Frame, base: (u32, u32), stated: Option<(u32, u32)>) ->
     frame.camera(size.0, size.1)
 }
 
-/// Warns of cameras that were given for images of another size.
+/// Returns a warning if cameras are stated for images of another size.
 fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
     let differs = |(frame, camera): (&&Frame, &Camera)| {
         let found = (camera.width, camera.height);
@@ -223,8 +223,8 @@ fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
     (counts.len() > 1).then_some(text)
 }
 
-/// Leaves the test views out that show the photograph of a training view under another name, unless all do, and warns of
-/// them, and of training views that show one photograph.
+/// Removes test views whose image equals that of a training view, unless all test views do. Returns warnings of these,
+/// and of training views with equal images.
 fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     let fingerprint = |view: &View| {
         let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
@@ -256,7 +256,7 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     warnings
 }
 
-/// Refuses, before any is decoded, more images than memory should hold.
+/// Returns an error if the chosen images would take more than [`MAX_BYTES`] of memory; none is decoded before.
 fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bool) -> Result<(), SceneError> {
     let each = (u64::from(width) * u64::from(height)).saturating_mul(if alpha { 16 } else { 12 });
     let size = each.saturating_mul(views as u64);
@@ -267,7 +267,7 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
     Ok(())
 }
 
-/// Collects what is computed in parallel, or the first fault in order, whichever thread met one first.
+/// Collects results of a parallel computation, or returns the error of lowest index, whichever thread failed first.
 pub(crate) fn in_order<T: Send>(
     results: impl IndexedParallelIterator<Item = Result<T, SceneError>>,
 ) -> Result<Vec<T>, SceneError> {
@@ -282,7 +282,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads views, with whether the border of each has the background's colour; `cameras` are those of the files.
+    /// Reads views, each with whether its border has the background's colour. `cameras` are for the stored image sizes.
     fn views(&self, frames: &[&Frame], cameras: &[Camera]) -> Result<(Vec<View>, Vec<bool>), SceneError> {
         let pixels = |camera: &Camera| u64::from(camera.width) * u64::from(camera.height);
         let largest = cameras.iter().map(pixels).max().unwrap_or(1).max(1);
@@ -329,7 +329,7 @@ impl Reader<'_> {
         Ok((View { file, depth: depth.map(Into::into), mask, valid, ..view }, has_border))
     }
 
-    /// Puts an image into the middle of the canvas, on the background.
+    /// Centres an image on a canvas of the background's colour.
     fn framed(&self, image: Image) -> Image {
         let (size, canvas) = ((image.width, image.height), self.scale.canvas);
         let rgb = padded(&image.rgb, size, canvas, self.background);
@@ -338,7 +338,7 @@ impl Reader<'_> {
     }
 }
 
-/// Puts row-major `values` into the middle of a canvas of `fill`.
+/// Centres row-major `values` on a canvas that is filled with `fill`.
 fn padded<T: Copy>(values: &[T], size: (u32, u32), canvas: (u32, u32), fill: T) -> Vec<T> {
     let (left, top) = (((canvas.0 - size.0) / 2) as usize, ((canvas.1 - size.1) / 2) as usize);
     let mut out = vec![fill; canvas.0 as usize * canvas.1 as usize];

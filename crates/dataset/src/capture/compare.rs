@@ -9,33 +9,33 @@ use rayon::prelude::*;
 use super::Capture;
 use crate::frame::Frame;
 
-/// Photographs that are matched, at most.
+/// Max number of photographs that are matched.
 const MAX_IMAGES: usize = 24;
-/// Length of a run of photographs with consecutive names, which often overlap; several runs are matched.
+/// Number of photographs in a run with consecutive names, which often overlap. Several runs are matched.
 const RUN: usize = 4;
 /// Longest side of the images that are matched, in pixels.
 const SIZE: u32 = 480;
 const FEATURES: usize = 1500;
-/// Distance of a match from where the cameras expect it, over the longer side, at which they still explain it.
+/// Max distance of a match from the cameras' epipolar geometry, divided by the longer side, at which they explain it.
 const TOLERANCE: f64 = 8e-3;
-/// Fewer matches than this show nothing.
+/// Min number of matches on which cameras are judged.
 const MIN_MATCHES: usize = 60;
-/// Poses are doubted if they explain less than this share of the matches.
+/// Share of explained matches below which the poses are doubted.
 const EXPLAINED: f64 = 0.5;
-/// Another convention is named if it explains at least this share of the matches.
+/// Min share of matches that another convention must explain to be named.
 const CONVINCING: f64 = 0.7;
-/// Poses that explain more than [`EXPLAINED`] are doubted too if another convention explains this much, and so much more.
+/// Min share and min lead of another convention's explained matches at which poses above [`EXPLAINED`] are doubted too.
 const BETTER: (f64, f64) = (0.9, 0.12);
-/// Matches of a photograph with others from which on it is judged alone, and the share below which its pose is doubted.
+/// Min number of a photograph's matches to judge it alone, and share of explained ones below which its pose is doubted.
 const OF_ONE: (usize, f64) = (30, 0.3);
-/// Plausible principal points over the sides of the image, and ratios of vertical and horizontal focal length.
+/// Plausible principal points divided by the image side (`CENTRAL`), and plausible ratios fy / fx (`SQUARE`).
 const CENTRAL: std::ops::RangeInclusive<f64> = 0.25..=0.75;
 const SQUARE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
-/// Plausible focal lengths over the longer side of the image: fields of view from 5° to 118°.
+/// Plausible focal lengths divided by the longer side of the image: fields of view from 5° to 118°.
 const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 
-/// Compares the cameras of a capture with its photographs: implausible intrinsics, and matches between photographs that
-/// the poses do not explain, with the convention that explains more of them. Returns a line for each doubt.
+/// Compares the cameras of a capture with its photographs and returns one line per doubt: implausible intrinsics, and
+/// poses that do not explain matches between photographs, with the convention that explains most of them.
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());
@@ -53,7 +53,7 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         return Ok(doubts);
     }
     let poses: Vec<DMat4> = frames.iter().map(|frame| frame.pose).collect();
-    // How many matches of each pair cameras at `poses` explain, their focal lengths multiplied by `factor`.
+    // Number of explained matches of each pair, for cameras at `poses` with focal lengths multiplied by `factor`.
     let explained = |poses: &[DMat4], factor: f64| -> Vec<usize> {
         let of_pair = |pair: &ImageMatches| {
             let [a, b] = [pair.a, pair.b].map(|i| Pose::of(&poses[chosen[i]]));
@@ -117,7 +117,7 @@ fn spread(count: usize) -> Vec<usize> {
     (0..MAX_IMAGES).map(|i| i / RUN * (count - RUN) / (runs - 1) + i % RUN).collect()
 }
 
-/// Reads a small grey image and its camera.
+/// Reads an image in grey with a longest side of at most [`SIZE`] pixels, and its camera.
 fn small(frame: &Frame) -> Result<(GreyImage, Camera), SceneError> {
     let image = read_rgba(&frame.image)?;
     let (width, height) = (image.width, image.height);
@@ -127,7 +127,7 @@ fn small(frame: &Frame) -> Result<(GreyImage, Camera), SceneError> {
     Ok((grey, frame.camera(width, height).resized(size.0, size.1)))
 }
 
-/// Describes focal lengths and principal points that no camera has.
+/// Describes implausible focal lengths, principal points and ratios fy / fx.
 fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     let mut doubts = Vec::new();
     let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
@@ -150,7 +150,7 @@ fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     doubts
 }
 
-/// Returns poses as other programs may mean the given matrices, each with the words that follow "taken as".
+/// Returns the given matrices read in the conventions of other programs, each with the words that name the convention.
 fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>)> {
     let flip = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
     let turn = |pose: &DMat4| DMat3::from_mat4(*pose);
@@ -190,8 +190,8 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>
     all
 }
 
-/// Returns the photographs, out of `count`, whose cameras explain few of their matches with the others, worst first: place, and
-/// number of `explained` and of all its matches. What it has with one that is worse does not count.
+/// Returns the photographs (of `count`) whose cameras explain few of their matches, worst first: index, number of
+/// `explained` matches, number of matches. Matches with a photograph that is already returned do not count.
 fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(usize, usize, usize)> {
     let mut found: Vec<(usize, usize, usize)> = Vec::new();
     loop {
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
     use crate::loaders::testing::photographs_of;
 
-    /// Returns twelve photographs of a built-in scene, each with a pose and a focal length that `given` states.
+    /// Returns the doubts about twelve photographs of a built-in scene whose poses and focal lengths `given` states.
     fn doubts(given: impl Fn(usize, &[Camera]) -> (DMat4, f64)) -> Vec<String> {
         let cameras: Vec<Camera> = infonerf_procedural::photographs("table", 160, 40)[..12].to_vec();
         let stated = |i: usize| {
@@ -261,7 +261,7 @@ mod tests {
         assert!(doubts(|i, all| (all[i].to_world, 24.0))[0].contains("is 0.15 image widths: is it in pixels"));
     }
 
-    /// Two photographs have poses of others, one of them that of a camera which looks away.
+    /// Turns the camera of photograph 3 away, and gives photograph 8 the pose of photograph 5.
     #[test]
     fn photographs_with_wrong_poses_are_named() {
         let away = DMat4::from_rotation_y(std::f64::consts::PI);

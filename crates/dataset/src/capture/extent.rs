@@ -1,5 +1,5 @@
-//! The space of a capture (near, far, box, layout), estimated from its cameras and points; cameras far from all others, and
-//! worlds far from their origin.
+//! Space of a capture (near, far, box, layout), estimated from its cameras and points. Detects cameras far from all
+//! others, and worlds far from their origin.
 
 use glam::{DVec3, Vec2, Vec3};
 use infonerf_scene::poses::ViewRegion;
@@ -7,29 +7,29 @@ use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
 
 use crate::frame::Frame;
 
-/// Rows and columns of rays that stand for an image.
+/// Number of rows and columns in the grid of rays that represents an image.
 const GRID: usize = 5;
-/// Most points that are projected into each camera.
+/// Max number of points that are projected into each camera.
 const MAX_POINTS: usize = 20_000;
-/// Fewer visible points than this do not show near and far.
+/// Min number of visible points from which near and far are estimated.
 const MIN_POINTS: usize = 32;
-/// Distances beyond this many times the median are sky, or mistakes of a reconstruction.
+/// Max ratio of a distance to the median: greater distances are sky or errors of a reconstruction, and are left out.
 const BEYOND: f32 = 30.0;
-/// Points of the box are at most this many times as far from its middle as the median point.
+/// Max ratio of a point's distance from the box's middle to the median distance; farther points are left out.
 const OUTSIDE: f32 = 10.0;
-/// Cameras reach at most this many times as far from the middle as three quarters of them.
+/// Max ratio of the reach of the cameras to the 75 % quantile of their distances from the middle.
 const REACH: f32 = 3.0;
 
 /// Estimates the space of a capture that does not state it.
 ///
-/// With points, near and far are 0.8 of the 0.5 % and 1.1 of the 99.5 % quantile of the distances from the cameras to the
-/// points that they see: `distances` if these are known, else to those that fall into their images; distances beyond
-/// [`BEYOND`] times the median are left out. Without points, and with `c` the point nearest to all optical axes and `r` the
-/// greatest distance of a camera from it (at most [`REACH`] times the 75 % quantile): r / 20 and `r (1 + √3)`; for cameras
-/// that look outward, `s / 20` and `10 s` with `s` the spread of the cameras about their mean, or 1.
+/// With points, near is 0.8 times the 0.5 % quantile and far 1.1 times the 99.5 % quantile of distances from cameras to
+/// points that they see. These are `distances`, or if too few, distances to points that project into the images.
+/// Without points, let `c` be the point nearest to all optical axes, `r` the max distance of cameras from `c`, and `s`
+/// their max distance from their mean (both at most [`REACH`] times the 75 % quantile). Then near is `r / 20` and far
+/// `r (1 + √3)`; for cameras that look outward `s / 20` and `10 s`, with s = 1 if it is 0.
 ///
 /// Around an object the bounds are the box of the points' 1 % to 99 % quantiles, a tenth wider, or the cube `c ± r`.
-/// Otherwise they hold all that the cameras see up to far.
+/// Otherwise they contain all that the cameras see up to far.
 pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Vec<f32>) -> Space {
     let region = ViewRegion::new(cameras);
     let focus = region.centre().as_vec3();
@@ -65,13 +65,13 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     Space { bounded: false, layout, centre, radius, points, ..Space::known(cameras, (near, far), bounds) }
 }
 
-/// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.
+/// Returns the max distance, or [`REACH`] times the 75 % quantile of distances if that is less.
 fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
     let sorted = sorted(distances);
     sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
 }
 
-/// Returns the layout of the cameras; points may show that the content lies beyond them.
+/// Returns the layout of the cameras; it is [`Layout::Inside`] if the points' median distance from `focus` exceeds `reach`.
 fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> Layout {
     let layout = Layout::of(cameras);
     if layout != Layout::Object || points.len() < MIN_POINTS {
@@ -80,7 +80,7 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
     if quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5) > reach { Layout::Inside } else { layout }
 }
 
-/// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
+/// Returns the ascending distances from each camera to the points in its image; `None` for fewer than [`MIN_POINTS`].
 fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let distance = |camera: &Camera, p: Vec3| seen_at(camera, p).map(|_| p.distance(camera.position()));
@@ -94,7 +94,7 @@ pub(crate) fn seen_at(camera: &Camera, point: Vec3) -> Option<Vec2> {
     camera.project(point).filter(|pixel| pixel.cmpge(Vec2::ZERO).all() && pixel.cmple(size).all())
 }
 
-/// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
+/// Sorts distances that are finite, positive and at most [`BEYOND`] medians; `None` for fewer than [`MIN_POINTS`].
 fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
     distances.retain(|d| d.is_finite() && *d > 0.0);
     let mut distances = sorted(distances.into_iter());
@@ -104,7 +104,7 @@ fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
 }
 
 /// Returns the box of the points' 1 % to 99 % quantiles on each axis, a tenth of its size wider on each side. Points
-/// farther from `middle` than [`OUTSIDE`] times the median are left out. `None` for too few points.
+/// farther from `middle` than [`OUTSIDE`] times the median are left out. `None` for fewer than [`MIN_POINTS`].
 fn point_box(points: &[Vec3], middle: Vec3) -> Option<Aabb> {
     if points.len() < MIN_POINTS {
         return None;
@@ -126,13 +126,13 @@ fn sorted(values: impl Iterator<Item = f32>) -> Vec<f32> {
     sorted
 }
 
-/// Returns the value below which a share `q` of the ascending `sorted` lies, or 0 if they are empty.
+/// Returns the quantile `q` of ascending values, or 0 without values.
 fn quantile(sorted: &[f32], q: f64) -> f32 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((last as f64 * q).round() as usize).copied().unwrap_or(0.0)
 }
 
-/// Returns the smallest box around what the cameras see within `range`, by a grid of rays through each.
+/// Returns the smallest box around the near and far ends, within `range`, of a grid of rays through each camera.
 pub(crate) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
     let ends = |ray: Ray| range.along(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]);
     Aabb::containing(cameras.iter().flat_map(grid).filter_map(ends).flatten().filter(|p: &Vec3| p.is_finite()))
@@ -151,7 +151,7 @@ pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Op
     let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
     let mut space = Space { range, bounded: false, ..Space::known(cameras, (near, farthest), bounds) };
     if space.layout == Layout::Forward {
-        // Half-way in inverse depth.
+        // Harmonic mean of near and far.
         let middle = 2.0 / (1.0 / near + 1.0 / far);
         let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
         let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
@@ -160,8 +160,8 @@ pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Op
     Some(space)
 }
 
-/// Returns the space of cameras around one object on transparent ground: the cube about their centre that the narrowest of
-/// them sees whole at its distance, and the distances that it lies between.
+/// Returns the space of cameras around one object on a transparent background. Its cube about their centre fits into
+/// the narrowest field of view; near and far are the camera distances minus and plus half the cube's diagonal.
 pub(super) fn object_space(cameras: &[Camera]) -> Space {
     let region = ViewRegion::new(cameras);
     let centre = region.centre().as_vec3();
@@ -178,16 +178,16 @@ pub(super) fn object_space(cameras: &[Camera]) -> Space {
 
 /// A camera is an outlier if it is farther from the median position than this many times the 75 % quantile of distances.
 const FAR_OUT: f64 = 6.0;
-/// Fewer cameras than this do not show which of them are outliers.
+/// Min number of cameras among which outliers are looked for.
 const MIN_CAMERAS: usize = 6;
-/// Maximum share of cameras that are left out: more are a part of the capture.
+/// Max share of cameras that are left out as outliers; if more are far away, all are kept.
 const MAX_SHARE: f64 = 0.1;
-/// A world is moved to its cameras if they are farther from its origin than this many times their spread, at which `f32`
-/// resolves 10⁻⁵ of the spread.
+/// Ratio of the cameras' distance from the world's origin to their spread above which the origin is moved to the
+/// cameras. At this distance `f32` resolves 10⁻⁵ of the spread.
 const DISTANT: f64 = 100.0;
-/// Distance from the origin beyond which a world is moved whose cameras all stand in one place.
+/// Distance from the origin above which a world is moved to its cameras, if these all stand in one place.
 const DISTANT_PLACE: f64 = 1e4;
-/// Names that a warning lists.
+/// Max number of names in a warning.
 const MAX_LISTED: usize = 5;
 
 /// Returns the median position of the cameras, and the 75 % quantile of their distances from it.
@@ -201,7 +201,7 @@ fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
     (middle, median(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
 }
 
-/// Lists names, [`MAX_LISTED`] at most.
+/// Joins names with commas; `…` replaces those after the first [`MAX_LISTED`].
 pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let listed = names.take(MAX_LISTED + 1).enumerate().map(|(i, name)| if i < MAX_LISTED { name } else { "…" });
     listed.collect::<Vec<_>>().join(", ")
@@ -211,7 +211,7 @@ fn place(frame: &Frame) -> DVec3 {
     frame.pose.w_axis.truncate()
 }
 
-/// Leaves out the frames whose camera is far from all training cameras, and returns a warning that names them.
+/// Removes the frames whose camera is far from all training cameras, and returns a warning that names them.
 pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option<String> {
     if train.len() < MIN_CAMERAS {
         return None;

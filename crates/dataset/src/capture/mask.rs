@@ -1,4 +1,4 @@
-//! Masks: finding and reading them, and the pixels of a view that count.
+//! Masks: search, reading, and the valid pixels of a view.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -16,9 +16,9 @@ pub(crate) fn is_mask_name(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DYNAMIC.as_bytes()))
 }
 
-/// Gives the frames of a capture that have no mask of their own the one that other programs would find: `masks` (or
-/// `masks_4` for `images_4`) next to the folder of images, under the image's name, with another extension or with `.png`
-/// added; or instant-ngp's `dynamic_mask_NAME.png` next to the image. Returns a warning that counts the masks.
+/// Assigns masks to the frames of a capture that have none. A mask is in `masks` (or `masks_4` for `images_4`) next to
+/// the folder of images, under the image's name with another extension or with `.png` appended; or it is instant-ngp's
+/// `dynamic_mask_NAME.png` next to the image. Returns a warning with the number of masks.
 pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: &mut [Frame]) -> Option<String> {
     if matches!(format, Format::Dtu | Format::Zju) {
         return None;
@@ -59,10 +59,10 @@ pub(crate) fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
     dynamic.is_file().then_some((dynamic, MaskRole::Dynamic))
 }
 
-/// Reads the pixels of a mask that count, row-major, for an image of `size`; a mask of these proportions is scaled.
+/// Reads which pixels of an image of `size` count, row-major. A capture's mask of the same proportions is resized.
 ///
-/// A pixel counts if it is not black; in a capture's mask if it is above half of the brightest one, so that what JPEG
-/// leaves of black does not count, and masks of zeros and ones do.
+/// A pixel counts if it is not black. In a capture's mask it counts if it is brighter than half the brightest pixel:
+/// this rejects JPEG noise in black areas and accepts masks of zeros and ones.
 pub(crate) fn read_mask(path: &Path, role: MaskRole, size: (u32, u32)) -> Result<Vec<bool>, SceneError> {
     let image = read_rgba(path)?;
     let found = (image.width, image.height);
@@ -78,7 +78,7 @@ pub(crate) fn read_mask(path: &Path, role: MaskRole, size: (u32, u32)) -> Result
     Ok(resized_mask(&counts.collect::<Vec<bool>>(), found, size))
 }
 
-/// Whether the image reaches beyond where the lens can be inverted.
+/// Returns whether the image's border has pixels for which the lens cannot be inverted.
 fn exceeds_lens(camera: &Camera) -> bool {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     let shares = [0.0, 0.5, 1.0];
@@ -93,7 +93,7 @@ pub(super) fn lens_mask(camera: &Camera) -> Option<Vec<bool>> {
     exceeds_lens(camera).then(|| (0..camera.height).flat_map(row).collect())
 }
 
-/// Leaves the views without a valid pixel out of `test`, and warns of pixels and views that are left out.
+/// Removes views without a valid pixel from `test`. Returns warnings of the pixels and views that are left out.
 pub(super) fn check_valid(frames: &[&Frame], train: &[View], test: &mut Vec<View>) -> Result<Vec<String>, SceneError> {
     let is_blank = |view: &View| view.valid.as_ref().is_some_and(|valid| !valid.contains(&true));
     if let Some((frame, _)) = frames.iter().zip(train).find(|(_, view)| is_blank(view)) {
@@ -135,7 +135,7 @@ mod tests {
             Rgba8 { width: 2, height: 1, pixels }.write_png(&path).unwrap();
         };
         let read = |role| read_mask(&path, role, (2, 1)).unwrap();
-        // Labels of parts of a body, what JPEG leaves of black, and zeros and ones.
+        // Values of a mask: labels of body parts, JPEG noise in a black area, zeros and ones.
         for (values, counts, capture) in [
             ([0, 9], [false, true], [false, true]),
             ([9, 255], [true; 2], [false, true]),

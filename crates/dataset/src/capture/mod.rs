@@ -28,7 +28,7 @@ use crate::frame::{Frame, Intrinsics, cameras_of, numbered, present};
 
 /// One view in this many is held out for test, starting with the first.
 const HOLD_OUT: usize = 8;
-/// Difference in proportions that rounding of image sides explains.
+/// Max relative difference between proportions that counts as rounding of image sides.
 const SAME_PROPORTIONS: f64 = 0.01;
 
 /// Contents of a scene's folder as its loader read them, with no image decoded.
@@ -47,7 +47,7 @@ pub(crate) struct Found<'a> {
     pub warnings: Vec<String>,
 }
 
-/// Statement of a format about where the content is.
+/// Extent of the content, as far as a format states it.
 pub(crate) enum StatedExtent {
     /// Complete: near, far, box and layout are known.
     Known(Box<Space>),
@@ -62,19 +62,19 @@ pub(crate) struct Estimate {
     pub points: Vec<DVec3>,
     pub range: Option<(f32, f32)>,
     pub bounds: Option<Aabb>,
-    /// Whether images show one object on transparent ground.
+    /// Whether images show one object on a transparent background.
     pub transparent: bool,
 }
 
 pub(crate) struct Capture<'a> {
     pub found: Found<'a>,
     pub space: Space,
-    /// World coordinates of the scene's origin in the capture's files.
+    /// Position of the scene's origin in the coordinates of the capture's files.
     pub origin: DVec3,
 }
 
 impl<'a> Found<'a> {
-    /// Makes the contents of a folder whose test frames are its test split, without names and warnings.
+    /// Makes the contents of a folder without names for views and without warnings. All test frames are the test split.
     pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: StatedExtent) -> Self {
         let (selections, protocols, warnings) = (Vec::new(), Vec::new(), Vec::new());
         Self { dir, format, train, test, split: None, selections, protocols, extent, background: None, warnings }
@@ -89,7 +89,7 @@ impl<'a> Found<'a> {
         Self { warnings: warning.into_iter().collect(), ..found }
     }
 
-    /// Prepares the frames and derives the space.
+    /// Rotates frames by EXIF data, finds masks, removes outlier cameras, moves a distant origin, and derives the space.
     pub fn understood(mut self) -> Result<Capture<'a>, SceneError> {
         self.turn();
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
@@ -119,11 +119,11 @@ impl<'a> Found<'a> {
         Ok(Capture { found: self, space, origin })
     }
 
-    /// Turns cameras along with images that EXIF data turn: image files are decoded upright, poses and intrinsics may be
-    /// those of the pixels as they are stored.
+    /// Rotates each camera that is for the stored pixels of an image which EXIF data rotate, since images are decoded upright.
     ///
-    /// A stated size decides between them; if it fits both ways (square images, half turns), reconstructions (COLMAP,
-    /// LLFF, DTU, ZJU-MoCap) are taken to have seen the stored pixels, and JSON files of other tools the upright image.
+    /// A stated size decides whether a camera is for the stored pixels or the upright image. If it fits both (square images,
+    /// half turns), cameras of COLMAP, LLFF, DTU and ZJU-MoCap are taken for the stored pixels, and cameras of JSON files for
+    /// the upright image.
     fn turn(&mut self) {
         let by_stored = !matches!(self.format, Format::Blender | Format::Transforms);
         let mut doubtful = Vec::new();
@@ -148,7 +148,7 @@ impl<'a> Found<'a> {
         }
     }
 
-    /// Derives where the content is from the training cameras and what the format states.
+    /// Derives the space from the training cameras and the extent that the format states.
     fn space(&mut self, cameras: &[Camera]) -> Result<Space, SceneError> {
         let estimate = match &self.extent {
             StatedExtent::Known(space) => return Ok(Space::clone(space)),
@@ -182,8 +182,8 @@ impl<'a> Found<'a> {
     }
 }
 
-/// Splits views into a training and a test pool: views 0, 8, 16, … are for test, unless a single view is all there is, or
-/// `protocol` tests training views.
+/// Splits views into a training and a test pool: views 0, 8, 16, … are for test. All are for training if there is only
+/// one, or if `protocol` tests training views.
 pub(crate) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Vec<T>) {
     let alone = views.len() == 1 || *protocol == TestProtocol::Training;
     let mut places = 0..views.len();
@@ -216,7 +216,7 @@ mod tests {
         load(photographs(cameras).path(), &request()).unwrap()
     }
 
-    /// Photographs in the layout of NeRF's synthetic scenes load as they do in that of nerfstudio.
+    /// Checks that photographs in the file layout of NeRF's synthetic scenes load as in nerfstudio's layout.
     #[test]
     fn constants_of_a_data_set_apply_to_that_alone() {
         let around: Vec<Camera> = cameras(10).iter().map(|camera| moved(camera, |p| 0.95 * p)).collect();
@@ -315,7 +315,7 @@ mod tests {
         let all: Vec<Camera> = cameras(9).iter().map(|camera| lens.with_pose(camera.to_world)).collect();
         let upright = loaded(&all);
         let guard = photographs(&all);
-        // JPEGs of a camera that was held upright, stored lying on their side.
+        // JPEGs of a camera that was held upright; their pixels are stored rotated by 90°.
         for i in 0..all.len() {
             let from = guard.path().join(format!("images/p{i:02}.png"));
             let to = from.with_extension("jpg");
@@ -323,9 +323,9 @@ mod tests {
             fs::remove_file(from).unwrap();
             set_orientation(&to, 6);
         }
-        // A tool that turned the images before it found the poses.
+        // Poses for upright images.
         let shown = load(guard.path(), &request()).unwrap();
-        // COLMAP, which saw the pixels as they are stored.
+        // Poses for the stored pixels, as COLMAP finds them.
         let stored: Vec<Camera> = all.iter().map(|camera| camera.turned(3)).collect();
         fs::remove_file(guard.path().join("transforms.json")).unwrap();
         let lens = &stored[0];

@@ -1,26 +1,26 @@
-//! Image scale of a scene: one for images of all sizes.
+//! Scale at which a scene's images of different sizes are loaded.
 
 use infonerf_scene::{Camera, resized_dimensions};
 
-/// Images whose focal lengths in pixels differ by at most this share were taken at one scale: they are crops, or stand
-/// upright among others that lie.
+/// Max difference between the logarithms of two focal lengths in pixels at which images have one scale: they are crops
+/// of each other, or portrait and landscape.
 const SAME_SCALE: f64 = 0.1;
 
-/// The scale at which the images of a scene are loaded: each in the middle of a canvas that all share.
+/// Scale of a scene's images; each is loaded into the middle of a shared canvas.
 pub(super) struct ImageScale {
     /// Camera of an image of the most frequent size.
     base: Camera,
-    /// Factor from the sides of that image to those at which it is loaded.
+    /// Ratio of the loaded to the stored sides of an image of `base`'s size.
     factor: f64,
     pub canvas: (u32, u32),
 }
 
 impl ImageScale {
-    /// Chooses the scale for the images of `cameras`, the longest side of all at most `longest`; none is enlarged. `None`
-    /// without cameras.
+    /// Chooses the scale for the images of `cameras`: no side is longer than `longest`, and no image is enlarged.
+    /// Returns `None` without cameras.
     ///
-    /// The most frequent size gives the scale. Images of about its focal length in pixels keep their scale to it; others,
-    /// of another resolution or lens, are brought to its longest side.
+    /// The most frequent size is the base. Images with about the base's focal length in pixels are scaled like the
+    /// base. Others, of another resolution or lens, are resized to the base's longest side.
     pub fn new(cameras: &[Camera], longest: Option<u32>) -> Option<Self> {
         let size = |camera: &Camera| (camera.width, camera.height);
         let count = |camera: &&Camera| cameras.iter().filter(|other| size(other) == size(camera)).count();
@@ -35,7 +35,7 @@ impl ImageScale {
         Some(scale)
     }
 
-    /// Returns the size of the image of the most frequent size, as it is in its file.
+    /// Returns the most frequent size of the stored images.
     pub fn base_size(&self) -> (u32, u32) {
         (self.base.width, self.base.height)
     }
@@ -46,13 +46,13 @@ impl ImageScale {
         resized_dimensions(camera.width, camera.height, longest)
     }
 
-    /// Returns `camera` for its image as it is loaded, on the canvas.
+    /// Returns `camera` for its loaded image on the canvas.
     pub fn framed(&self, camera: &Camera) -> Camera {
         let (width, height) = self.size(camera);
         camera.resized(width, height).framed(self.canvas.0, self.canvas.1)
     }
 
-    /// Returns the factor that brings the image of `camera` to the scale of the base's.
+    /// Returns the factor from the stored sides of `camera`'s image to the base's scale.
     fn relative(&self, camera: &Camera) -> f64 {
         let focal = |camera: &Camera| (camera.fx * camera.fy).sqrt();
         let same = (camera.width, camera.height) == self.base_size();
@@ -88,7 +88,7 @@ mod tests {
         // Portrait and landscape.
         let both = sizes(&[((96, 72), 100.0), ((72, 96), 100.0), ((96, 72), 100.0)], None);
         assert_eq!(both, (vec![(96, 72), (72, 96), (96, 72)], (96, 96)));
-        // A pixel is missing; twice as many pixels, and half as many: the fewest decide.
+        // An image that is one pixel short, twice as large, and half as large: the smallest sets the size.
         for (other, longest, all) in [
             (((96, 95), 100.0), Some(48), (48, 48)),
             (((192, 192), 200.0), None, (96, 96)),

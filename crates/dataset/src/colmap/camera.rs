@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// COLMAP's camera models by id: name and parameters, which models that are not supported lack.
+/// COLMAP's camera models by id: name and parameters. Unsupported models have no parameters.
 pub(super) const MODELS: [(&str, &[&str]); 12] = [
     ("SIMPLE_PINHOLE", &["fx", "cx", "cy"]),
     ("PINHOLE", &["fx", "fy", "cx", "cy"]),
@@ -22,9 +22,9 @@ pub(super) const MODELS: [(&str, &[&str]); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", &[]),
 ];
 
-/// Returns the lens of a model with coefficients by name; `None` if the model is unknown, or FOV's angle none.
-///
-/// Except as FULL_OPENCV, and with k₅ or k₆, the lens is OpenCV's polynomial one.
+/// Returns the lens of a model; `value` returns coefficients by name. `None` if the model is unknown, or the angle of
+/// FOV is 0 or not below π. Perspective models have OpenCV's polynomial lens; FULL_OPENCV, and any with k₅ or k₆, the
+/// rational one.
 pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
     let k = ["k1", "k2", "k3", "k4", "k5", "k6"].map(&value);
     let p = ["p1", "p2"].map(&value);
@@ -41,7 +41,7 @@ pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
     }
 }
 
-/// Longest image side, in pixels.
+/// Max image side in pixels.
 const MAX_SIDE: u32 = 1 << 20;
 
 /// A camera of a reconstruction.
@@ -59,7 +59,7 @@ pub struct ColmapCamera {
 }
 
 impl ColmapCamera {
-    /// Checks the numbers of a camera. `path` and `place` are what an error names.
+    /// Checks the numbers of a camera. Errors name `path` and `place`.
     pub(crate) fn new(
         path: &Path,
         place: &str,

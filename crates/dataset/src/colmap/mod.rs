@@ -19,12 +19,12 @@ use infonerf_scene::{Camera, SceneError};
 use crate::files::{FARTHEST, make_folder, read_file, write_file};
 use read::Values;
 
-/// Folders below a scene's that may hold reconstructions, or numbered folders of them; the last is the scene's own.
+/// Folders in a scene's folder that may contain reconstructions or numbered folders of them; the last is that folder.
 const PLACES: [&str; 7] = ["sparse", "colmap/sparse", "dense/0/sparse", "dense/sparse", "distorted/sparse", "0", ""];
 const MAX_BYTES: u64 = 2 << 30;
-/// Most reconstructions of one capture that are looked at.
+/// Max number of numbered reconstructions of a capture.
 const MAX_MODELS: usize = 50;
-/// Greatest difference of a quaternion's length from 1; text files round.
+/// Max difference of a quaternion's length from 1; values in text files are rounded.
 const TOLERANCE: f64 = 1e-2;
 
 /// One registered image.
@@ -55,7 +55,7 @@ pub struct Reconstruction {
 
 impl Reconstruction {
     /// Reads the reconstruction with most images in `dir`, or in `sparse` or another folder of COLMAP below it:
-    /// `cameras.bin`, `images.bin` and `points3D.bin`, or the same as `.txt`; without a file of points it has none.
+    /// `cameras.bin`, `images.bin` and `points3D.bin`, or the same as `.txt`. Without a file of points there are none.
     ///
     /// # Errors
     /// There is none, a file is missing or broken, a camera's model is unknown or its numbers are no lens, a quaternion is
@@ -106,8 +106,8 @@ fn read_values<T>(place: &Path, name: &str, read: fn(Values<'_>) -> Result<T, Sc
     read(Values::text(&path, &String::from_utf8_lossy(&bytes)))
 }
 
-/// Lists the reconstructions in the first place below `dir` that holds any, with their numbers of images, those with most
-/// images first: COLMAP's mapper writes several if it cannot join all photographs.
+/// Lists the reconstructions in the first of [`PLACES`] below `dir` that has any, with their numbers of images in
+/// descending order. COLMAP's mapper writes several if it cannot join all photographs.
 pub(crate) fn models(dir: &Path) -> Vec<(PathBuf, u64)> {
     let counted = |place: PathBuf| Some((place.clone(), count_images(&place)?));
     let in_place = |place: &&str| {
@@ -150,7 +150,7 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     Ok(opengl(turned, position))
 }
 
-/// Returns the pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
+/// Returns the OpenGL pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
 pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
     let [x, y, z] = [axes.x_axis, -axes.y_axis, -axes.z_axis].map(|axis| axis.extend(0.0));
     DMat4::from_cols(x, y, z, position.extend(1.0))
@@ -166,10 +166,10 @@ fn world_to_camera(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
 
 // Writing in COLMAP's binary format.
 impl Reconstruction {
-    /// Writes `cameras.bin`, `images.bin` and `points3D.bin` to `dir`, which is made; `colour` is that of a point.
+    /// Writes `cameras.bin`, `images.bin` and `points3D.bin` to `dir`, which it creates. `colour` returns the RGB of a point.
     ///
     /// # Errors
-    /// The system refuses.
+    /// A file cannot be written.
     pub fn write(&self, dir: &Path, colour: impl Fn(u64) -> [u8; 3]) -> Result<(), SceneError> {
         make_folder(dir)?;
         write_file(&dir.join("cameras.bin"), self.cameras())?;
@@ -207,7 +207,7 @@ impl Reconstruction {
     }
 
     fn points(&self, colour: impl Fn(u64) -> [u8; 3]) -> Vec<u8> {
-        // Of each point, who sees it (image, index of the observation), and how far from where it falls.
+        // By point: its observations (image, index of the observation), and the sum of their reprojection errors in pixels.
         let mut tracks: BTreeMap<u64, (Vec<[u32; 2]>, f64)> = BTreeMap::new();
         for image in &self.images {
             let camera = self.camera(image);

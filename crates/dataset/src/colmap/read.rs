@@ -25,7 +25,7 @@ pub(crate) struct Values<'a> {
 enum Source<'a> {
     /// Rest of the file, and the number of records in it.
     Binary { rest: &'a [u8], records: u64 },
-    /// Rest of the lines, and number (from 1) and rest of the current one.
+    /// Remaining lines, number (from 1) of the current line, and its remaining words.
     Text { lines: Enumerate<Lines<'a>>, number: usize, words: SplitWhitespace<'a> },
 }
 
@@ -146,7 +146,7 @@ impl<'a> Values<'a> {
         Err(self.fault("", EARLY))
     }
 
-    /// Returns a number of `N` bytes, or a word.
+    /// Returns a number: `N` bytes of a binary file, or a word of text.
     fn number<T: FromStr, const N: usize>(&mut self, from_bytes: fn([u8; N]) -> T) -> Result<T, SceneError> {
         if let Source::Text { .. } = self.source {
             return self.word();
@@ -168,7 +168,7 @@ impl<'a> Values<'a> {
         Ok(numbers)
     }
 
-    /// Returns an image side; one that is too large for any is 0, which is refused later.
+    /// Returns an image side, or 0 if it does not fit `u32`; 0 is an error later.
     fn side(&mut self) -> Result<u32, SceneError> {
         Ok(u32::try_from(self.u64()?).unwrap_or(0))
     }
@@ -213,7 +213,7 @@ impl<'a> Values<'a> {
         Ok(count as u64 / 3)
     }
 
-    /// Passes over the colour and error of a point, and over what sees it.
+    /// Skips the colour, error and track of a point.
     fn skip_track(&mut self) -> Result<(), SceneError> {
         if let Source::Text { .. } = self.source {
             return (0..4).try_for_each(|_| self.word::<String>().map(drop));

@@ -22,17 +22,17 @@ const MARK: &str = ".infonerf-export";
 
 /// Writes the procedural scene `name` into the folder `dir`, with images of `size`² pixels:
 ///
-/// - [`Format::Blender`]: `transforms_{train,test}.json`, RGBA images, exact depth next to the test images. Loading the
-///   folder at its own size gives the views of the procedural scene bit for bit. Of a scene with a body,
-///   `vertices.ply` has its vertices, for `field.vertices`.
-/// - [`Format::Llff`]: `poses_bounds.npy` and `images`, 40 photographs, with exact depths of the nearest and the farthest
-///   point.
-/// - [`Format::Dtu`]: `cameras_sphere.npz`, `image`, `mask`, as IDR and NeuS have them: 49 photographs with the subject's
-///   masks, the unit sphere about it.
-/// - [`Format::Zju`]: `annots.npy`, `mask_cihp` and, of a scene with a body, `new_vertices` and `new_params`: one frame
-///   of up to 23 cameras behind lenses that distort.
+/// - [`Format::Blender`]: `transforms_{train,test}.json`, RGBA images, exact depth next to the test images. A scene
+///   with a body also gets `vertices.ply`, the file for `field.vertices`. Loading the folder at its own size gives the
+///   views of the procedural scene bit for bit.
+/// - [`Format::Llff`]: `poses_bounds.npy` and `images`, 40 photographs, with exact depths of the nearest and the
+///   farthest point.
+/// - [`Format::Dtu`]: `cameras_sphere.npz`, `image` and `mask` as in IDR and NeuS: 49 photographs, masks of the
+///   subject, and the unit sphere around it.
+/// - [`Format::Zju`]: `annots.npy`, `mask_cihp` and, for a scene with a body, `new_vertices` and `new_params`: one
+///   frame of up to 23 cameras with lens distortion.
 ///
-/// A photograph has no coverage: what a scene leaves transparent is white. `dir` is made if need be; files of the same
+/// Photographs are opaque: transparent parts of a scene become white. `dir` is created if needed; files of the same
 /// names in one that this wrote before in the same format are overwritten.
 ///
 /// # Errors
@@ -54,7 +54,7 @@ pub fn export(name: &str, size: u32, format: Format, dir: &Path) -> Result<(), S
     write(name, size, dir)
 }
 
-/// Makes `dir` and marks it as ours, unless it holds something else.
+/// Creates `dir` and marks it as an export. Returns an error if it has other files.
 fn claim(dir: &Path, format: Format) -> Result<(), SceneError> {
     let path = dir.join(MARK);
     let mark = format!("{format}\n");
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(loaded.all_train_cameras, direct.all_train_cameras);
         assert_eq!((loaded.space.near, loaded.space.far), (direct.space.near, direct.space.far));
         assert_eq!((loaded.space.bounds, loaded.name), (direct.space.bounds, direct.name));
-        // A body goes along.
+        // The vertices of a body are exported too.
         let dir = guard.path().join("figure");
         export("figure", 8, Format::Blender, &dir).unwrap();
         let text = fs::read_to_string(dir.join("vertices.ply")).unwrap();
@@ -102,7 +102,7 @@ mod tests {
         assert!(text.contains(&format!("element vertex {}\n", body.vertices.len())));
     }
 
-    /// Returns the scene that an export gives with published views, and the cameras that it was taken with.
+    /// Exports and loads a scene with published views. Returns it with the cameras of the export.
     fn read_back(name: &str, format: Format, train: &str) -> (Scene, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();
         export(name, 16, format, guard.path()).unwrap();
@@ -120,7 +120,7 @@ mod tests {
             let camera = &cameras[view.id];
             let mask = view.mask.as_deref().unwrap();
             assert_eq!(mask, procedural::object_mask("table", camera).unwrap());
-            // What the masks show lies in the unit sphere.
+            // Masked pixels show points in the unit sphere.
             let shown = procedural::render("table", camera).unwrap();
             let apart = |a: &Camera, b: &Camera| a.position().distance(b.position());
             let scale = apart(camera, &cameras[0]) / apart(&view.camera, &scene.all_train_cameras[0]);
@@ -152,7 +152,7 @@ mod tests {
         let apart = |a: &Camera, b: &Camera| a.position().distance(b.position());
         let factor = apart(c, a) / apart(r, p);
         assert!((apart(b, a) / apart(q, p) / factor - 1.0).abs() < 1e-4);
-        // Near and far are those of what is seen.
+        // Near and far are the depths of visible points.
         let (near, far) = (scene.space.near / 0.9 / factor, scene.space.far / factor);
         assert!((0.4..3.0).contains(&near) && (3.0..9.0).contains(&far), "{near} {far}");
     }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::files::pickle::{self, dict, list, numbers, object, text};
 use crate::files::{make_folder, npy, write_file};
 
-/// Background of photographs of a scene that has nothing behind it.
+/// Colour of photographs where the scene is transparent.
 const WHITE: [f32; 3] = [1.0; 3];
 /// Number of photographs in LLFF's format.
 const LLFF_VIEWS: usize = 40;
@@ -54,7 +54,7 @@ fn write_mask(path: &Path, photograph: &ExportedView, mask: &[bool]) -> Result<(
     Image { rgb, ..photograph.image.clone() }.write_png(path)
 }
 
-/// Returns `K`, for pixels whose centres are whole numbers.
+/// Returns the intrinsic matrix `K` for pixel coordinates in which pixel centres are whole numbers.
 fn intrinsics(camera: &Camera) -> DMat3 {
     let centre = DVec3::new(camera.cx - 0.5, camera.cy - 0.5, 1.0);
     DMat3::from_cols(DVec3::X * camera.fx, DVec3::Y * camera.fy, centre)
@@ -73,7 +73,7 @@ pub(super) fn write_llff(name: &str, size: u32, dir: &Path) -> Result<(), SceneE
     npy::write(&dir.join("poses_bounds.npy"), &[photographs.len() as u64, 17], &rows)
 }
 
-/// Returns the row of a photograph; `extent` is near and far where it shows nothing.
+/// Returns the row of a photograph in `poses_bounds.npy`; `extent` is (near, far) for one without visible points.
 fn row(photograph: &ExportedView, extent: (f32, f32)) -> [f64; 17] {
     let camera = &photograph.camera;
     let [x, y, z, at] = [0, 1, 2, 3].map(|column| camera.to_world.col(column));
@@ -87,7 +87,7 @@ fn row(photograph: &ExportedView, extent: (f32, f32)) -> [f64; 17] {
     row
 }
 
-/// Returns the least and the greatest depth along the camera's axis.
+/// Returns the min and max depth of visible points along the camera's axis.
 fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
     let depths = photograph.depth.iter().enumerate().filter(|(_, distance)| distance.is_finite());
     let depths = depths.map(|(i, distance)| distance * photograph.ray(i).cosine);
@@ -95,7 +95,7 @@ fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
 }
 
 /// Writes `image/<NNNNNN>.png`, `mask/<NNN>.png` and `cameras_sphere.npz`: `world_mat_<i>` is `K [R | t]`, and
-/// `scale_mat_<i>` takes the unit sphere to the one about the subject.
+/// `scale_mat_<i>` maps the unit sphere to the sphere around the subject.
 pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let photographs = photographs(name, size, DTU_VIEWS, Lens::PERSPECTIVE)?;
     for folder in ["image", "mask"] {
@@ -113,7 +113,7 @@ pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
     npy::write_archive(&dir.join("cameras_sphere.npz"), &matrices(photographs.iter().map(|p| &p.camera), scale))
 }
 
-/// Returns `world_mat_<i>` and `scale_mat_<i>` of cameras that look at what `scale` takes the unit sphere to.
+/// Returns `world_mat_<i>` = `K [R | t]` of each camera, and `scale_mat_<i>` = `scale`.
 pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMat4) -> Vec<npy::NamedArray> {
     let of = |(i, camera): (usize, &Camera)| {
         let matrices = [("world", projection(camera)), ("scale", scale)];
@@ -122,7 +122,7 @@ pub(crate) fn matrices<'a>(cameras: impl Iterator<Item = &'a Camera>, scale: DMa
     cameras.enumerate().flat_map(of).collect()
 }
 
-/// Returns `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
+/// Returns `K [R | t]` with a last row of (0, 0, 0, 1). It projects world points to pixels with whole numbers as centres.
 fn projection(camera: &Camera) -> DMat4 {
     let m = intrinsics(camera) * Pose::of(&camera.to_world).rotation;
     let t = -(m * camera.position_f64());
@@ -143,8 +143,8 @@ fn sphere(points: &[Vec3]) -> (DVec3, f64) {
     (centre.as_dvec3(), 1.05 * f64::from(farthest))
 }
 
-/// Writes one frame: `annots.npy`, `Camera_B<i>/000000.png`, the same under `mask_cihp`, and of a scene with a body
-/// `new_vertices/0.npy` and `new_params/0.npy`, whose frame is the world's.
+/// Writes one frame: `annots.npy`, images `Camera_B<i>/000000.png`, and masks of these names in `mask_cihp`. A scene
+/// with a body also gets `new_vertices/0.npy`, and `new_params/0.npy` with the identity.
 pub(super) fn write_zju(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let photographs = photographs(name, size, ZJU_VIEWS, lens())?;
     for (i, photograph) in photographs.iter().enumerate() {

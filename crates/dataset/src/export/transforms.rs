@@ -35,7 +35,7 @@ fn frame(view: &View, origin: DVec3) -> Value {
     let (model, k, p) = match camera.lens.model() {
         LensModel::Perspective => ("PINHOLE", Vec::new(), None),
         LensModel::RadialTangential { k, q, p } if q == [0.0; 3] => ("OPENCV", k.to_vec(), Some(p)),
-        // In OpenCV's full model k₄ to k₆ are those of the denominator.
+        // In OpenCV's full model k₄ to k₆ are coefficients of the denominator.
         LensModel::RadialTangential { k, q, p } => ("FULL_OPENCV", [&k[..3], &q].concat(), Some(p)),
         LensModel::Fov { .. } => ("FOV", Vec::new(), None),
         LensModel::Fisheye { k } => ("OPENCV_FISHEYE", k.to_vec(), None),

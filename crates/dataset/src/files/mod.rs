@@ -9,7 +9,7 @@ use std::path::Path;
 
 use infonerf_scene::SceneError;
 
-/// Greatest coordinate that is read, scene units.
+/// Max absolute value of a coordinate, in scene units.
 pub(crate) const FARTHEST: f64 = 1e11;
 
 /// Reads a file. One of more than `limit` bytes is refused unread.

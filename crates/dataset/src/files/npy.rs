@@ -22,7 +22,7 @@ pub(crate) struct Array<T> {
 /// Arrays of an archive, by their names.
 pub(crate) type Arrays = BTreeMap<String, Array<f64>>;
 
-/// Reads an array of `f32` or `f64` as `f64`; in Fortran's order if it is a matrix.
+/// Reads an array of `f32` or `f64` as `f64`. A matrix may be in Fortran's order.
 pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
@@ -69,11 +69,11 @@ pub(crate) fn entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     Some(header.split_once(&format!("'{key}':"))?.1.trim_start())
 }
 
-/// Returns the bytes of a file whose data follow; `kind` is NumPy's code of their type.
+/// Returns the bytes of a file: a header, then `data`. `kind` is NumPy's code of the element type.
 pub(crate) fn with_header(kind: &str, shape: &[u64], data: &[u8]) -> Vec<u8> {
     let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
     let text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}", sides.trim_end());
-    // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.
+    // Magic number, version, length and line end take 11 bytes; the data begin at a multiple of 64.
     let width = (text.len() + 11).next_multiple_of(64) - 11;
     let length = (width as u16 + 1).to_le_bytes();
     [b"\x93NUMPY\x01\x00", &length[..], format!("{text:width$}\n").as_bytes(), data].concat()
@@ -106,7 +106,7 @@ pub(crate) fn encode<T: Copy + Into<f64>>(shape: &[u64], values: &[T]) -> Vec<u8
     with_header(if is_wide { "<f8" } else { "<f4" }, shape, &data)
 }
 
-/// Largest archive that is read, in bytes, packed or unpacked.
+/// Max size of an archive in bytes, packed or unpacked.
 pub(crate) const MAX_ARCHIVE: u64 = 256 << 20;
 const MAX_ARRAYS: usize = 10_000;
 
@@ -131,7 +131,7 @@ pub(crate) fn decode_archive(
         if !wanted(&name) {
             continue;
         }
-        // What the archive says of the size may be wrong: it is read up to what is left and a byte more.
+        // The size that the archive states may be wrong, so at most one byte more than the rest of the limit is read.
         let mut unpacked = Vec::new();
         (&mut file).take(left + 1).read_to_end(&mut unpacked).map_err(|e| fault(&format!("{name}: {e}")))?;
         let size = unpacked.len() as u64;

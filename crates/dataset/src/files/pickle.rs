@@ -1,16 +1,16 @@
 //! Reading and writing of what `numpy.save` writes for a dictionary of arrays, lists and texts; nothing is executed.
 //!
-//! A pickle is a program for a stack machine that may call whatever it names. Here it may name only what makes up an
-//! array: `_reconstruct`, `ndarray`, `dtype`, `scalar`, and `_codecs.encode`, which Python 3 uses for bytes in protocol 2.
-//! None of them is called: the machine knows what each would give. Anything else is refused.
+//! A pickle is a program for a stack machine that may call any function. Here it may name only the functions that
+//! construct an array: `_reconstruct`, `ndarray`, `dtype`, `scalar`, and `_codecs.encode`, which Python 3 uses for
+//! bytes in protocol 2. The machine computes their results without calling them. Any other name is an error.
 
 use std::collections::HashMap;
 
 use super::npy;
 
-/// Greatest nesting depth of values.
+/// Max nesting depth of values.
 const MAX_DEPTH: usize = 16;
-/// Most numbers that all arrays of a pickle hold together.
+/// Max number of elements of all arrays of a pickle together.
 const MAX_NUMBERS: usize = 1 << 24;
 /// Names that a pickle may refer to: module and name, without the underscore that NumPy 2 puts before its core.
 const GLOBALS: [(&str, &str); 5] = [
@@ -22,7 +22,7 @@ const GLOBALS: [(&str, &str); 5] = [
 ];
 const EARLY: &str = "it ends early";
 
-/// A value. Lists, dictionaries and arrays are kept apart, since a pickle may refer to one from many places.
+/// Value of a pickle. Lists, dictionaries and arrays are stored once and referred to by index.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     None,
@@ -37,7 +37,7 @@ pub(crate) enum Value {
     Global(&'static str),
 }
 
-/// A value that others may refer to.
+/// List, dictionary, array or array type, which values refer to by index.
 #[derive(Clone, Debug)]
 enum Object {
     /// A list, a tuple, or the elements of an array along its first axis.
@@ -57,14 +57,14 @@ impl Pickle {
     /// Reads a pickle of protocol 2 to 4.
     ///
     /// # Errors
-    /// One line if the bytes end early, are no such pickle, or ask for anything but plain values and arrays.
+    /// Returns one line of text if the bytes end early, are no such pickle, or name anything but plain values and arrays.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let mut machine = Machine { rest: bytes, ..Machine::default() };
         let root = machine.run()?;
         Ok(Self { objects: machine.objects, root })
     }
 
-    /// Returns the outermost value; of an array without axes, its element.
+    /// Returns the outermost value, or its element if it is a list or array of one, as of an array without axes.
     pub fn root(&self) -> &Value {
         match self.items(&self.root) {
             Some([element]) => element,
@@ -76,7 +76,7 @@ impl Pickle {
     pub fn get<'a>(&'a self, value: &Value, key: &str) -> Option<&'a Value> {
         let Value::Object(index) = value else { return None };
         let Object::Dict(entries) = self.objects.get(*index)? else { return None };
-        // The last one of a key counts.
+        // The last entry of a repeated key counts.
         entries.iter().rev().find(|(k, _)| self.text(k) == Some(key)).map(|(_, value)| value)
     }
 
@@ -94,7 +94,7 @@ impl Pickle {
         Some(numbers)
     }
 
-    /// Looks at no more than `left` values: lists that hold one list many times grow without numbers in them.
+    /// Collects numbers from at most `left` values, lists included: nested references to one list grow exponentially.
     fn collect(&self, value: &Value, depth: usize, left: &mut usize, numbers: &mut Vec<f64>) -> Option<()> {
         *left = left.checked_sub(1)?;
         match value {
@@ -124,7 +124,7 @@ struct Machine<'a> {
     marks: Vec<usize>,
     memo: HashMap<u64, Value>,
     objects: Vec<Object>,
-    /// Numbers and copied bytes so far, which a pickle of a few bytes may make many of.
+    /// Number of array elements, plus an eighth of the copied bytes, so far; a short pickle may create many.
     count: usize,
 }
 
@@ -226,7 +226,7 @@ impl<'a> Machine<'a> {
         Ok(taken)
     }
 
-    /// Reads an unsigned number of `width` bytes, the lowest first.
+    /// Reads an unsigned little-endian number of `width` bytes.
     fn unsigned(&mut self, width: usize) -> Result<u64, String> {
         let mut bytes = [0; 8];
         bytes[..width].copy_from_slice(self.take(width)?);
@@ -285,7 +285,7 @@ impl<'a> Machine<'a> {
         if self.count > MAX_NUMBERS { Err(format!("more than {MAX_NUMBERS} numbers")) } else { Ok(()) }
     }
 
-    /// Returns the result that calling one of the names would have.
+    /// Returns the result that a call of a permitted global has; nothing is called.
     fn reduce(&mut self) -> Result<Value, String> {
         let arguments = self.pop()?;
         let arguments = self.items(&arguments)?.to_vec();
@@ -305,7 +305,7 @@ impl<'a> Machine<'a> {
         })
     }
 
-    /// Fills in the state of an array, or looks at that of a type.
+    /// Fills an array with its state, or checks that a type's state is little-endian.
     fn build(&mut self) -> Result<(), String> {
         let state = self.pop()?;
         let state = self.items(&state)?.to_vec();
@@ -325,7 +325,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Returns the elements along the first axis, those of further axes as lists, if there are as many as `shape` states.
+    /// Returns elements along the first axis, with further axes as lists; an error if their number is not that of `shape`.
     fn arranged(&mut self, mut values: Vec<Value>, shape: &Value, columns_first: bool) -> Result<Vec<Value>, String> {
         let side = |v: &Value| if let Value::Int(n) = v { usize::try_from(*n).ok() } else { None };
         let sides: Option<Vec<usize>> = self.items(shape)?.iter().map(side).collect();
@@ -373,7 +373,7 @@ impl<'a> Machine<'a> {
     }
 }
 
-/// Returns the two's complement number in up to 8 bytes, the lowest first.
+/// Returns the little-endian two's complement number in up to 8 bytes.
 fn signed(bytes: &[u8]) -> i64 {
     let negative = bytes.last().is_some_and(|byte| byte & 0x80 != 0);
     let mut whole = [if negative { 0xff } else { 0 }; 8];
@@ -381,7 +381,7 @@ fn signed(bytes: &[u8]) -> i64 {
     i64::from_le_bytes(whole)
 }
 
-/// Returns the permitted global of a name.
+/// Returns the permitted global of a name, or an error.
 fn global(module: &str, name: &str) -> Result<Value, String> {
     let core = module.replace("numpy._core", "numpy.core");
     let known = GLOBALS.iter().find(|known| **known == (core.as_str(), name));
@@ -393,7 +393,7 @@ pub(crate) fn text(value: &str) -> Vec<u8> {
     sized(b'X', value.as_bytes())
 }
 
-/// Returns bytes after an opcode and their number.
+/// Returns an opcode, the length of `bytes` in 4 bytes, and `bytes`.
 fn sized(code: u8, bytes: &[u8]) -> Vec<u8> {
     [&[code], &(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
 }
@@ -423,7 +423,7 @@ fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
     [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
 }
 
-/// Returns an array of `f64`, no side longer than 255.
+/// Returns a pickled array of `f64`; no side may be longer than 255.
 pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     ndarray(sides, dtype("f8", "<"), sized(b'B', &bytes))
@@ -488,10 +488,10 @@ mod tests {
         for bad in [&b"."[..], b"e.", b"h\x00.", b"]s.", b"NR.", b"Nb.", b"cnumpy\ndtype\nNR.", b"(", b"K\x01K\x02s."] {
             assert!(Pickle::read(bad).is_err());
         }
-        // A list that holds itself is read, and looked through only so far.
+        // A list that contains itself can be read; the search for numbers in it stops at a depth.
         let pickle = Pickle::read(b"]q\x00h\x00a.").unwrap();
         assert!(pickle.numbers(pickle.root()).is_none());
-        // Doubling, again and again.
+        // One text of 256 bytes is copied 2²⁰ times.
         let bomb = [b"X\x00\x01\x00\x00", &[b'a'; 256][..], b"q\x00", &b"h\x00".repeat(1 << 20), b"."].concat();
         assert!(Pickle::read(&bomb).unwrap_err().contains("numbers"));
     }

@@ -81,7 +81,7 @@ fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     let up = scene.space.up.as_dvec3();
     let agreement = cameras.iter().map(|c| c.to_world.y_axis.truncate().dot(up)).sum::<f64>() / cameras.len() as f64;
     let steep = cameras.iter().map(|c| c.forward_f64().dot(up).abs()).sum::<f64>() / cameras.len() as f64;
-    // Cameras that look straight down or up say little of it.
+    // Up axes of cameras that look straight up or down are no evidence.
     (agreement < UPRIGHT && steep < 0.7).then(|| {
         format!("the up direction ({:.2}, {:.2}, {:.2}) is doubtful: the cameras were not held level", up.x, up.y, up.z)
     })
@@ -170,7 +170,7 @@ fn spread(image: &Image) -> f32 {
     (grey.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt()
 }
 
-/// Describes points that the cameras have in their image, but not between near and far.
+/// Returns a warning if too many of the points in view lie outside near and far.
 fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     let step = scene.space.points.len().div_ceil(2000).max(1);
     let is_within = |camera: &Camera, point: Vec3| {

@@ -62,7 +62,7 @@ pub struct Info {
 /// Summarises the scene in the folder `path`. At most one image is read, and images may be missing.
 ///
 /// # Errors
-/// As [`crate::load`] where poses are read.
+/// Errors of [`crate::load`] about poses.
 pub fn info(path: &Path) -> Result<Info, SceneError> {
     let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.understood()?;
     let frames = || found.train.iter().chain(&found.test);
@@ -119,7 +119,7 @@ impl SceneSource {
         }
     }
 
-    /// Whether the scene comes with the vertices of a body, as far as the names of its files show.
+    /// Whether the scene has the vertices of a body, judged by the names of its files.
     pub fn has_body(&self) -> bool {
         match self {
             Self::Procedural(name) => procedural::has_body(name),
@@ -127,11 +127,11 @@ impl SceneSource {
         }
     }
 
-    /// Returns the background of the content in the first image, if that is there, and how the cameras stand. No other image
-    /// is read.
+    /// Returns the background in the first image, if that exists, and the layout of the cameras. No other image is
+    /// read.
     ///
     /// # Errors
-    /// As [`crate::load`] where poses are read, or if that image cannot be read.
+    /// Errors of [`crate::load`] about poses, or that image cannot be read.
     pub fn setting(&self) -> Result<(Option<Backdrop>, Layout), SceneError> {
         match self {
             Self::Procedural(name) => {
@@ -147,7 +147,7 @@ impl SceneSource {
 /// Returns the scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
 ///
 /// # Errors
-/// As [`crate::load`] where poses are read.
+/// Errors of [`crate::load`] about poses.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
     let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.understood()?;
     let all_train_cameras = found.train.iter().map(Frame::nominal_camera).collect();

@@ -9,8 +9,8 @@ const PAGE: &str = include_str!("page.html");
 /// Returns a self-contained web page that draws the scene's cameras with their frusta, its points and its box in 3D.
 /// Dragging rotates, the wheel zooms, and a click on a camera names it.
 ///
-/// In addition to the training cameras it draws the ones that a run has `learned`, in the scene's frame, and where they were
-/// disturbed the exact ones.
+/// Besides the scene's cameras it draws `learned`, the cameras that a run has learned, in the scene's frame, and the
+/// exact cameras if the scene's are disturbed.
 pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
     let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
     let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));
@@ -30,7 +30,7 @@ pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
     let (name, format) = (&scene.name, scene.format);
     let words = format!("{name}: {format}, cameras {layout}, near {near:.3}, far {far:.3}");
     let warnings: String = scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect();
-    // Within a script only a closing tag would end it.
+    // Only a closing tag ends a script.
     let data = data.to_string().replace("</", "<\\/");
     PAGE.replace("{{title}}", &escaped(&words)).replace("{{warnings}}", &warnings).replace("{{data}}", &data)
 }

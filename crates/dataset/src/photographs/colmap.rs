@@ -30,15 +30,15 @@ const STEPS: [(&str, usize, &str); 3] = [
          Mapper.abs_pose_min_num_inliers=15 Mapper.multiple_models=0",
     ),
 ];
-/// Lines of the program's output that an error repeats.
+/// Number of last lines of the program's output in an error.
 const REPEATED: usize = 3;
 
-/// Finds the poses of the photographs in the folder `images` with `program`, and leaves them in `work/sparse`. `progress`
-/// is given the name of each step and each line that the program prints.
+/// Finds the poses of the photographs in the folder `images` with `program`, and leaves them in `work/sparse`.
+/// `progress` receives the name of each step and each line that the program prints.
 ///
-/// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
-/// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
-/// that starts from pairs with little parallax.
+/// The settings are for few images: affine-invariant features, guided exhaustive matching, and a mapper that starts
+/// from pairs with little parallax. All images share one lens with one distortion coefficient: with more, the mapper
+/// fits absurd lenses to few photographs and leaves most of them without a pose.
 pub(super) fn find(
     program: &Path,
     work: &Path,
@@ -51,7 +51,7 @@ pub(super) fn find(
     for step in STEPS {
         progress(step.0);
         let mut help = String::new();
-        // A program without help is given all options, and says itself what it does not know.
+        // A program that prints no help gets all options and reports unknown ones itself.
         let _ = run(program, step.0, &["-h".into()], &mut |line: &str| help += line);
         run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)?;
     }
@@ -61,9 +61,9 @@ pub(super) fn find(
     Reconstruction::read(work)
 }
 
-/// Returns the arguments of a step: its paths, and the options that `help` lists, under the names that this version of
-/// COLMAP has for them: 3.12 moved what is not SIFT's own to groups of other names. Options that it does not have at all are
-/// left to their defaults.
+/// Returns the arguments of a step: its paths, and the options that `help` lists. COLMAP 3.12 renamed the groups of
+/// options that are not specific to SIFT, so both names are looked for. Options that `help` does not list keep their
+/// defaults.
 fn arguments((_, count, options): (&str, usize, &str), paths: [&Path; 3], help: &str) -> Vec<OsString> {
     let named = ["--database_path", "--image_path", "--output_path"].into_iter().zip(paths).take(count);
     let mut all: Vec<OsString> = named.flat_map(|(name, path)| [name.into(), path.into()]).collect();
@@ -76,7 +76,7 @@ fn arguments((_, count, options): (&str, usize, &str), paths: [&Path; 3], help: 
     all
 }
 
-/// Runs one step, handing on every line that it prints. Without a screen.
+/// Runs one step without a display, and passes each line that it prints to `progress`.
 fn run(program: &Path, step: &str, arguments: &[OsString], progress: &mut impl FnMut(&str)) -> Result<(), SceneError> {
     let io = |e| SceneError::io(program, e);
     let (output, input) = std::io::pipe().map_err(io)?;
@@ -121,7 +121,7 @@ mod tests {
         assert_eq!(names("").len(), 6, "without help, all");
     }
 
-    /// A stand-in that prints its step and fails at the mapper.
+    /// Runs a script in place of COLMAP that prints its step and fails at the mapper.
     #[cfg(unix)]
     #[test]
     fn steps_run_and_their_lines_are_handed_on() {

@@ -20,9 +20,9 @@ use crate::files::file_name;
 
 /// Longest side, in pixels, of the images in which features are looked for.
 const MAX_SIDE: u32 = 1600;
-/// Photographs that are decoded at a time: twelve million pixels take 350 MB while they are.
+/// Number of photographs that are decoded at the same time; each of twelve million pixels takes 350 MB.
 const AT_ONCE: usize = 4;
-/// Below this many photographs with a pose there is no scene.
+/// Min number of photographs with a pose.
 const MIN_PLACED: usize = 2;
 /// COLMAP's number of the lens model SIMPLE_RADIAL.
 const SIMPLE_RADIAL: usize = 2;
@@ -31,9 +31,9 @@ const SIMPLE_RADIAL: usize = 2;
 pub(super) struct OwnPoses {
     /// Placed photographs, their lens and the points they see.
     pub model: Reconstruction,
-    /// Colours of the points by their number, from 1 on.
+    /// Colours of the points; point number `n` has index `n - 1`.
     colours: Vec<[u8; 3]>,
-    /// Photographs without a pose.
+    /// Number of photographs without a pose.
     pub left_out: usize,
 }
 
@@ -45,11 +45,11 @@ impl OwnPoses {
     }
 }
 
-/// Finds the poses of the photographs in `images`, the folder `dir` or one in it. `progress` receives a line for each step, and for
-/// each photograph without a pose the reason.
+/// Finds the poses of the photographs in `images`, which is `dir` or a folder in it. `progress` receives a line for
+/// each step, and the reason for each photograph without a pose.
 ///
-/// All photographs are taken with one lens: images of other sizes are brought to one longest side. Features count where masks and
-/// opacities do.
+/// All photographs share one lens: images of different sizes are resized to one longest side. Features are used in
+/// opaque pixels within the masks.
 pub(super) fn find(
     dir: &Path,
     images: &Path,
@@ -93,7 +93,7 @@ pub(super) fn find(
         let centre = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let focal = found.lens.focal * reduced;
         let pose = opengl(pose.rotation.transpose(), pose.centre());
-        // Reconstructions are of the pixels as they are stored.
+        // Reconstructions refer to stored pixels.
         let stored = Camera::pinhole(photograph.size, [focal; 2], centre, pose).turned(photograph.turned_back);
         let lens = vec![focal, stored.cx, stored.cy, found.lens.k1];
         let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, (stored.width, stored.height), lens)?;
@@ -119,17 +119,17 @@ struct SmallPhotograph {
     width: usize,
     height: usize,
     rgb: Vec<[u8; 3]>,
-    /// Pixels that the photograph's mask and its opacity count, if it has any.
+    /// Whether each pixel is opaque and within the mask; `None` if all are.
     mask: Option<Vec<bool>>,
     size: (u32, u32),
-    /// Clockwise quarter turns from the photograph as EXIF data have it shown to its pixels as they are stored.
+    /// Number of clockwise quarter turns from the upright photograph to its stored pixels.
     turned_back: u8,
-    /// Focal length over the longer side, if EXIF data state it.
+    /// Focal length divided by the longer side, if EXIF data state it.
     focal: Option<f64>,
 }
 
 impl SmallPhotograph {
-    /// Reads a photograph of the capture in `dir` and reduces it until its longest side is `longest`.
+    /// Reads a photograph of the capture in `dir` and reduces its longest side to `longest`.
     fn read(dir: &Path, path: &Path, longest: u32) -> Result<Self, SceneError> {
         let focal = File::open(path).ok().and_then(|file| focal_length(&mut BufReader::new(file)));
         let image = read_rgba(path)?;
@@ -145,7 +145,7 @@ impl SmallPhotograph {
         Ok(Self { width: width as usize, height: height as usize, rgb, mask, size, turned_back, focal })
     }
 
-    /// Converts a pixel of the photograph as it is shown to one as it is stored.
+    /// Converts a pixel of the upright photograph to a stored one.
     fn stored(&self, pixel: DVec2) -> DVec2 {
         let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
         match self.turned_back {
@@ -194,7 +194,7 @@ mod tests {
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
-    /// A photograph for each orientation that a camera can be held in, square, so that sizes do not tell them apart.
+    /// Uses square photographs in all four EXIF orientations: their sizes do not reveal the orientation.
     #[test]
     fn photographs_that_exif_data_turn_are_placed_as_they_are_shown() {
         let train = "0,1,3,9".parse().unwrap();
@@ -222,7 +222,7 @@ mod tests {
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }
 
-    /// One photograph has a mask, another is transparent below.
+    /// Gives one photograph a mask, and makes the lower part of another transparent.
     #[test]
     fn features_count_within_masks_and_where_photographs_are_opaque() {
         let train = "0,1,3".parse().unwrap();

@@ -1,4 +1,4 @@
-//! Photographs out of a video, taken by the `ffmpeg` program.
+//! Photographs extracted from a video by the `ffmpeg` program.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -11,9 +11,9 @@ use infonerf_scene::image::list_images;
 use super::{MIN_IMAGES, program};
 use crate::files::{make_folder, write_file};
 
-/// Frames that are taken of a long video.
+/// Max number of frames that are taken from a video.
 const MAX_TAKEN: usize = 24;
-/// Frames of the video per frame that is taken, at least.
+/// Min number of frames of the video per frame that is taken.
 const MIN_STRETCH: usize = 8;
 /// Side, in pixels, of the grey frames whose sharpness is compared; frames of any shape are squeezed to a square.
 const SIDE: usize = 640;
@@ -21,8 +21,8 @@ const SIDE: usize = 640;
 const SOURCE: &str = "video.txt";
 const LOG: &str = "ffmpeg.log";
 
-/// Takes the sharpest frame of each of up to 24 equal stretches of the file `video`, and writes them as PNG files to the
-/// folder `dir`, unless the frames of this video are there. `progress` receives a line for each step.
+/// Takes the sharpest frame of each of up to 24 equal stretches of the file `video`, and writes them as PNG files to
+/// the folder `dir`. Does nothing if this video's frames are there. `progress` receives a line for each step.
 ///
 /// # Errors
 /// `ffmpeg` is not on PATH or cannot read the video, the video is too short, `dir` has frames of another video, or a file
@@ -90,7 +90,7 @@ fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize
     Ok((sharpness.len(), picks))
 }
 
-/// Starts ffmpeg in `partial` with a filter. Frames get times one step apart, so that each is written exactly once.
+/// Starts ffmpeg in `partial` with a filter. Consecutive timestamps make it write each frame exactly once.
 fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&str]) -> Result<Child, SceneError> {
     let whole = video.canonicalize().map_err(|e| SceneError::io(video, e))?;
     let log = File::create(partial.join(LOG)).map_err(|e| SceneError::io(partial, e))?;
@@ -126,7 +126,7 @@ fn gradient_energy(grey: &[u8], width: usize) -> u64 {
     along + grey.iter().zip(&grey[width..]).map(square).sum::<u64>()
 }
 
-/// Returns the place of the greatest value in each of up to [`MAX_TAKEN`] equal stretches of [`MIN_STRETCH`] or more.
+/// Returns the index of the max value in each of up to [`MAX_TAKEN`] equal stretches of at least [`MIN_STRETCH`].
 fn sharpest(values: &[u64]) -> Vec<usize> {
     let count = (values.len() / MIN_STRETCH).min(MAX_TAKEN);
     let bound = |i: usize| i * values.len() / count;

@@ -1,4 +1,4 @@
-//! Runs what is missing of sweeps, wherever that happens, and writes their tables and reports.
+//! Executes the missing runs of sweeps, in this process or in others, and writes tables and reports.
 
 mod processes;
 mod slurm;
@@ -19,73 +19,73 @@ use crate::run::{Control, Existing, Finished, RunEvent, Session, Trained};
 use crate::run_plan::RunPlan;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
 
-/// Executor: the place where runs happen.
+/// Place where runs are executed.
 pub enum Executor<'a> {
-    /// In this process, one after another. A run that fails ends all.
+    /// This process, one run after another. A run that fails ends the execution.
     InProcess(&'a Session),
-    /// One process per run on this machine: one that fails takes no other with it.
+    /// One process per run on this machine. A run that fails does not affect the others.
     Processes(Workers),
-    /// Each as a task of Slurm's array jobs; a last job merges.
+    /// Slurm: each run is a task of an array job, and a last job merges the results.
     Slurm(Slurm),
-    /// Nowhere: only the finished runs on the device are merged.
+    /// No place: runs that are finished on the device are merged, and none is started.
     Merge(DeviceName),
 }
 
-/// Events of sweeps that are executed.
+/// Events of the execution of sweeps.
 pub enum PlanEvent<'a> {
-    /// A sweep begins: what it is, and what of it is finished.
+    /// A sweep begins. [`Prepared`] lists its missing runs.
     Started(&'a Sweep, &'a Prepared),
-    /// Something happens in the run `index` of this process.
+    /// An event of the run of that index, which is executed in this process.
     Run(usize, &'a RunPlan, RunEvent<'a>),
-    /// The run `index` has ended.
+    /// The run of that index has ended.
     RunEnded(usize, &'a RunPlan, RunEnd),
-    /// All runs of a sweep have ended, or no more of them are started.
+    /// All runs of a sweep have ended, or the sweep was stopped.
     Over,
-    /// The files of a sweep are written (`None` if no run is finished), without these runs.
+    /// The files of a sweep are written (`None` if no run is finished). The last field lists the labels of its unfinished runs.
     Written(&'a Sweep, Option<&'a SweepFiles>, Vec<String>),
 }
 
-/// How a run of a sweep ended.
+/// Outcome of a run of a sweep.
 pub enum RunEnd {
-    /// In this process, with a record and its fields.
+    /// Trained and evaluated in this process: the record and the fields.
     Trained(Box<Record>, Box<Trained>),
-    /// Finished before.
+    /// Finished by an earlier execution: the record.
     Kept(Box<Record>),
-    /// Finished by a process of its own; the last line that it printed.
+    /// Finished in a process of its own: the last line that this process printed.
     Finished(String),
     /// Saved and stopped on request.
     Stopped,
-    /// Without a record; why.
+    /// Failed, without a record: the reason.
     Failed(String),
 }
 
 /// The result of executing sweeps.
 pub enum Executed {
-    /// Stopped on request; the same command continues it.
+    /// Stopped on request. The same command continues the execution.
     Stopped,
     /// Submitted to Slurm.
     Submitted(Jobs),
-    /// All that can be done is done.
+    /// Ended, with the results written.
     Ended {
-        /// Runs without a record.
+        /// Number of runs without a record.
         unfinished: usize,
         /// Files of each sweep that has a finished run.
         outcomes: Vec<SweepFiles>,
     },
 }
 
-/// Watches events, and decides whether runs in this process go on.
+/// Callback that receives events, and decides whether runs in this process go on.
 pub type PlanWatch<'a> = dyn FnMut(PlanEvent<'_>) -> Control + 'a;
 
-/// Runs what is missing of `sweeps` below `out`, and writes the tables and the report of each.
+/// Executes the missing runs of `sweeps` below `out`, and writes the tables and the report of each sweep.
 ///
 /// # Errors
-/// If a run that exists was begun in another way, another process is at work on a sweep, a scheduler refuses, a file cannot
+/// If an existing run was begun with other settings, another process is at work on a sweep, a scheduler refuses, a file cannot
 /// be read or written, or a run of this process fails.
 pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mut PlanWatch<'_>) -> Result<Executed> {
     let prepare = |sweep: &Sweep| match executor {
         Executor::Merge(device) => sweep.look(out, *device),
-        // Each run looks for itself, keeps its own lock, and is only removed once the new one is known to be possible.
+        // Each run locks its folder itself, and removes earlier results only once its own training can start.
         Executor::InProcess(session) if session.existing == Existing::Overwrite => sweep.all_missing(out),
         Executor::InProcess(session) => sweep.look(out, session.device.name),
         Executor::Processes(workers) => sweep.prepare(out, workers.runner.device),
@@ -121,7 +121,7 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
     Ok(Executed::Ended { unfinished, outcomes })
 }
 
-/// Runs all of `sweep` in this process; `None` if `watch` stops it.
+/// Executes all runs of `sweep` in this process; `None` if `watch` stops one of them.
 fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Result<Option<BTreeSet<usize>>> {
     let folder = sweep.folder(&session.out);
     for (index, plan) in sweep.runs().enumerate() {

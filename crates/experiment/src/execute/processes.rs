@@ -15,39 +15,39 @@ use super::{PlanEvent, PlanWatch, RunEnd};
 use crate::device::DeviceName;
 use crate::sweep::{Prepared, Sweep};
 
-/// Exit code of an item's process that was asked to stop, and saved.
+/// Exit code of an item's process that stopped on request.
 pub const STOPPED: i32 = 130;
 
-/// Share of the free memory that runs may take, and bytes that each takes in addition to its estimate.
+/// Share of the free memory that all runs together may take. Each takes `PROGRAM_BYTES` in addition to its estimate.
 const MEMORY_SHARE: f64 = 0.8;
 const PROGRAM_BYTES: u64 = 256 << 20;
 
-/// The program that runs items of a manifest, and how.
+/// Program that runs items of a manifest, with its options.
 #[derive(Clone, Debug)]
 pub struct Runner {
-    /// The program of which `PROGRAM sweep-item MANIFEST ITEM` runs an item.
+    /// Path of the program: `PROGRAM sweep-item MANIFEST ITEM` runs an item.
     pub program: PathBuf,
     /// Device to compute on.
     pub device: DeviceName,
-    /// A file or folder of weights of learned metrics, in addition to the places where they are looked for.
+    /// File or folder with weights of learned metrics, searched in addition to the default places.
     pub weights: Option<PathBuf>,
-    /// Time after which a run is given up.
+    /// Time limit of a run.
     pub timeout: Option<Duration>,
 }
 
-/// How runs are executed on this machine.
+/// Settings for runs in processes of this machine.
 #[derive(Clone, Debug)]
 pub struct Workers {
-    /// The program that runs them.
+    /// Program that runs the items.
     pub runner: Runner,
-    /// Runs at a time, at most: no more than there are cores, nor than fit into the free memory.
+    /// Maximum number of runs at a time. The number of cores and the free memory may limit it further.
     pub jobs: usize,
-    /// Whether no more runs are to be started.
+    /// Returns whether no more runs should be started.
     pub stop: fn() -> bool,
 }
 
 impl Runner {
-    /// Returns the command that runs the item whose number is put at its end.
+    /// Returns the command that runs an item, without its last argument: the number of the item.
     pub(super) fn command(&self, manifest: &Path) -> Vec<OsString> {
         let mut command: Vec<OsString> =
             vec![self.program.clone().into(), "sweep-item".into(), "--device".into(), self.device.name().into()];
@@ -71,7 +71,7 @@ impl Runner {
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let output = command.spawn().and_then(|mut child| {
-            // Held open until the item ends: if this process dies, the item's sees its input end.
+            // The pipe stays open until the item ends: if this process dies, the item's process reads the end of its input.
             let input = child.stdin.take();
             let output = child.wait_with_output();
             drop(input);
@@ -82,13 +82,13 @@ impl Runner {
 }
 
 impl Workers {
-    /// Runs what is missing of `sweep`, in its order, and reports each run when it ends; which of them failed, or `None` if
-    /// they were asked to stop.
+    /// Executes the missing runs of `sweep` in order, and reports the end of each run to `watch`. Returns the runs that failed,
+    /// or `None` if the execution was stopped on request.
     pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
         let manifest = prepared.manifest();
         let (mut failed, mut stopped) = (BTreeSet::new(), false);
         let first = prepared.missing.first().map(|&item| sweep.run(item));
-        // A scene that cannot be read is the run's to report.
+        // If the scene cannot be read, the run itself reports the error.
         let needed = first.and_then(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
         let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES));
         let jobs = fitting(self.jobs.min(prepared.missing.len()), cores(), available_memory(), needed);
@@ -124,8 +124,8 @@ fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Returns how many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each needs
-/// `needed` bytes; at least one. An unknown value does not limit.
+/// Returns the number of runs at a time: at most `jobs`, at most `cores`, and at most `MEMORY_SHARE * free / needed` if each run
+/// needs `needed` bytes, but at least one. An unknown value does not limit.
 fn fitting(jobs: usize, cores: usize, free: Option<u64>, needed: Option<u64>) -> usize {
     let in_memory = free.zip(needed).map(|(free, needed)| (MEMORY_SHARE * free as f64 / needed as f64) as usize);
     jobs.min(cores).min(in_memory.unwrap_or(usize::MAX)).max(1)

@@ -1,7 +1,7 @@
 //! Runs as array jobs of Slurm (<https://slurm.schedmd.com/sbatch.html>).
 //!
-//! A line of the manifest has all that its run needs, and each task is a process of its own that runs or continues one run
-//! below the manifest's folder. That folder is all that machines have to share.
+//! Each task is a process that starts or continues the run of one line of the manifest, below the manifest's folder. The
+//! machines of a cluster have to share only this folder.
 
 use std::ffi::{OsStr, OsString};
 use std::fs;
@@ -16,51 +16,51 @@ use infonerf_report::write_atomically;
 use super::Runner;
 use crate::sweep::{Prepared, Sweep, manifest};
 
-/// Time before its end at which a task is signalled to save.
+/// Time before the end of a task at which Slurm signals the task to save.
 const NOTICE: Duration = Duration::from_secs(60);
 
-/// The folder of scripts, logs and the list of jobs, in that of a manifest.
+/// Name of the folder of scripts, logs and the list of jobs, next to a manifest.
 const LAUNCH: &str = "launch";
 
-/// The file that lists the jobs of a launch, so that no second one starts while they run.
+/// Name of the file that lists the jobs of a launch, so that no second launch starts while they run.
 const JOBS: &str = "jobs.json";
 
 /// Resources that a job requests. `None` leaves a choice to Slurm.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobResources {
-    /// Partition.
+    /// Name of the partition.
     pub partition: Option<String>,
     /// Memory of each run, in MiB.
     pub memory: Option<u64>,
-    /// Processor cores of each run.
+    /// Number of processor cores of each run.
     pub cpus: Option<u32>,
-    /// Runs at a time, at most.
+    /// Maximum number of runs at a time.
     pub at_once: Option<u32>,
-    /// Further options of `sbatch`, as they are.
+    /// Further options, which are passed to `sbatch` unchanged.
     pub options: Vec<String>,
 }
 
-/// Slurm, as its commands on the PATH reach it.
+/// Slurm, used through its commands on the `PATH`.
 pub struct Slurm {
     /// Resources that each job requests.
     pub resources: JobResources,
-    /// The program that runs items.
+    /// Program that runs the items.
     pub runner: Runner,
-    /// The command that merges once all jobs have ended.
+    /// Command that merges the results once all jobs have ended.
     pub merge: Vec<OsString>,
 }
 
 /// Jobs that were submitted.
 #[derive(Clone, Debug)]
 pub struct Jobs {
-    /// Ids, that of the job that merges last.
+    /// Ids of the jobs. The last job merges the results.
     pub ids: Vec<String>,
-    /// The file that each run leaves when it is finished.
+    /// Paths of the records, each of which exists once its run is finished.
     pub records: Vec<PathBuf>,
 }
 
 impl Slurm {
-    /// Submits what is missing of `sweeps`, and the job that merges when all of them have ended.
+    /// Submits the missing runs of `sweeps`, and a job that merges the results once all of them have ended.
     ///
     /// # Errors
     /// One line with what Slurm printed. Items that it had accepted before stay submitted; the line names them.
@@ -71,7 +71,7 @@ impl Slurm {
         for (sweep, prepared) in sweeps.iter().zip(prepared).filter(|(_, prepared)| !prepared.missing.is_empty()) {
             let folder = std::path::absolute(&prepared.folder).context("--out")?;
             let mut own: Vec<String> = Vec::new();
-            // Ids of tasks have to be below the limit.
+            // Slurm requires ids of tasks below the limit.
             for items in prepared.missing.chunk_by(|a, b| a / limit == b / limit) {
                 let base = items[0] / limit * limit;
                 let script = self.array_script(&sweep.about.name, &folder, base, items, own.last())?;
@@ -86,7 +86,7 @@ impl Slurm {
             lists.push((folder, own));
         }
         let (place, _) = lists.first().context("expected runs to submit")?;
-        // `afterok` would never start it once a run has failed.
+        // With `afterok`, the merging job would never start if a run failed.
         let after = format!("afterany:{}", jobs.ids.join(":"));
         let options = [("job-name", "merge".to_owned()), ("dependency", after)];
         let script = self.script(place, "merge_%j.log", &options, &format!("exec {}", quoted(&self.merge)?))?;
@@ -101,9 +101,9 @@ impl Slurm {
         Ok(jobs)
     }
 
-    /// Returns the script of an array of `items`, whose tasks are counted from item `base`, after the job `after`. `exec` makes
-    /// the item the process that Slurm's signal reaches (`B:`, the batch shell alone), and `--requeue` lets Slurm start it again
-    /// if it was preempted or its node failed.
+    /// Returns the script of an array job that runs `items` after the job `after`. The id of a task is its item's number minus
+    /// `base`. `exec` replaces the batch shell, which alone receives Slurm's signal (`B:`), by the item's process. `--requeue`
+    /// lets Slurm restart an item after it was preempted or its node failed.
     fn array_script(
         &self,
         name: &str,
@@ -120,9 +120,9 @@ impl Slurm {
             ("open-mode", "append".to_owned()),
             ("signal", format!("B:TERM@{}", NOTICE.as_secs())),
         ];
-        // One array after the other: `%` limits each for itself.
+        // `%` limits each array separately. With a limit, the arrays therefore run one after the other.
         options.extend(after.filter(|_| at_once.is_some()).map(|job| ("dependency", format!("afterany:{job}"))));
-        // The time is Slurm's to keep: it signals the item to save, and stops it.
+        // Slurm enforces the time limit: it signals the item to save, and stops it `NOTICE` later.
         let minutes = self.runner.timeout.map(|time| (time + NOTICE).as_secs().div_ceil(60));
         options.extend(minutes.map(|minutes| ("time", minutes.to_string())));
         let runner = Runner { timeout: None, ..self.runner.clone() };
@@ -134,7 +134,7 @@ impl Slurm {
         self.script(folder, "%A_%a.log", &options, &lines)
     }
 
-    /// Returns a script that runs `lines`, with `options` and the resources that each job requests as comments.
+    /// Returns a script that runs `lines`, with `options` and the resources that each job requests as `#SBATCH` lines.
     fn script(&self, folder: &Path, log: &str, options: &[(&str, String)], lines: &str) -> Result<String> {
         let JobResources { partition, memory, cpus, .. } = &self.resources;
         let logs = folder.join(LAUNCH).to_str().context("--out: expected UTF-8")?.replace('%', "%%");
@@ -157,7 +157,7 @@ impl Slurm {
         Ok(text + lines + "\n")
     }
 
-    /// Writes the script and submits it; the id of the job.
+    /// Writes the script to `path`, submits it, and returns the id of the job.
     fn sbatch(&self, script: &str, path: &Path) -> Result<String> {
         write_atomically(path, script.as_bytes())?;
         let mut args = vec!["--parsable".into()];
@@ -171,7 +171,7 @@ impl Slurm {
     }
 }
 
-/// Returns the ids of rising `items`, counted from `base`, as ranges such as `0-3,7,9-12`.
+/// Returns the ids `item - base` of the tasks of increasing `items` as ranges such as `0-3,7,9-12`.
 fn ranges(items: &[usize], base: usize) -> String {
     let range = |run: &[usize]| match run {
         [one] => (one - base).to_string(),
@@ -180,19 +180,19 @@ fn ranges(items: &[usize], base: usize) -> String {
     items.chunk_by(|a, b| a + 1 == *b).map(range).collect::<Vec<_>>().join(",")
 }
 
-/// Returns a command as a shell reads it.
+/// Quotes a command for a shell.
 fn quoted(command: &[OsString]) -> Result<String> {
     let words = command.iter().map(|word| word.to_str().with_context(|| format!("{}: expected UTF-8", word.display())));
     Ok(shlex::try_join(words.collect::<Result<Vec<_>>>()?)?)
 }
 
 impl Jobs {
-    /// Returns how many of the runs are finished, and how many tasks wait and run.
+    /// Returns the numbers of finished runs, waiting tasks and running tasks.
     ///
     /// # Errors
     /// If Slurm does not answer.
     pub fn progress(&self) -> Result<[usize; 3]> {
-        // Asked first: what has ended by then has left its record.
+        // Slurm is asked first: a task that has ended by then has already written its record.
         let (waiting, running) = live(&self.ids)?;
         Ok([self.records.iter().filter(|record| record.exists()).count(), waiting, running])
     }
@@ -203,7 +203,7 @@ impl Jobs {
     }
 }
 
-/// Refuses to touch the manifest in `folder` while jobs of a launch run its items.
+/// Returns an error if jobs of a launch still run items of the manifest in `folder`.
 pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
     let path = folder.join(LAUNCH).join(JOBS);
     if !path.exists() {
@@ -226,10 +226,10 @@ fn write_jobs(folder: &Path, ids: &[String]) -> Result<()> {
     Ok(write_atomically(&folder.join(LAUNCH).join(JOBS), &serde_json::to_vec(ids)?)?)
 }
 
-/// Returns how many tasks of jobs wait, and how many run.
+/// Returns the numbers of waiting and of running tasks of the jobs `ids`.
 fn live(ids: &[String]) -> Result<(usize, usize)> {
-    // One line a task; %F is the id of its array's job. Asked for all jobs of the user: an id that Slurm has forgotten would
-    // be an error.
+    // One line per task; %F is the id of its array job. All jobs of the user are listed, since `squeue` fails for an id that
+    // Slurm has forgotten.
     let printed = output("squeue", &["--me", "--noheader", "--array", "--format=%F %t"])?;
     let own =
         printed.lines().map(str::trim).filter(|line| ids.iter().any(|id| line.split_whitespace().next() == Some(id)));
@@ -237,7 +237,7 @@ fn live(ids: &[String]) -> Result<(usize, usize)> {
     Ok((waiting.len(), running.len()))
 }
 
-/// Returns Slurm's `MaxArraySize`: how many tasks an array may have.
+/// Returns Slurm's `MaxArraySize`, the limit of the ids of an array's tasks.
 fn array_limit() -> Result<usize> {
     let printed = output("scontrol", &["show", "config"])?;
     let line = printed.lines().find_map(|line| line.trim().strip_prefix("MaxArraySize")?.trim().strip_prefix('='));
@@ -245,7 +245,7 @@ fn array_limit() -> Result<usize> {
     limit.context("scontrol show config: expected a line `MaxArraySize = NUMBER`")
 }
 
-/// Names what was not submitted of an experiment, and the jobs that were.
+/// Describes which items of the experiment `name` were not submitted, and which jobs were.
 fn refused(name: &str, items: &[usize], jobs: &[String]) -> String {
     let (first, last) = (items[0], items[items.len() - 1]);
     let refused = format!("{name}: items {first} to {last} were not submitted");
@@ -256,7 +256,7 @@ fn refused(name: &str, items: &[usize], jobs: &[String]) -> String {
     format!("{refused} (those before are, as {}: {remedy})", jobs.join(", "))
 }
 
-/// Returns what `program`, a command of Slurm's, prints.
+/// Runs `program`, a command of Slurm, and returns what it prints.
 ///
 /// # Errors
 /// If there is no such program, or it fails: with what it printed, on one line.

@@ -17,8 +17,8 @@ use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress
 use crate::run::{Control, RunEvent, Session, Trained, Watch};
 use crate::run_plan::RunPlan;
 
-/// Renders and measures the test views, writes the images, and returns the record without its memory; `None` if `watch`
-/// stops it. The fields made `progress` with the `left_out` ones that went empty.
+/// Renders and measures the test views, writes the images, and returns the record without its peak memory; `None` if `watch`
+/// stops the evaluation. `progress` is that of all fields, including the `left_out` ones that went empty.
 pub(super) fn evaluate(
     session: &Session,
     Trained { plan, trainers, models, .. }: &Trained,
@@ -49,7 +49,7 @@ pub(super) fn evaluate(
     let mut notes = notes(plan, scene, progress.restarts);
     if left_out > 0 {
         let fields = trainers.len() + left_out;
-        notes.push(format!("{left_out} of {fields} fields went empty and have no part in the pictures"));
+        notes.push(format!("{left_out} of {fields} fields became empty and are left out of the pictures"));
     }
     notes.extend(filled_note(scene, evaluated.opacity));
     notes.extend(measured.notes.iter().map(ToString::to_string));
@@ -102,7 +102,7 @@ fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) 
     Ok(())
 }
 
-/// Writes a PNG, with its folder.
+/// Writes a PNG, and creates its folder if there is none.
 ///
 /// # Errors
 /// If it cannot be written; no part of it is left.
@@ -124,8 +124,8 @@ fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
-/// Returns how far the training cameras were from the true ones before and after training, in the mean over the fields;
-/// none if they were never disturbed.
+/// Returns the pose errors of the training cameras before and after training, the mean over the fields; `None` if the cameras
+/// were never disturbed.
 fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     let scene = trainers[0].scene();
     let exact = scene.exact_cameras.as_ref()?;
@@ -140,15 +140,15 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     Some(CameraErrors { rotation_deg_before, rotation_deg, translation_percent_before, translation_percent })
 }
 
-/// Returns how much of pictures of mean `opacity` shows what was filled in, before an unknown backdrop.
+/// Returns a note on the part of the pictures, `1 − opacity` in the mean, that is filled in for an unknown backdrop.
 fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
     let percent = 100.0 * (1.0 - opacity);
-    let filled = "they are filled from their neighbourhood";
+    let filled = "these pixels are filled from their neighbourhood";
     (scene.backdrop == Backdrop::Unknown && percent >= 0.05)
-        .then(|| format!("where rays meet nothing, {percent:.1} % of the test pictures, {filled}"))
+        .then(|| format!("{percent:.1} % of the test pictures show nothing that was learned: {filled}"))
 }
 
-/// Notes on what renders of test views have in addition to the field.
+/// Returns notes on what renders of test views have in addition to the field.
 pub fn picture_notes(config: &Config) -> Vec<String> {
     let residuals = "pictures add the residuals of the training views nearest to them (render.residuals)";
     let steps = config.eval.pose_steps;
@@ -158,7 +158,7 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
     notes.into_iter().filter_map(|(holds, note)| holds.then_some(note)).collect()
 }
 
-/// Notes for readers of the figures.
+/// Returns the notes of a record: what readers of its metrics should know.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = [scene.warnings.as_slice(), &scene.notes].concat();
     if plan.data.is_none() {
@@ -183,8 +183,8 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     }
     notes.extend(picture_notes(&plan.config));
     if plan.config.eval.test.test() == TestProtocol::Training {
-        let tested = "tested on the training views, each without its own residual: figures say how well these are fitted, and \
-                      nothing of new views";
+        let tested = "tested on the training views, each without its own residual: figures measure how well these are fitted, \
+                      not the quality of new views";
         notes.push(tested.to_owned());
     }
     let mut supervision = Vec::new();

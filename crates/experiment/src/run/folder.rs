@@ -11,18 +11,18 @@ use infonerf_report::VIEWER_PAGE;
 
 use crate::records::is_own_record;
 
-/// Folders that a run leaves, in addition to those of its members.
+/// Names of the folders that a run creates, in addition to those of its members.
 const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
-/// Whether the run in `folder` has left its results.
+/// Whether the run in `folder` is finished: it has written a record.
 pub fn is_finished(folder: &Path) -> bool {
     fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_own_record(&entry.path())))
 }
 
 /// Removes what an earlier run left in `folder`.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
-    // First: without a config the run counts as not begun, should this be interrupted.
+    // The config is removed first: if the removal is interrupted, the run counts as not begun.
     let config = folder.join("config.toml");
     if config.exists() {
         fs::remove_file(&config).with_context(|| config.display().to_string())?;
@@ -43,8 +43,8 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Prepares the run in `folder` for more training: removes its record, and moves an only field to `first`, the folder of the
-/// first field from now on.
+/// Prepares the run in `folder` for more training: removes its record, and moves the files of a single field to `first`, the
+/// folder of the first field from now on.
 pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         if is_own_record(&entry.path()) {
@@ -61,8 +61,8 @@ pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Keeps a second process out of the folder of a run or a sweep, which `what` names, for as long as the file lives. Also
-/// returns a warning where the file system knows no locks.
+/// Locks the folder of a run or a sweep (`what`) against other processes until the returned file is dropped. Also returns a
+/// warning if the file system has no locks.
 pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String>)> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
@@ -82,7 +82,7 @@ pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String
 
 /// Goes on without a lock where the file system has none.
 fn without_lock(file: fs::File, error: &std::io::Error, folder: &Path) -> Result<(fs::File, Option<String>)> {
-    // ENOLCK is what network file systems answer.
+    // Network file systems without locks return ENOLCK.
     const ENOLCK: i32 = 37;
     if error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(ENOLCK) {
         let warning =

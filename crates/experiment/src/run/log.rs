@@ -13,7 +13,7 @@ pub(super) struct Log {
 }
 
 impl Log {
-    /// Logs to `metrics.jsonl` in `folder`, continued after `progress`; a new run starts a new log.
+    /// Opens `metrics.jsonl` in `folder` to append events after `progress`, and removes later lines.
     pub(super) fn open(folder: &Path, progress: &Progress) -> Result<Self> {
         let path = folder.join("metrics.jsonl");
         let text = match std::fs::read_to_string(&path) {
@@ -36,7 +36,7 @@ impl Log {
     }
 }
 
-/// Returns the lines of a log up to `progress`, fresh starts included: what came after is about to happen again.
+/// Returns the lines of a log up to `progress`, which counts restarts as well. Later steps are about to be taken again.
 fn events_until(text: &str, progress: &Progress) -> String {
     let mut restarts = 0;
     let lines = text.lines().take_while(|line| {
@@ -57,7 +57,7 @@ fn events_until(text: &str, progress: &Progress) -> String {
 mod tests {
     use super::*;
 
-    /// Ten steps, a collapse at the tenth, and ten steps of the fresh start.
+    /// Returns a log of ten steps, a collapse at the tenth, and ten steps after the restart.
     fn log() -> String {
         let rest = r#""seconds":0.0,"loss":1.0,"losses":{},"psnr":1.0,"lr":1.0,"rays_per_second":1.0,"acc":0.0,"evaluated":1.0"#;
         let steps: String = (1..=10).map(|step| format!("{{\"event\":\"step\",\"step\":{step},{rest}}}\n")).collect();
@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn steps_that_happen_again_are_cut_off() {
         let text = log();
-        // After the fresh start everything before it stays. An incomplete line ends the log.
+        // After a restart all lines before it stay. An incomplete line ends the log.
         for (restarts, step, cut, kept) in
             [(0, 0, 0, 0), (0, 4, 0, 4), (0, 10, 0, 10), (1, 0, 0, 11), (1, 4, 0, 15), (1, 10, 0, 21), (1, 10, 20, 20)]
         {

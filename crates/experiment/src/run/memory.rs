@@ -2,9 +2,9 @@
 
 use std::fs;
 
-/// Measures the largest resident memory of this process from a moment on, if the system reports it.
+/// Measurement of the peak resident memory of this process from a moment on, if the system reports it.
 pub(crate) struct PeakMemory {
-    /// Whether the system's figure is of this run alone.
+    /// Whether the peak that the system reports excludes earlier runs of this process.
     own: bool,
 }
 

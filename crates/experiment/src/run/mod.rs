@@ -45,9 +45,9 @@ pub struct Session {
     pub out: PathBuf,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Networks of learned metrics: those without one have no value.
+    /// Networks of learned metrics. A metric whose network is missing has no value.
     pub networks: Networks,
-    /// The scene of the last run, and what it depends on: the next run often has the same.
+    /// Key (see `scene_key`) and scene of the last run, since the next run often has the same scene.
     last_scene: Mutex<Option<(String, Arc<Scene>)>>,
 }
 
@@ -76,7 +76,7 @@ pub enum RunEvent<'a> {
     Training {
         /// The event.
         event: &'a Event,
-        /// The field as it is now.
+        /// Trainer of the field, after the event.
         trainer: &'a Trainer,
     },
     /// The fields that were started are trained, or were stopped.
@@ -90,7 +90,7 @@ pub enum RunEvent<'a> {
     },
     /// A warning for the user.
     Warning(String),
-    /// A line on what was done that gives no cause for doubt.
+    /// Information for the user that is not a warning.
     Note(String),
 }
 
@@ -99,13 +99,13 @@ pub enum RunEvent<'a> {
 pub enum Control {
     /// Continue.
     Continue,
-    /// Save a checkpoint, if training, and continue: for others who look at the run's folder.
+    /// Save a checkpoint, if a field is being trained, and continue, so that readers of the run's folder see the current field.
     Save,
     /// Save and stop.
     Stop,
 }
 
-/// Watches a run.
+/// Callback that receives the events of a run.
 pub type Watch<'a> = dyn FnMut(RunEvent<'_>) -> Control + 'a;
 
 /// The result of a run.
@@ -118,21 +118,21 @@ pub enum Finished {
     Stopped,
 }
 
-/// A run whose folder is this process's alone.
+/// A run whose folder is locked by this process.
 pub(crate) struct OpenRun {
     pub(crate) folder: PathBuf,
     identity: Identity,
     config: String,
-    /// Whether an earlier process has begun it.
+    /// Whether an earlier process has begun the run.
     pub(crate) continues: bool,
-    /// Whether it was begun with fewer steps or a smaller budget.
+    /// Whether the run was begun with fewer steps or a smaller budget.
     pub(crate) has_grown: bool,
     _lock: fs::File,
 }
 
 impl OpenRun {
-    /// Removes what an earlier run left, unless that is continued, and writes what this one is made of. Its first field is
-    /// in the folder `first`.
+    /// Removes the files of an earlier run unless it is continued, and writes the run's identity and config. `first` is the
+    /// folder of the run's first field.
     pub(crate) fn begin(&self, first: &Path) -> Result<()> {
         if !self.continues {
             clear(&self.folder)?;
@@ -140,37 +140,37 @@ impl OpenRun {
         if self.has_grown {
             reopen(&self.folder, first)?;
         }
-        // In this order: a run that has a config has an identity.
+        // The identity is written first, so that every run with a config has an identity.
         self.identity.write(&self.folder)?;
         Ok(write_atomically(&self.folder.join("config.toml"), self.config.as_bytes())?)
     }
 }
 
 impl Session {
-    /// Runs on `device`, below `out`.
+    /// Creates a session on `device` that writes below `out`, without networks.
     pub fn new(device: OpenDevice, out: impl Into<PathBuf>, existing: Existing) -> Self {
         let (out, networks) = (out.into(), Networks::none());
         Self { device, out, existing, networks, last_scene: Mutex::default() }
     }
 
-    /// The session with networks for learned metrics: see [`crate::networks`].
+    /// Returns the session with networks for learned metrics: see [`crate::networks`].
     #[must_use]
     pub fn with_networks(self, networks: Networks) -> Self {
         Self { networks, ..self }
     }
 
-    /// Folder of a run.
+    /// Returns the folder of a run.
     pub fn run_folder(&self, plan: &RunPlan) -> PathBuf {
         self.experiment_folder(&plan.experiment).join(plan.directory())
     }
 
-    /// Folder of an experiment's results.
+    /// Returns the folder of an experiment's results.
     pub fn experiment_folder(&self, experiment: &str) -> PathBuf {
         self.out.join(experiment)
     }
 
-    /// Trains and evaluates `plan`, or continues what an earlier process has begun, and leaves its folder. The record is
-    /// not saved: see [`crate::save_record`].
+    /// Trains and evaluates `plan`, or continues the run if an earlier process has begun it, and writes the run's folder. The
+    /// record is returned and not saved: see [`crate::save_record`].
     ///
     /// # Errors
     /// If the scene cannot be read, training meets a value that is not finite, a file cannot be written, another process is
@@ -195,7 +195,7 @@ impl Session {
         Ok(Finished::Record(Box::new(record), Box::new(trained)))
     }
 
-    /// Locks the run's folder, and finds whether it is continued.
+    /// Locks the run's folder, and finds whether an earlier run is continued.
     pub(crate) fn open_run(
         &self,
         folder: PathBuf,
@@ -213,7 +213,7 @@ impl Session {
         Ok(OpenRun { folder, identity, config, continues, has_grown, _lock: lock })
     }
 
-    /// Trains the fields of a run, as many at a time as the device holds; `None` if `watch` stops it.
+    /// Trains the fields of a run, as many at a time as suit the device; `None` if `watch` stops the training.
     fn train_members(&self, plan: &RunPlan, run: &OpenRun, watch: &mut Watch<'_>) -> Result<Option<Vec<Trainer>>> {
         let (members, at_once) = (plan.members(), self.device.name.fields_side_by_side());
         let key = scene_key(plan, &run.identity);
@@ -231,7 +231,7 @@ impl Session {
         }
         let reading = start.elapsed().as_secs_f64();
         let mut first_steps = 0.0;
-        // What an earlier run left stays until this one is known to be possible.
+        // Files of an earlier run stay until the first trainer of this one could be made.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
         run.begin(&plan.member_folder(&run.folder, 0))?;
         let mut trainers = Vec::new();
@@ -267,7 +267,7 @@ impl Session {
         Ok(Some(trainers))
     }
 
-    /// The scene of the last run if it depends on `key`; another is forgotten.
+    /// Returns the scene of the last run if its key is `key`, and forgets it otherwise.
     fn last_scene(&self, key: &str) -> Option<Arc<Scene>> {
         let mut last = self.last_scene.lock().unwrap_or_else(PoisonError::into_inner);
         *last = last.take().filter(|(known, _)| known == key);
@@ -275,9 +275,9 @@ impl Session {
     }
 }
 
-/// Returns a warning if a stage before training proper takes longer than the `budget` of training in seconds, or if the first
-/// steps take most of it and fewer than a tenth of those `asked` for are `taken`. The stages are `reading` the scene, with
-/// refining its cameras by matches, and the `first_steps` of the fields, with stereo, in seconds.
+/// Returns a warning if the preparation of training takes too long for its `budget`; all times are in seconds. Too long is
+/// `reading` the scene (with refining its cameras by matches) or the `first_steps` of the fields (with stereo) beyond the
+/// budget, or first steps beyond half of it if fewer than a tenth of the steps `asked` for are `taken`.
 fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, asked]: [usize; 2]) -> Option<String> {
     let is_short = 10 * taken < asked && first_steps > 0.5 * budget;
     (reading.max(first_steps) > budget || is_short).then(|| {
@@ -289,7 +289,7 @@ fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, as
     })
 }
 
-/// Names all that a scene depends on, the contents of its files included.
+/// Returns a key of all that a loaded scene depends on, including the contents of its files.
 fn scene_key(plan: &RunPlan, identity: &Identity) -> String {
     let RunPlan { source, seed, config, .. } = plan;
     let (scene, cameras, test) = (&config.scene, &config.train.cameras, &config.eval.test);

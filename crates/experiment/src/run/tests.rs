@@ -57,7 +57,7 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(trained.trainers.len() == 1 && trained.warnings.len() == 1, "{:?}", trained.warnings);
 }
 
-/// With one training view the only residual there is, is that of the view which is tested.
+/// With one training view, which is also the tested one, there is no residual of another view.
 #[test]
 fn tested_view_gets_no_residual_of_its_own() {
     let settings = ["eval.test=training", "scene.views.count=1"];
@@ -86,7 +86,7 @@ fn training_is_saved_when_its_watcher_panics() {
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
 }
 
-/// A part must not pass for the whole.
+/// Reading a run returns warnings if fields are missing or training is unfinished.
 #[test]
 fn missing_fields_and_unfinished_training_are_warned_of() {
     let out = tempfile::tempdir().unwrap();
@@ -141,6 +141,6 @@ fn long_preparation_is_reported_by_stage() {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     assert!(warning(20.5, 0.1, 3000).is_some() && warning(1.0, 12.0, 399).is_some());
-    // A quick start of a slow field, and stereo that leaves steps enough.
+    // There is no warning for a quick first step of a slow field, nor for stereo that leaves enough steps.
     assert!(warning(1.0, 1.0, 39).is_none() && warning(1.0, 12.0, 400).is_none());
 }

@@ -24,9 +24,9 @@ pub(crate) struct Training {
     folder: PathBuf,
     log: Log,
     state: State,
-    /// Steps and seconds of earlier processes.
+    /// Number of steps and seconds of training in earlier processes.
     before: (usize, f64),
-    /// Seconds of this process's first step, in which stereo compares the images.
+    /// Duration of this process's first step in seconds, which includes the matching of images for stereo.
     pub(crate) first_step_seconds: f64,
 }
 
@@ -42,7 +42,7 @@ enum State {
 }
 
 impl Training {
-    /// Continues `trainer`, and the log in `folder`.
+    /// Prepares to train `trainer` further, and opens the log in `folder`.
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
         let before = (trainer.progress().step, trainer.progress().seconds);
@@ -54,7 +54,7 @@ impl Training {
         self.state == State::Over
     }
 
-    /// Saves the field, and logs what is found out about its last steps.
+    /// Saves a checkpoint of the field, and logs the events that making it reports.
     fn save(&mut self, watch: &mut Watch<'_>) -> Result<Control> {
         let mut events = Vec::new();
         let checkpoint = self.trainer.checkpoint(&mut |event| events.push(event));
@@ -64,7 +64,7 @@ impl Training {
         Ok(control)
     }
 
-    /// Logs events and passes them to `watch`, whose answer is returned.
+    /// Logs events and passes them to `watch`. Returns the max of its answers: to stop, to save or to continue.
     fn report(&mut self, events: &[Event], watch: &mut Watch<'_>) -> Result<Control> {
         let mut control = Control::Continue;
         for event in events {
@@ -99,9 +99,9 @@ impl Training {
     }
 }
 
-/// Trains `fields` side by side until the end, or until `watch` stops them or panics (as one does that prints into a closed
-/// pipe). They are saved in every case, but for one that meets a number that is not finite:
-/// that keeps its last checkpoint, and ends all.
+/// Trains `fields` side by side until the end, or until `watch` stops them or panics (such as on printing into a closed
+/// pipe). Each field is saved in every case, except one that meets a value that is not finite: it keeps its last
+/// checkpoint, and ends the training of all fields.
 pub(crate) fn train(fields: &mut [Training], checkpoint_every: usize, watch: &mut Watch<'_>) -> Result<()> {
     let mut panic = None;
     let mut guarded = |event: RunEvent<'_>| {

@@ -12,14 +12,14 @@ use crate::device::OpenDevice;
 use crate::run::{Control, RunEvent};
 use crate::run_plan::RunPlan;
 
-/// A finished or interrupted run: its fields, each as its newest checkpoint left it.
+/// A finished or interrupted run with its fields, each restored from its newest checkpoint.
 pub struct Trained {
     /// The run.
     pub plan: RunPlan,
-    /// One for each field that pictures are made of.
+    /// Trainers of the fields that pictures are rendered from, one per field.
     pub trainers: Vec<Trainer>,
-    /// The fields, with the residuals of the training views if `render.residuals` is set: what pictures are made of. They keep
-    /// the residuals that a picture needed.
+    /// Models that pictures are rendered from: the fields, with the residuals of the training views if `render.residuals` is set.
+    /// A model keeps the residuals that a picture needed.
     pub models: Vec<TrainedModel>,
     /// Warnings: why newer checkpoints were refused, which fields are left out, and whether training has come to its
     /// end.
@@ -32,7 +32,7 @@ impl Trained {
         Self { plan, trainers, models, warnings }
     }
 
-    /// Reads the run in `folder`, as `plan` has changed it.
+    /// Reads the run in `folder` with the config of `plan`, which may differ from the run's own.
     ///
     /// # Errors
     /// If it has no checkpoint, or its scene cannot be read.
@@ -47,13 +47,13 @@ impl Trained {
         Ok(trained)
     }
 
-    /// Reads the run in `folder` with the plan's scene already loaded, as while it is trained.
+    /// Reads the run in `folder` with the plan's scene already loaded, such as while the run is being trained.
     ///
     /// # Errors
     /// If it has no checkpoint.
     pub fn on_scene(plan: RunPlan, scene: Arc<Scene>, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
-        // Stereo matches the images for minutes before the first step, of which there is none.
+        // Stereo would match the images for minutes before a first step, but no step is taken.
         let mut untrained = plan.clone();
         untrained.config.loss.stereo.weight = Schedule::Constant(0.0);
         let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
@@ -111,7 +111,7 @@ impl Trained {
     }
 }
 
-/// Returns steps, seconds, samples and fresh starts of all fields together.
+/// Returns the sums of steps, seconds, samples and restarts over all fields.
 pub fn total_progress(trainers: &[Trainer]) -> Progress {
     let mut total = Progress::default();
     for progress in trainers.iter().map(Trainer::progress) {

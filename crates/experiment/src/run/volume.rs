@@ -9,27 +9,27 @@ use infonerf_scene::Aabb;
 
 use super::Trained;
 
-/// Points at which a field is evaluated at a time, which bounds the memory.
+/// Number of points at which a field is evaluated at a time, which bounds the memory.
 const CHUNK: usize = 1 << 15;
-/// Least weight of a field's colour among others, for points at which none of them has any opacity.
+/// Minimum weight of a field's colour, so that the mean is defined at points where no field has any opacity.
 const MIN_WEIGHT: f32 = 1e-6;
 
-/// Density and colour of all fields of a run together, at points of the scene's world, whatever cameras they learned. Space
-/// that renders skip as empty is empty here too.
+/// Density and colour of all fields of a run together, at points in the scene's world coordinates, also for fields that learned
+/// their cameras. Space that renders skip as empty has zero density.
 ///
-/// Several fields let through of a step of length h what they let through in the mean, `exp(−σh) = mean exp(−σᵢh)`, and
-/// show the mean of their colours with weights `1 − exp(−σᵢh)`: there is a surface where most of them have one.
+/// The transmittance of several fields over a step of length h is the mean of theirs, `exp(−σh) = mean exp(−σᵢh)`. Their colour
+/// is the mean with weights `1 − exp(−σᵢh)`. So there is a surface where most of the fields have one.
 pub struct TrainedVolume {
     models: Vec<TrainedModel>,
     warp: Warp,
     bounds: Aabb,
     cameras: Vec<Vec3>,
-    /// Length h of a renderer's step, the shortest of the fields', in the coordinate of the warp.
+    /// Step length h of the renderer, the minimum over the fields, in the coordinate of the warp.
     step: f32,
 }
 
 impl Trained {
-    /// Returns the fields, to be exported within the scene's box.
+    /// Returns the fields as a volume within the scene's box.
     pub fn volume(&self) -> TrainedVolume {
         let (renderer, models) = (self.renderer(), self.fields());
         TrainedVolume {
@@ -81,14 +81,13 @@ impl Volume for TrainedVolume {
 }
 
 impl TrainedVolume {
-    /// Returns the points of the scene as a field sees them that was trained in a frame of its own.
+    /// Returns the inputs of a field at points of the scene: in the frame that the field was trained in, and warped.
     fn warped(&self, model: &TrainedModel, points: &[Vec3]) -> Vec<Vec3> {
         let there = |p: Vec3| model.frame.map_or(p, |frame| frame.similarity.point(p));
         points.iter().map(|&p| self.warp.point(there(p))).collect()
     }
 
-    /// Returns the densities of one field in the coordinate of the warp; 0 in cells that its occupancy grid holds as
-    /// empty.
+    /// Returns the densities of one field in the coordinate of the warp; 0 in cells that are empty in its occupancy grid.
     fn densities(&self, model: &TrainedModel, warped: &[Vec3]) -> Vec<f32> {
         let is_open = |p: Vec3| model.occupancy.as_ref().is_none_or(|grid| grid.is_occupied(p));
         let open: Vec<usize> = (0..warped.len()).filter(|&index| is_open(warped[index])).collect();
@@ -104,22 +103,22 @@ impl TrainedVolume {
         densities
     }
 
-    /// Evaluates a field at points on no ray, each of which stands for the space of a step.
+    /// Evaluates a field at points that are not on rays, each as a ball of the variance of a step, `step²/12`.
     fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
         let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
         let positions = points.iter().flat_map(|p| p.to_array()).collect();
         evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
     }
 
-    /// Returns how much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest
-    /// training camera.
+    /// Returns the derivative of the warp's coordinate, in which densities are measured, per scene unit at `p`, as seen from the
+    /// nearest training camera.
     fn rate(&self, p: Vec3) -> f32 {
         let nearest = self.cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
         self.warp.rate(nearest)
     }
 }
 
-/// Returns the density σ with `exp(−σh) = mean exp(−σᵢh)`: that of the least dense plus what the others add.
+/// Returns the density σ with `exp(−σh) = mean exp(−σᵢh)`, computed as the minimum σᵢ plus a correction, for accuracy.
 fn mean_density(densities: impl ExactSizeIterator<Item = f32> + Clone, step: f32) -> f32 {
     let count = densities.len() as f32;
     let least = densities.clone().fold(f32::INFINITY, f32::min);

@@ -1,4 +1,4 @@
-//! Quality over the values of a sweep: a line for one grid, a heat map for two; and over the variants of an experiment.
+//! Charts of PSNR over the values of a sweep (lines for one grid, a heat map for two), and over the variants of an experiment.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,7 +11,7 @@ use serde::Deserialize;
 use super::Sweep;
 use super::grid::Grid;
 
-/// Values that span more than this are shown on a logarithmic axis.
+/// Ratio of the max to the min value above which an axis is logarithmic.
 const WIDE: f64 = 30.0;
 
 /// Mean PSNR over scenes and seeds, by the name of a variant with its values.
@@ -24,7 +24,7 @@ fn means(records: &[Record]) -> Means {
     table.rows.iter().filter_map(mean).collect()
 }
 
-/// Charts of PSNR over the values; none for three grids or more, which are read from the table.
+/// Draws PSNR over the values of a sweep. Three grids or more have no chart, only the table.
 pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> {
     let means = means(records);
     match &sweep.grids[..] {
@@ -39,7 +39,7 @@ fn variants(sweep: &Sweep) -> IndexSet<String> {
     sweep.items.iter().map(|item| item.variant.clone()).collect()
 }
 
-/// Means of `variant`, by choice of values.
+/// Returns the means of `variant` by the indices of its values (`Item::choice`).
 fn by_choice<'a>(sweep: &'a Sweep, means: &Means, variant: &str) -> HashMap<&'a [usize], f64> {
     let own = sweep.items.iter().filter(|item| item.variant == variant);
     own.filter_map(|item| Some((&item.choice[..], *means.get(&item.plan.variant)?))).collect()
@@ -50,7 +50,7 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
     let positive = || values.iter().copied().filter(|value| *value > 0.0);
     let least = positive().fold(f64::INFINITY, f64::min);
     let log = values.iter().all(|value| *value >= 0.0) && positive().fold(0.0, f64::max) > WIDE * least;
-    // Zero has no place on a logarithmic axis and is shown a decade before the least.
+    // A logarithmic axis has no place for zero, which is drawn one decade below the min positive value.
     let place = |value: f64| if log && value == 0.0 { 0.1 * least } else { value };
     let series = variants(sweep).into_iter().map(|name| {
         let means = by_choice(sweep, means, &name);
@@ -99,16 +99,16 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     Ok(Figure::new(format!("sweep-psnr-{variant}"), frame, svg, "Mean over scenes and seeds."))
 }
 
-/// The `[plot]` of an experiment file: lines through the mean PSNR of variants, each of which stands for a number.
+/// The `[plot]` of an experiment file: lines of the mean PSNR of variants over a number that each variant stands for.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plot {
-    /// Name of the number.
+    /// Label of the x-axis.
     x: String,
-    /// Whether its axis is logarithmic.
+    /// Whether the x-axis is logarithmic.
     #[serde(default)]
     log: bool,
-    /// Lines by name: its variants, each with its number.
+    /// Lines by name. Each line maps variants to their x-values.
     series: BTreeMap<String, BTreeMap<String, f64>>,
 }
 

@@ -5,22 +5,22 @@ use infonerf_train::config;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-/// The grids of the paper's two weights: λ₁ about its 1e-3, λ₂ about the released code's 2e-5, and each without.
+/// Grids of the paper's two weights: λ₁ around the paper's 1e-3, λ₂ around the released code's 2e-5, and each also 0.
 pub const PAPER_SPACE: [&str; 2] = ["loss.entropy.weight=0,1e-4,1e-3,1e-2", "loss.kl.weight=0,2e-6,2e-5,2e-4"];
 
-/// A sweep of more settings is taken for a mistake.
+/// Maximum number of settings of a sweep; a larger number is taken for a mistake.
 const MAX_SETTINGS: usize = 100_000;
 
 /// A key of the config and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Grid {
     path: Vec<String>,
-    /// Value as it is written.
+    /// Values as they are written.
     pub(super) values: Vec<String>,
 }
 
 impl Grid {
-    /// Reads grids, and refuses those that set a key, or a part of one, that another or one of `set` (`--set`) sets.
+    /// Parses grids. Returns an error if two of them, or one and an assignment of `set`, set the same key or a part of it.
     pub(super) fn parse_all(texts: &[String], set: &[String]) -> Result<Vec<Self>> {
         let grids = texts.iter().map(|text| Self::parse(text)).collect::<Result<Vec<_>>>()?;
         for (index, grid) in grids.iter().enumerate() {
@@ -69,7 +69,7 @@ impl Grid {
     }
 }
 
-/// Whether one key is the other or a part of it.
+/// Whether one of two keys is equal to the other or a parent of it.
 fn overlap(a: &[String], b: &[String]) -> bool {
     a.starts_with(b) || b.starts_with(a)
 }
@@ -87,7 +87,7 @@ pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
     Ok(grids.iter().fold(vec![Vec::new()], longer))
 }
 
-/// Returns `key=value` of each grid.
+/// Returns `key=value` of each grid, for the values that `choice` has the indices of.
 pub(super) fn assignments(grids: &[Grid], choice: &[usize]) -> Vec<String> {
     grids.iter().zip(choice).map(|(grid, &index)| grid.assignment(index)).collect()
 }

@@ -14,7 +14,7 @@ use crate::records::save_own_record;
 use crate::run::{Existing, Finished, Session, Watch};
 use crate::run_plan::RunPlan;
 
-/// File name, in the folder of the sweep.
+/// File name of the manifest in the folder of a sweep.
 pub(crate) const NAME: &str = "manifest.jsonl";
 /// Version of the program: another one may give other numbers.
 const PROGRAM: &str = env!("CARGO_PKG_VERSION");
@@ -27,8 +27,8 @@ struct Line {
     config: String,
 }
 
-/// Runs item `index` of the manifest at `path` in this process; a finished one is kept. Results go into the manifest's folder:
-/// a file of its own, which no other process writes. The list of all is made when they are merged.
+/// Runs item `index` of the manifest at `path` in this process, or keeps its finished run. The record goes into a file in the
+/// run's folder, which no other process writes. Merging makes the list of all records.
 ///
 /// # Errors
 /// As [`Session::run`], and if there is no such item.

@@ -1,4 +1,4 @@
-//! The runs of an experiment, as they are or for every combination of some values.
+//! Sweeps: the runs of an experiment, as they are or for every combination of the values of some keys.
 //!
 //! ```text
 //! grids ─► plan (items) ─► execute (in this process, in processes, as Slurm's jobs) ─► records ─► table, figures, report
@@ -24,7 +24,7 @@ pub use manifest::run_item;
 pub use outcome::{SweepFiles, collect};
 pub use prepare::Prepared;
 
-/// Runs that are tabulated together: an experiment's, or one for each setting of some keys.
+/// Runs that are tabulated together: those of an experiment, as they are or for every combination of the values of some keys.
 #[derive(Clone, Debug)]
 pub struct Sweep {
     /// Name, title and data of the experiment.
@@ -40,13 +40,13 @@ pub struct Sweep {
 #[derive(Clone, Debug)]
 struct Item {
     plan: RunPlan,
-    /// The experiment's variant.
+    /// Name of the experiment's variant, without the values.
     variant: String,
     /// Index of the chosen value of each grid.
     choice: Vec<usize>,
 }
 
-/// Bytes of a variant's name, at most; folders allow 255.
+/// Maximum length of a variant's name in bytes; folders allow 255.
 const MAX_NAME: usize = 160;
 
 impl From<Experiment> for Sweep {
@@ -86,7 +86,7 @@ impl Sweep {
         Ok(Self { about, existing: Existing::Continue, grids, items })
     }
 
-    /// Returns the sweep, with what happens to its runs that exist already.
+    /// Returns the sweep with a policy for runs that exist already.
     #[must_use]
     pub fn with_existing(self, existing: Existing) -> Self {
         Self { existing, ..self }

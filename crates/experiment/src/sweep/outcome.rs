@@ -1,4 +1,4 @@
-//! Writes `results.json`, tables and the report from a sweep's records, and reads what reports are made of.
+//! Writes `results.json`, tables and the report from a sweep's records, and reads the input of reports.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,19 +13,19 @@ use crate::plan::About;
 use crate::records::{LIST, list_records, read_records};
 use crate::run_plan::RunPlan;
 
-/// The files that a sweep has written.
+/// Files that a sweep has written, and what they contain.
 pub struct SweepFiles {
-    /// The variants that the report shows, in the order of the sweep: the files hold all.
+    /// Table of the variants that the report shows, in the order of the sweep. The files have all variants.
     pub table: Table,
     /// Input of the report.
     pub input: ReportInput,
-    /// The page.
+    /// Path of the report's page.
     pub report: PathBuf,
-    /// The records.
+    /// Path of the list of records, `results.json`.
     pub results: PathBuf,
 }
 
-/// Reads what a report of the experiment or sweep in `folder` is made of.
+/// Reads the input of a report on the experiment or sweep in `folder`.
 ///
 /// # Errors
 /// If there are no records, or the folder of one of the runs is gone.
@@ -44,8 +44,8 @@ pub fn collect(folder: &Path) -> Result<ReportInput> {
 }
 
 impl Sweep {
-    /// Writes what is finished into `folder`, in the order of the sweep, without the items of `left_out`; `None` if nothing
-    /// is finished.
+    /// Writes the results of finished runs into `folder`, in the order of the sweep, without the items of `left_out`; `None` if
+    /// no run is finished.
     pub(crate) fn write_outcome(&self, folder: &Path, left_out: &BTreeSet<usize>) -> Result<Option<SweepFiles>> {
         let (mut items, mut records) = (Vec::new(), Vec::new());
         for (_, item) in self.items.iter().enumerate().filter(|(index, _)| !left_out.contains(index)) {
@@ -74,7 +74,7 @@ impl Sweep {
         Ok(Some(SweepFiles { table, input, report, results: folder.join(LIST) }))
     }
 
-    /// Returns the names and values that the sweep set in a run; `None` if it sets nothing.
+    /// Returns the variant of a run and the values that the sweep has set in it; `None` if there are no grids.
     fn setting_of(&self, item: &Item) -> Option<Setting> {
         let assignments = assignments(&self.grids, &item.choice);
         let values = assignments.iter().filter_map(|assignment| assignment.split_once('='));

@@ -1,4 +1,4 @@
-//! Finds the runs of a sweep that are to do.
+//! Finds the missing runs of a sweep.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,26 +12,26 @@ use crate::identity::Identity;
 use crate::records::{LIST, read_records};
 use crate::run::{Existing, clear, lock};
 
-/// A sweep's folder, and which of its runs are to do.
+/// Folder of a sweep, and its missing runs.
 pub struct Prepared {
-    /// Runs that are not finished, rising.
+    /// Indices of the runs that are not finished, in increasing order.
     pub missing: Vec<usize>,
     /// A warning for the user.
     pub warning: Option<String>,
     pub(crate) folder: PathBuf,
-    /// Keeps other processes from preparing the same sweep.
+    /// Lock that keeps other processes from preparing the same sweep.
     _lock: Option<fs::File>,
 }
 
 impl Prepared {
-    /// Returns the manifest: one line per run.
+    /// Returns the path of the manifest, which has one line per run.
     pub(crate) fn manifest(&self) -> PathBuf {
         self.folder.join(manifest::NAME)
     }
 }
 
 impl Sweep {
-    /// Finds what is finished on `device` below `out`, whatever made it. Writes nothing.
+    /// Finds the runs below `out` that are not finished on `device`. Writes nothing.
     ///
     /// # Errors
     /// If a run of another config is in the way, or a file cannot be read.
@@ -48,7 +48,7 @@ impl Sweep {
         Ok(prepared)
     }
 
-    /// Takes all runs as to be done, whatever is there below `out`.
+    /// Takes all runs as missing, whatever is below `out`.
     ///
     /// # Errors
     /// If there is a list of records that cannot be read, to which records could not be added.
@@ -61,8 +61,8 @@ impl Sweep {
         Ok(Prepared { missing, warning: None, folder, _lock: None })
     }
 
-    /// Writes the manifest below `out`, for processes that run an item each, and finds what is to do on `device`. No other
-    /// process prepares the same sweep for as long as what is returned lives.
+    /// Writes the manifest below `out`, for processes that run an item each, and finds the runs that are missing on `device`. No
+    /// other process can prepare the same sweep until the returned value is dropped.
     ///
     /// # Errors
     /// As [`Self::look`], and if another process or a launch is at work on it, or a manifest of another version is there.
@@ -80,7 +80,7 @@ impl Sweep {
         Ok(prepared)
     }
 
-    /// Removes what its runs left in `folder`, once no other process is at work on any of them.
+    /// Removes the files of the sweep's runs in `folder`, once no other process is at work on any of them.
     fn remove_runs(&self, folder: &Path) -> Result<()> {
         let runs = self.runs().map(|plan| folder.join(plan.directory())).filter(|run| run.exists());
         let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;

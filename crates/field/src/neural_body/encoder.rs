@@ -9,14 +9,14 @@ use crate::init::{parameter, uniform};
 
 /// ε of the batch normalisation.
 const EPSILON: f32 = 1e-3;
-/// Submanifold convolutions on the vertices' own sites, and after each halving.
+/// Number of submanifold convolutions on the vertices' own sites, and after each halving.
 const LAYERS: [usize; 5] = [2, 2, 3, 3, 3];
 
 /// Features at sites → features at sites: 3³ kernels over the occupied sites, batch normalisation over the sites,
 /// ReLU.
 ///
-/// It equals a dense convolution of a volume that is 0 elsewhere, read at the output's sites: *submanifold* where those are
-/// the input's own (Graham et al. 2018). As there is one body, renders use the statistics of the batch as well.
+/// The result equals a dense convolution of a volume that is 0 elsewhere, read at the output's sites. It is *submanifold* if
+/// these are the input's sites (Graham et al. 2018). As there is one body, renders also use the statistics of the batch.
 #[derive(Module, Debug)]
 struct SparseConvolution {
     /// `[27·inputs, outputs]`, the kernel's x fastest, z slowest.

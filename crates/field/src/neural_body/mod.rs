@@ -28,7 +28,7 @@ use encoder::{EncoderSites, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
 const MARGIN: f32 = 0.05;
-/// Greatest number of voxels along an axis, and in all: at the published voxel, a box of 3 m × 1.5 m × 1.5 m.
+/// Max number of voxels along an axis, and in all: at the published voxel size, a box of 3 m × 1.5 m × 1.5 m.
 const MAX_SIDE: usize = 1024;
 const MAX_CELLS: usize = 1 << 26;
 /// Hidden layers from a point's features to its density.
@@ -187,9 +187,9 @@ impl BodyVoxels {
 
 /// Codes of a body's vertices → sparse convolutions → features of a point from four levels → MLP → density and colour.
 ///
-/// A scene is one frame: what the released code shares between frames (codes, convolutions) and what it learns per frame (an
-/// appearance code) are learned from that frame. Codes of vertices that share a voxel are averaged; the released code keeps
-/// one of them.
+/// A scene is one frame: the parameters that the released code shares between frames (codes, convolutions) and those that
+/// it learns per frame (an appearance code) are learned from that frame. Codes of vertices that share a voxel are
+/// averaged; the released code keeps one of them.
 #[derive(Module, Debug)]
 pub struct NeuralBody {
     codes: Param<Tensor<2>>,

@@ -7,7 +7,7 @@ pub(super) struct Sites {
     /// Cells along x, y and z.
     pub(super) size: [usize; 3],
     cells: Vec<[usize; 3]>,
-    /// For each cell of the grid its place in `cells`; the number of `cells` if it is empty.
+    /// Index in `cells` of each cell of the grid; the length of `cells` for an empty cell.
     rows: Vec<i32>,
 }
 
@@ -40,7 +40,7 @@ impl Sites {
         self.rows[number(self.size, cell)]
     }
 
-    /// Returns the sites of a convolution of stride 2 and padding 1: the cells that reach a site.
+    /// Returns the sites of a convolution of stride 2 and padding 1: the cells whose kernel reaches a site.
     pub(super) fn halved(&self) -> Self {
         let size = self.size.map(|n| n.div_ceil(2));
         // Cell o reaches 2o − 1, 2o and 2o + 1.

@@ -41,9 +41,8 @@ impl Code {
 /// Initial ln σ of a latent code: small, so that short runs are not dominated by its noise; the divergence term raises it.
 const FIRST_LOG_DEVIATION: f32 = -4.0;
 
-/// The latent code of one frame, learned as it is.
-///
-/// For a scene of one frame the output of an encoder is a constant.
+/// Latent code of one frame, which is a parameter itself: for a scene of one frame the output of an encoder would be a
+/// constant.
 #[derive(Module, Debug)]
 pub(super) struct Latent {
     mean: Param<Tensor<1>>,

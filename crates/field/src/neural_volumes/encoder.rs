@@ -29,10 +29,10 @@ const SCALES: (f32, f32) = (0.1, 0.01);
 pub struct CodeEncoderConfig {
     /// Number of images, the first of the training views (released code: 3).
     pub images: usize,
-    /// Rows and columns that they are resized to, multiples of 16 (released code: 512 and 384).
+    /// Rows and columns that images are resized to, multiples of 16 (released code: 512 and 384).
     pub size: [usize; 2],
-    /// Channels of the first two convolutions, doubled with every second further one to four times as many (released code:
-    /// 64). The dense layer behind them is eight times as wide.
+    /// Channels of the first two convolutions, doubled after every two convolutions, up to four times as many (released
+    /// code: 64). The dense layer behind them is eight times as wide.
     pub width: usize,
 }
 
@@ -118,10 +118,10 @@ impl CodeEncoder {
         }
     }
 
-    /// Encodes the first of `views`.
+    /// Encodes the first `views`, one per tower.
     ///
     /// # Panics
-    /// If there are fewer than it needs.
+    /// If there are fewer views than towers.
     pub(super) fn code(&self, views: &[SourceView]) -> Code {
         let device = self.hidden.weight.val().device();
         let pairs = self.towers.iter().zip(views);
@@ -134,7 +134,7 @@ impl CodeEncoder {
     }
 }
 
-/// Returns an image stretched to `[1, 3, rows, columns]`, corners on corners, with colours (255x − 100)/25.
+/// Returns an image resized to `[1, 3, rows, columns]`, with corners aligned, and colours (255x − 100)/25.
 fn image(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
     let (mean, deviation, white) = COLOR;
     let normalised: Vec<f32> = view.rgb.iter().flatten().map(|x| (white * x - mean) / deviation).collect();

@@ -28,9 +28,9 @@ use template::Template;
 use warp::VolumeWarp;
 
 const LEAKY_SLOPE: f64 = 0.2;
-/// √(2/(1 + 0.2²)): the gain that keeps the variance through one.
+/// Gain √(2/(1 + 0.2²)), which keeps the variance through a leaky ReLU.
 const LEAKY_GAIN: f32 = 1.386_750_5;
-/// Mean, deviation and white of colours: they are softplus(100 + 25x)/255, mid-grey before training.
+/// Mean, deviation and white level of colours, which are softplus(100 + 25x)/255: mid-grey before training.
 const COLOR: (f32, f32, f32) = (100.0, 25.0, 255.0);
 
 /// Sizes of [`NeuralVolumes`].
@@ -96,7 +96,7 @@ impl FieldSpec for NeuralVolumesConfig {
         let weights = 64 * self.maps * self.warp_resolution.pow(3);
         let encoder = self.encoder.as_ref().map_or(0, |encoder| encoder.parameters(self.latent));
         let parameters = (encoder + self.latent * channels[0] + convolutions + weights) as u64;
-        // Where the warp and the template are read, what is found there, and the gradients of each.
+        // Places at which warp and template are read, the values there, and the gradients of each.
         Footprint { parameters, per_sample: 20 }
     }
 

@@ -12,9 +12,9 @@ use crate::init::glorot_linear;
 /// Width of the branches that make the affine maps, and of the one that makes the mixture's weights.
 const WIDTHS: (usize, usize) = (128, 64);
 const TRANSLATION: f32 = 0.1;
-/// Keeps a quaternion of length 0 finite.
+/// Value added to a quaternion's squared length, so that a quaternion of length 0 stays finite.
 const SQUARE_EPSILON: f32 = 1e-5;
-/// Least sum of the mixture's weights as a divisor.
+/// Min sum of the mixture's weights as a divisor.
 const MIN_WEIGHT: f32 = 1e-3;
 
 /// A mixture of affine maps (Neural Volumes, Lombardi et al. 2019, Sec. 4.2), from a point to the place where the template is

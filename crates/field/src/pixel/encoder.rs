@@ -68,7 +68,7 @@ impl ImageEncoder {
                 let (inputs, stride) = if index == 0 && stage > 0 { (outputs / 2, 2) } else { (outputs, 1) };
                 ResidualBlock {
                     first: convolution(rng, [inputs, outputs], [3, stride], 1.0, device),
-                    // Begins at 0, so that a block begins as its shortcut and depth does not add up (Goyal et al. 2017).
+                    // Initially 0, so that a block starts as its shortcut, and depth does not add up (Goyal et al. 2017).
                     second: convolution(rng, [outputs, outputs], [3, 1], 0.0, device),
                     shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], [1, stride], 1.0, device)),
                 }
@@ -79,7 +79,7 @@ impl ImageEncoder {
     }
 
     pub(super) fn channels(&self) -> usize {
-        // Each stage has as many as stem and stages before it together.
+        // Each stage has as many channels as the stem and all stages before it together.
         self.stem.weight.dims()[0] << self.stages.len()
     }
 

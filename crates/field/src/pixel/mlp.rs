@@ -1,4 +1,4 @@
-//! The MLP of PixelNeRF: ResNet blocks, features added before each of the first, views averaged half-way.
+//! The MLP of PixelNeRF: ResNet blocks, with features added before each of the first blocks, after which views are averaged.
 
 use burn::module::Module;
 use burn::nn::Linear;
@@ -57,10 +57,10 @@ impl ResnetMlp {
         Self { input, features, blocks, output, pool_after, width }
     }
 
-    /// - `x`: encoded points in each of `views` views, `[V·M, inputs]`, view by view.
-    /// - `injected`: `features` of those there, `[V·M, pool_after·width]`.
-    ///
     /// Returns raw red, green, blue and density, `[M, 4]`.
+    ///
+    /// - `x`: encoded points in each of `views` views, `[V·M, inputs]`, view by view.
+    /// - `injected`: output of `features` at the same points, `[V·M, pool_after·width]`.
     pub(super) fn forward(&self, x: Tensor<2>, injected: Tensor<2>, views: usize) -> Tensor<2> {
         let mut h = self.input.forward(x);
         for (index, block) in self.blocks.iter().enumerate() {

@@ -98,7 +98,7 @@ impl FieldSpec for PixelNerfConfig {
         let stages = self.encoder.blocks.iter().enumerate();
         let convolutions: u64 =
             stages.map(|(stage, &blocks)| 18 * blocks as u64 * ((self.encoder.width << stage) as u64).pow(2)).sum();
-        // Before the views are averaged each of them has activations; one is certain.
+        // Each view has activations until views are averaged; at least one view is certain.
         let mlp = Footprint::dense(2 * self.blocks, self.width);
         Footprint { parameters: mlp.parameters + convolutions, ..mlp }
     }
@@ -149,8 +149,8 @@ impl Field for PixelNerf {
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let sources = self.encoded.as_ref().expect("a PixelNeRF is conditioned on images before it is evaluated");
         let (views, samples) = (&sources.sources.views[..], points.len());
-        // Features are looked up on the host, which passes no gradient on to positions; that of the encoding alone would be
-        // incomplete.
+        // Features are looked up on the host, which passes no gradient on to positions; the gradient through the encoding
+        // alone would be incomplete.
         let points = &Points { positions: points.positions.clone().detach(), ..points.clone() };
         let (positions, directions) = view_points(views, points, sources.sources.middle, self.config.lowest_frequency);
         let encoded = frequency_encode(positions, self.config.frequencies, &[]);
@@ -169,7 +169,7 @@ impl Field for PixelNerf {
     }
 
     fn conditioned(&self, sources: &Sources, _seed: Option<u64>) -> Self {
-        // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
+        // A linear layer commutes with bilinear reading, and is cheaper on texels, which are fewer than samples.
         let injected = self.mlp.features.forward(self.encoder.features(&sources.views, &self.device()));
         Self { encoded: Some(EncodedSources { injected, sources: sources.clone() }), ..self.clone() }
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::field::SourceView;
 use crate::points::{Points, along_axes};
 
-/// Least depth before a camera, scene units: points that are not before it are projected as if at that depth.
+/// Min depth in front of a camera, scene units: nearer points, and points behind it, are projected as if at this depth.
 const MIN_DEPTH: f32 = 1e-3;
 
 fn project(view: &SourceView, p: &[f32; 3]) -> (f32, f32) {

@@ -26,13 +26,13 @@ pub struct EntropyConfig {
     pub epsilon: f32,
 }
 
-/// M(r), 1 for rays that hit something (InfoNeRF, Eq. 6).
+/// Mask M(r): 1 for rays that hit something (InfoNeRF, Eq. 6), else 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HitMask {
     /// Measure of a ray that is compared with the threshold.
     pub rule: HitRule,
-    /// Rays above it hit something.
+    /// Threshold of the measure, above which a ray hits something.
     pub threshold: f32,
 }
 
@@ -44,7 +44,7 @@ pub enum HitRule {
     Acc,
     /// Cumulative ray density Q = Σ α, as in the paper (Eq. 7).
     AlphaSum,
-    /// None: every ray counts. For distributions that include the background.
+    /// No measure: every ray counts. This suits distributions that include the background.
     All,
 }
 
@@ -104,7 +104,7 @@ mod tests {
         config(&format!("entropy = {{ {settings} }}")).entropy
     }
 
-    /// The mean is over the rays of all bundles together, not over their means; masked rays count as 0.
+    /// Checks that the mean is over the rays of all bundles together, not over the bundles' means; masked rays count as 0.
     #[test]
     fn masked_entropy_over_all_rays() {
         type Measure = fn(&[f64]) -> f64;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::renders::{Need, RaySet, Renders};
 use crate::term::{Term, TermSetup, TermSpec};
 
-/// Bounds the logarithms: added to A and to 1 − A.
+/// Value added to A and to 1 − A, which bounds the logarithms.
 const MARGIN: f64 = 0.1;
 
 /// A prior that rays are either empty or opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays in `rays` of

@@ -18,8 +18,8 @@ use crate::term::{Term, TermSetup, TermSpec};
 pub struct TvConfig {
     /// Scheduled weight of the term. A falling weight lets detail appear late in the run.
     pub weight: Schedule,
-    /// The number of training views that the weight is for: the weight is multiplied by `views` over the number of training
-    /// views. With 0 it does not depend on them.
+    /// Number of training views for which `weight` is meant: the weight is multiplied by `views` over the number of
+    /// training views. 0 leaves the weight unchanged.
     pub views: u32,
 }
 
@@ -61,7 +61,7 @@ struct PenaltyTerm {
 
 impl Term for PenaltyTerm {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        // Without a product if the factor is 1: on a GPU each is a kernel launch, forward and backward.
+        // There is no product if the factor is 1: on a GPU it would be a kernel launch in each direction.
         weighted_sum(vec![(renders.penalty(self.name), self.factor)]).expect("one value")
     }
 }

@@ -24,7 +24,7 @@ pub struct PhotometricConfig {
 pub enum Norm {
     /// Mean over rays of ‖C − Ĉ‖², as in the paper (Eq. 3).
     Squared,
-    /// Mean over rays and channels, a third of it, as in the released code, to which λ₁ and λ₂ are calibrated.
+    /// Mean over rays and channels, a third of [`Norm::Squared`], as in the released code, for which λ₁ and λ₂ are chosen.
     Mean,
 }
 

@@ -17,7 +17,7 @@ use crate::term::{Term, TermSetup, TermSpec};
 pub struct SemanticConfig {
     /// λ (DietNeRF: 0.1).
     pub weight: Schedule,
-    /// Steps between two such renders (DietNeRF: 10 to 16).
+    /// Number of steps between two renders for this term (DietNeRF: 10 to 16).
     pub every: usize,
     /// Longest side of the render in pixels (DietNeRF: 168).
     pub size: u32,

@@ -15,9 +15,9 @@ const MAX_VIEWS: usize = 100;
 const PAIRS: usize = 24;
 /// Number of views compared at full size; images of more views are resized.
 const FULL_SIZE_VIEWS: usize = 12;
-/// Standard deviation of a depth, in steps between planes: two views that agree do so within 1.5 of them.
+/// Standard deviation of a disparity, in steps between planes; two views that agree differ by at most 1.5 steps.
 const WIDTH: f32 = 2.0;
-/// The share π of outliers: depths on which two views agree are seldom wrong.
+/// Share π of outliers: depths on which two views agree are seldom wrong.
 const OUTLIERS: f32 = 0.01;
 
 /// Depth supervision by plane-sweep stereo of the training images (DS-NeRF, Deng et al. 2022, uses points of structure from
@@ -29,7 +29,7 @@ const OUTLIERS: f32 = 0.01;
 /// - without one, `P` is the probability that the ray passes the nearest surface matched in its view, which keeps matter away
 ///   from cameras in textureless regions.
 ///
-/// The share π of outliers lets depths go that colours contradict.
+/// The share π of outliers bounds the loss of a depth that colours contradict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StereoConfig {
@@ -63,9 +63,9 @@ struct Stereo {
 enum RayEnd {
     /// Matched: disparity and its standard deviation.
     At(f32, f32),
-    /// Not before this disparity.
+    /// Not matched: at most this disparity, that of the view's nearest surface.
     Beyond(f32),
-    /// Anywhere.
+    /// Not matched: any disparity.
     Unknown,
 }
 

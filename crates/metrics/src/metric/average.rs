@@ -12,7 +12,7 @@ pub(super) const AVERAGE: Metric = Metric {
 ///
 /// `(MSE · √(1 − SSIM) · LPIPS)^⅓`, `MSE = 10^(−PSNR/10)`
 ///
-/// 0 for identical images, larger is worse.
+/// The value is 0 for identical images; larger is worse.
 pub fn average(psnr: f64, ssim: f64, lpips: f64) -> f64 {
     (10.0_f64.powf(-psnr / 10.0) * (1.0 - ssim).max(0.0).sqrt() * lpips.max(0.0)).cbrt()
 }
@@ -21,7 +21,7 @@ pub fn average(psnr: f64, ssim: f64, lpips: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// FreeNeRF reports 19.63, 0.612, 0.308 and 0.134 for LLFF with three views, each a mean over eight scenes.
+    /// Compares with FreeNeRF's LLFF results for three views (19.63, 0.612, 0.308, 0.134), each a mean over eight scenes.
     #[test]
     fn average_is_the_geometric_mean_of_three_errors() {
         // Errors 0.01, 0.5 and 0.2.

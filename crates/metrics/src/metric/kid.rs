@@ -47,7 +47,7 @@ pub fn kernel_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricErro
 /// (Bińkowski et al. 2018, Eq. 4); it may be negative.
 ///
 /// # Errors
-/// As [`kernel_distance`].
+/// Errors of [`kernel_distance`].
 pub fn maximum_mean_discrepancy(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
     let [a, b] = FeatureSet::matrices(a, b)?;
     Ok(discrepancy(&a, &b))

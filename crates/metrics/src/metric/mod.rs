@@ -43,7 +43,7 @@ pub const METRICS: &[&Metric] = &[
     &kid::KID,
 ];
 
-/// Figure of merit of renders.
+/// Metric of renders: name, definition and computation.
 #[derive(Debug, Clone, Copy)]
 pub struct Metric {
     /// Name and format.
@@ -54,7 +54,7 @@ pub struct Metric {
     pub measure: Measure,
 }
 
-/// Arguments of a metric, and the function. The value of a set of views is the mean over its views, but for [`Self::Set`].
+/// Function of a metric and its arguments. The value of a set of views is the mean over its views, except for [`Self::Set`].
 #[derive(Debug, Clone, Copy)]
 pub enum Measure {
     /// Function of a view.
@@ -86,7 +86,7 @@ impl Metric {
 /// Finds the metrics with these keys, in the order given.
 ///
 /// # Errors
-/// If there is no metric of a key; lists all.
+/// There is no metric with one of the keys; the message lists all keys.
 pub fn select<'a>(keys: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Metric>, MetricError> {
     let find = |key: &str| {
         let known = || METRICS.iter().map(|metric| metric.key()).collect::<Vec<_>>().join(", ");

@@ -11,11 +11,11 @@ use burn_cubecl::tensor::CubeTensor;
 use super::{AdamOps, AdamStep};
 use crate::cube::{CubeKernel, apply, arg, empty_like, launch, numbers, threads, untracked};
 
-/// Parameters of a launch: each thread searches them for its own.
+/// Max number of parameters of a launch. Each thread searches them for the value that it updates.
 const MAX_PARAMETERS: usize = 24;
 const TENSORS: usize = 5;
 
-/// Updates one value of all parameters per thread, moments in place. Nothing changes if `finite` is 0.
+/// Updates one value and its moments per thread; moments in place. Nothing changes if `finite` is 0.
 #[cube(launch)]
 fn update(
     x: &Sequence<OwnedTensor<f32>>,
@@ -87,7 +87,7 @@ impl CubeKernel for Check {
 /// Step of a parameter that is not launched yet: x, g, m, v and the next x.
 type PendingUpdate = (AdamStep, [CubeTensor; TENSORS]);
 
-/// Updates that a thread holds back, and the flag that decides whether they happen.
+/// Updates that a thread has not launched yet, and the flag that decides whether they take effect.
 struct HeldUpdates {
     finite: CubeTensor,
     steps: Vec<PendingUpdate>,
@@ -97,7 +97,7 @@ thread_local! {
     static HELD: RefCell<Option<HeldUpdates>> = const { RefCell::new(None) };
 }
 
-/// Runs `work`, in which nobody may read an updated parameter, then launches all its updates, which happen unless `finite` is 0.
+/// Runs `work`, which must not read updated parameters, then launches its updates; they change nothing if `finite` is 0.
 pub(super) fn step_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() -> T) -> T {
     struct Release;
     impl Drop for Release {
@@ -114,7 +114,7 @@ pub(super) fn step_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() ->
 
 fn launch_all(finite: &CubeTensor, mut pending: Vec<PendingUpdate>) {
     while let Some((step, [like, ..])) = pending.first().cloned() {
-        // One binding is the flag's.
+        // The flag takes one binding.
         let most = ((like.client.properties().hardware.max_bindings as usize - 1) / TENSORS).clamp(1, MAX_PARAMETERS);
         let mut taken = Vec::new();
         pending.retain(|(other, tensors)| {
@@ -156,7 +156,7 @@ impl AdamOps for CubeBackend {
         step: AdamStep,
     ) -> (CubeTensor, CubeTensor, CubeTensor) {
         let [x, g] = [x, g].map(into_contiguous);
-        // The model has its parameters too while it is stepped; moments are the optimizer's own, unless it was cloned.
+        // The model still holds x, so x is not updated in place. Only the optimizer holds moments, unless it was cloned.
         let own = |moment: CubeTensor| if moment.can_mut() { moment } else { moment.copy() };
         let [m, v] = [m, v].map(own).map(into_contiguous);
         let next = empty_like(&x);

@@ -1,8 +1,8 @@
 //! Adam (Kingma & Ba 2015) as one fused pass over each parameter.
 //!
-//! Burn's own Adam makes about ten passes over memory a step, which costs more than the rest of a step if a field keeps a
-//! table of millions of values, and a dozen launches per parameter on a GPU. On `flex` this optimizer reads and writes each
-//! value once, on GPUs one launch serves many parameters, and other devices use plain tensor arithmetic.
+//! Burn's own Adam makes about ten passes over memory per step, which takes longer than the rest of the step for a table
+//! of millions of values, and a dozen launches per parameter on a GPU. On `flex` this optimizer reads and writes each
+//! value once, on GPUs one launch updates many parameters, and other devices use plain tensor arithmetic.
 
 #[cfg(feature = "cube")]
 mod gpu;
@@ -86,8 +86,8 @@ impl Optimizer for Adam {
 /// Returns `step(module)`, in which Adam updates the module, unless the flag `finite`, `[1]`, is 0: then parameters and moments
 /// stay as they are.
 ///
-/// A GPU reads the flag itself and updates all parameters by few launches when `step` returns; until then nobody may read the
-/// updated parameters.
+/// A GPU reads the flag itself, and updates all parameters by few launches when `step` returns; updated parameters must
+/// not be read before.
 pub fn step_if<T>(finite: Tensor<1>, module: T, step: impl FnOnce(T) -> T) -> T {
     dispatch! {
         &finite.device();

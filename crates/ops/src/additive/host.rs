@@ -45,7 +45,7 @@ impl Kernel for AdditiveKernel {
         let tau = pass.inputs[0];
         let mut dtau = vec![0.0; tau.len()];
         self.each_ray(tau, &mut dtau, |tau, dtau, first| {
-            // 1 − A behind each sample up to the one that fills the ray.
+            // 1 − A behind each sample in front of the one that fills the ray.
             let left: Vec<f64> = tau
                 .iter()
                 .scan(1f64, |left, &tau| {

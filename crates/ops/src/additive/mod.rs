@@ -13,15 +13,15 @@ use crate::segments::Segments;
 /// Computes optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
 /// Eq. 7), `[M]`, differentiable in `tau`.
 ///
-/// There a sample adds `wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ` to the opacity `Aᵢ = Σ_{j<i} wⱼ` in front of it: the weights are the
+/// In that march a sample adds `wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ` to the opacity `Aᵢ = Σ_{j<i} wⱼ` in front of it: the weights are the
 /// optical depths themselves until their sum reaches 1. Compositing has `wᵢ = (1 − Aᵢ)(1 − e^−τ′ᵢ)`, so the same weights
 /// follow from
 ///
 /// `τ′ᵢ = −ln(1 − τᵢ/(1 − Aᵢ))`,
 ///
-/// which is infinite for the sample that fills the ray, and 0 for those behind it. Whatever is defined on optical depths
-/// (entropy, importance sampling) thus serves the additive march too. The gradient is 0 for the sample that
-/// fills the ray and those behind it, as in PyTorch's `clamp`.
+/// τ′ is infinite for the sample that fills the ray, and 0 for the samples behind it. Operations on optical depths, such
+/// as entropy and importance sampling, thus also serve the additive march. The gradient is 0 for the sample that fills
+/// the ray and for the samples behind it, as in PyTorch's `clamp`.
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, packed `[M]`.
 ///

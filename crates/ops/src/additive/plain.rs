@@ -16,7 +16,7 @@ pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     let left = exclusive_sum(tau.clone()).neg() + 1.0;
     let full = tau.clone().greater_equal(left.clone());
     let behind = left.clone().lower_equal_elem(0.0);
-    // Masked before they are divided: what is discarded later must not be infinite.
+    // Both are masked before the division, as a quotient that is discarded later must not be infinite.
     let share = tau.mask_fill(full.clone(), 0.0) / left.mask_fill(full.clone(), 1.0);
     let depth = share.neg().log1p().neg().mask_fill(full, f32::INFINITY).mask_fill(behind, 0.0);
     let packed =

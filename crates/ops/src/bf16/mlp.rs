@@ -1,8 +1,8 @@
 //! Host kernel of a radiance network with products in bfloat16: a block of samples goes through all layers, and back, without
 //! leaving the cache.
 //!
-//! The forward pass keeps nothing. The backward pass computes the activations again, of the samples that have a gradient, which
-//! costs one more product for every two and saves gigabytes.
+//! The forward pass keeps no activations. The backward pass recomputes them for the samples that have a gradient: three
+//! products per layer instead of two, and gigabytes less memory.
 
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ const GROUPS: usize = 16;
 /// x │ h₁ │ x h₂ │ … │ h_L │ σ feature direction │ h_view │ r g b
 /// ```
 ///
-/// Rows are samples. The width of each part is the next multiple of 32, filled up with zeros.
+/// Rows are samples. The width of each part is padded with zeros to the next multiple of 32.
 #[derive(Debug)]
 pub(crate) struct RoundedMlpKernel {
     stages: Vec<MlpStage>,
@@ -30,7 +30,7 @@ pub(crate) struct RoundedMlpKernel {
     widths: [usize; 2],
     /// Ray of each sample, if directions are an input.
     owners: Vec<i32>,
-    /// Sources of the result's columns: a matrix, and how many of its first columns.
+    /// Sources of the result's columns: index of a matrix, and number of its first columns that are copied.
     outputs: Vec<(usize, usize)>,
 }
 
@@ -38,9 +38,9 @@ pub(crate) struct RoundedMlpKernel {
 #[derive(Debug, Default)]
 struct MlpStage {
     columns: usize,
-    /// First of the columns that the layer computes, and their number.
+    /// First column that the layer computes, and number of these columns.
     made: (usize, usize),
-    /// First column of the matrix before that the layer reads.
+    /// First column of the previous matrix that the layer reads.
     reads: usize,
     relu: bool,
     weights: Vec<Piece>,
@@ -61,7 +61,7 @@ enum Outside {
     Direction = 1,
 }
 
-/// Rows of a parameter of the network, and their place in a matrix that is filled up with zeros.
+/// Rows of a parameter of the network, and their place in a matrix that is padded with zeros.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     /// Index of the parameter, weights and biases of each layer alternating.
@@ -84,8 +84,8 @@ fn filled(columns: usize) -> usize {
     columns.next_multiple_of(GRAIN)
 }
 
-/// Returns the pieces of the weights of `dense`, whose inputs are in parts of these widths, and of its biases. `index` is the
-/// layer's among [`RadianceMlp::layers`]; its outputs begin at `column`.
+/// Returns the pieces of the weights of `dense`, and of its biases. `inputs` are the widths of the parts of its input,
+/// `index` is its index among [`RadianceMlp::layers`], and `column` is its first output column.
 fn pieces(dense: &Dense, index: usize, inputs: &[usize], column: usize) -> (Vec<Piece>, Piece) {
     let [rows, columns] = dense.weight.dims();
     assert_eq!(rows, inputs.iter().sum::<usize>(), "layers fit on top of each other");
@@ -108,7 +108,7 @@ impl RoundedMlpKernel {
         let mut inputs = vec![width];
         for (index, dense) in network.trunk.iter().enumerate() {
             let outputs = dense.bias.dims()[0];
-            // The next layer reads this one's output, with x before it where it skips.
+            // The layer with the skip connection reads x, then the output of this layer.
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
             let stage = MlpStage::new((first, filled(outputs)), true, pieces(dense, index, &inputs, 0));
@@ -222,7 +222,7 @@ impl RoundedMlpKernel {
         }
     }
 
-    /// Adds a block's share to the gradients; `rows` are counted within the group, and `grad` are the gradients of their results.
+    /// Adds a block's gradients to `sums`. `rows` are indices of samples in the group, `grad` the gradients of their outputs.
     fn backward_block(
         &self,
         layers: &[(Factor, Vec<f32>)],
@@ -281,7 +281,7 @@ impl RoundedMlpKernel {
         }
     }
 
-    /// Computes the gradients of a group of samples from `first` on. Samples whose output has no gradient add exactly 0 and are left out.
+    /// Computes the gradients of a group of samples from `first` on, without samples whose output has no gradient: they add 0.
     fn backward_group(
         &self,
         layers: &[(Factor, Vec<f32>)],

@@ -17,7 +17,7 @@ use std::sync::OnceLock;
 
 use crate::simd::{self, Job};
 
-/// Divisor of all sizes.
+/// Number that divides all sizes of matrices.
 pub(crate) const GRAIN: usize = 32;
 const HALF: usize = GRAIN / 2;
 
@@ -36,10 +36,10 @@ fn pair(low: f32, high: f32) -> Pair {
     rounded(low) >> 16 | rounded(high) & 0xffff_0000
 }
 
-/// Matrix as a factor of products, rounded; a left factor has pairs along its columns, a right factor along its rows.
+/// Rounded matrix that is a factor of products. A left factor has pairs along its columns, a right factor along its rows.
 ///
-/// 32 rows follow 32 rows. Within them, 32 columns follow 32 columns, as two *tiles* of 16 rows of 16 pairs: the upper and
-/// the lower half of a left factor, columns from 0 and from 16 on of a right factor.
+/// Blocks of 32 × 32 elements are stored in row-major order. Each consists of two *tiles* of 16 rows of 16 pairs: the
+/// upper and the lower half in a left factor, columns from 0 and from 16 on in a right factor.
 #[derive(Debug, Default)]
 pub(crate) struct Factor {
     pub(crate) columns: usize,
@@ -67,7 +67,7 @@ impl Factor {
         factor
     }
 
-    /// Rounds the 32 rows from `row` on, a multiple of 32.
+    /// Rounds `strip` to the 32 rows from `row` on, which is a multiple of 32.
     pub(crate) fn set(&mut self, row: usize, strip: &[f32]) {
         let Self { columns, left, right } = self;
         let pairs = row / 2 * *columns..(row + GRAIN) / 2 * *columns;
@@ -75,12 +75,12 @@ impl Factor {
         simd::run(RoundStrip { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
     }
 
-    /// Returns the left factor from an element on, whose indices are multiples of 32.
+    /// Returns the left factor from element (`row`, `column`) on; both indices are multiples of 32.
     pub(crate) fn left(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.left, row, column)
     }
 
-    /// Returns the right factor from an element on, whose indices are multiples of 32.
+    /// Returns the right factor from element (`row`, `column`) on; both indices are multiples of 32.
     pub(crate) fn right(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.right, row, column)
     }
@@ -94,7 +94,7 @@ impl Factor {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FactorSide<'a> {
     pairs: &'a [Pair],
-    /// Distance from 32 rows to the next.
+    /// Number of pairs from 32 rows to the next.
     step: usize,
 }
 
@@ -135,7 +135,7 @@ impl Job for RoundStrip<'_> {
     }
 }
 
-/// Computes y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y comes with the distance of its rows.
+/// Computes y = a b, or y += a b if `add`, of sizes `[m, n, k]`; `y` is a slice and the distance of its rows.
 pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: FactorSide<'_>, b: FactorSide<'_>) {
     static FASTEST: OnceLock<PairInstructions> = OnceLock::new();
     let fastest = || PairInstructions::ALL.into_iter().find(|instructions| instructions.present());
@@ -195,7 +195,7 @@ struct RoundedProduct<'a> {
 impl Job for RoundedProduct<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        // As many sums as registers hold next to a row of b and an element of a.
+        // Tile sizes whose sums fit into registers next to a row of b and an element of a.
         match (FMA, WIDE) {
             (_, true) => self.singles::<FMA, 8, 32>(),
             (true, false) => self.singles::<FMA, 4, 16>(),
@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn products_agree_for_all_instruction_sets() {
         for [m, n, k] in [[32, 32, 32], [32, 96, 64], [64, 32, 320], [96, 160, 128]] {
-            // One strip more each way, which must not be read.
+            // Each matrix has one strip of 32 more in each direction, which must not be read.
             let (wide_a, wide_b, wide_y) = (k + GRAIN, n + GRAIN, n + 5);
             let a = Factor::of(&drawn((m + GRAIN) * wide_a, 1), wide_a, true, true);
             let b = Factor::of(&drawn((k + GRAIN) * wide_b, 2), wide_b, true, true);

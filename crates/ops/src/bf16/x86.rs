@@ -20,7 +20,7 @@ pub(super) fn has_tiles() -> bool {
         /// `ARCH_REQ_XCOMP_PERM` of `arch_prctl`, and the feature number of tile registers.
         const REQUEST: [libc::c_long; 2] = [0x1023, 18];
         static GRANTED: LazyLock<bool> = LazyLock::new(|| {
-            // SAFETY: only asks the system, which answers an error where it does not know the request.
+            // SAFETY: the call only requests a permission; a system that does not know the request returns an error.
             #[allow(unsafe_code, reason = "the standard library has no such call")]
             let granted = || unsafe { libc::syscall(libc::SYS_arch_prctl, REQUEST[0], REQUEST[1]) } == 0;
             __cpuid(0).eax >= 7 && __cpuid_count(7, 0).edx & TILES == TILES && granted()
@@ -36,7 +36,7 @@ pub(super) fn has_pairs() -> bool {
     is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bf16")
 }
 
-/// Multiplies 32 × 32 elements of y at a time, in four tiles, which belong to this thread until it returns.
+/// Computes blocks of 32 × 32 elements of y in four tile registers, which this thread configures and releases.
 pub(super) fn tiles(product: RoundedProduct<'_>) {
     /// Palette 1: eight tiles of 16 rows of 64 bytes.
     #[repr(C, align(64))]
@@ -110,7 +110,7 @@ pub(super) fn tiles(product: RoundedProduct<'_>) {
     }
 }
 
-/// Multiplies 8 × 32 elements of y at a time, in registers.
+/// Computes blocks of 8 × 32 elements of y in vector registers.
 pub(super) fn pairs(product: RoundedProduct<'_>) {
     const ROWS: usize = 8;
     #[target_feature(enable = "avx512f,avx512bf16")]

@@ -22,8 +22,8 @@ fn add(sum: &mut [f32], row: &[f32], weight: f32) {
 }
 
 impl BilinearKernel {
-    /// Lists for each row of the table the (place, weight) that read it, in the order of the places. By this transpose of the
-    /// taps each thread writes rows of its own, and the order of sums is fixed.
+    /// Lists the (place, weight) pairs that read each row of the table, in the order of places: the transpose of the
+    /// taps. With it each thread writes rows of its own, and the order of sums is fixed.
     fn readers(&self) -> (Vec<u32>, Vec<(u32, f32)>) {
         let mut ends = vec![0u32; self.rows + 1];
         for row in self.taps.0.iter().flat_map(|(rows, _)| rows) {

@@ -15,8 +15,8 @@ use crate::traffic::upload;
 pub struct Taps(Arc<[([u32; 4], [f32; 4])]>);
 
 impl Taps {
-    /// Creates taps at places `(map, x, y)` in a stack of `height × width` maps, whose texels are the rows of a table, map by map and
-    /// row-major in each.
+    /// Creates taps at places `(map, x, y)` in a stack of `height × width` maps. Their texels are the rows of a table,
+    /// map by map and row-major in each map.
     ///
     /// `(0, 0)` is the centre of a map's first texel, `(width − 1, height − 1)` that of its last. A place beyond them reads
     /// the border (PyTorch: `align_corners=True`, `padding_mode="border"`); NaN reads the first texel.
@@ -39,8 +39,8 @@ impl Taps {
         Self(taps.collect())
     }
 
-    /// Creates the taps that resize each of `maps` maps of `from` = (height, width) texels to `to` texels, corners
-    /// on corners (PyTorch: `align_corners=True`).
+    /// Creates the taps that resize each of `maps` maps of `from` = (height, width) texels to `to` texels, with corners
+    /// aligned (PyTorch: `align_corners=True`).
     pub fn resize(maps: usize, from: (usize, usize), to: (usize, usize)) -> Self {
         let scale = |from: usize, to: usize| if to > 1 { (from - 1) as f32 / (to - 1) as f32 } else { 0.0 };
         let (down, right) = (scale(from.0, to.0), scale(from.1, to.1));

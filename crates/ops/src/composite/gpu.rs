@@ -1,7 +1,7 @@
 //! Kernels of compositing: one thread per ray, which walks along its samples.
 //!
-//! The formulas are those of the host body, in `f32`: by series where differences would cancel, and with sums of values of
-//! one sign where possible.
+//! The formulas are those of the host body, in `f32`. Series replace differences that would cancel, and sums have terms
+//! of one sign where possible.
 
 use burn::cubecl::{self, prelude::*};
 use burn::tensor;
@@ -24,7 +24,7 @@ pub(super) fn composite(
     let is_colored = values.is_some();
     let kernel =
         GpuComposite { offsets: RayOffsets::new(segments), channels, has_distances: distances.is_some(), background };
-    // Any tensor stands for an input that is missing, which is not read.
+    // A missing input is replaced by another tensor, which the kernels do not read.
     let distances = distances.unwrap_or_else(|| tau.clone()).detach();
     let values = values.unwrap_or_else(|| tau.clone().detach().unsqueeze_dim(1));
     let packed: tensor::Tensor<2> = apply(kernel, (tau, values, distances));
@@ -93,7 +93,7 @@ struct CompositeSamples {
     has_distances: bool,
 }
 
-/// Writes a ray's row: the integrated values, on the background as far as the ray is transparent, its depth and Σw.
+/// Writes a ray's row: integrated values, plus (1 − Σw) · background if there is one, depth Σ w t, and Σw.
 #[cube(launch)]
 fn composite_forward(out: &mut Tensor<f32>, samples: &CompositeSamples) {
     let place = ABSOLUTE_POS;
@@ -158,7 +158,7 @@ fn composite_backward(
     if comptime!(samples.on_background) {
         common -= grad[row] * samples.red + grad[row + 1] * samples.green + grad[row + 2] * samples.blue;
     }
-    // As on the host: the excess of ∂L/∂w over what lies behind the sample.
+    // Excess eᵢ = uᵢ − Σ_{j>i} uⱼ wⱼ/Tᵢ₊₁ of uᵢ = ∂L/∂wᵢ, by the recurrence of the host kernel.
     let mut behind = 0.0f32;
     let mut excess = 0.0f32;
     for step in 0..end - start {

@@ -19,7 +19,7 @@ impl RayKernel<2> for CompositeKernel {
         let mut sums = vec![0f64; channels];
         for (range, out) in group.ranges().zip(out.chunks_exact_mut(channels + 1)) {
             sums.fill(0.0);
-            // Sums of positive numbers: Σw keeps its digits where 1 − T would not.
+            // Σw is a sum of positive numbers, which keeps digits that 1 − T would lose.
             let (mut trans, mut acc) = (1f64, 0f64);
             for i in range {
                 let w = trans * opacity.alpha[i];
@@ -64,9 +64,9 @@ impl RayKernel<2> for CompositeKernel {
                 }
             }
             let Some(dtau) = &mut dtau else { continue };
-            // ∂L/∂τᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ, with the excess of uᵢ over what lies behind the sample:
-            // eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, and 0 behind the last. No sum is subtracted from another, so the little
-            // that reaches through an opaque ray keeps its digits.
+            // ∂L/∂τᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ with the recurrence eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, where u
+            // and e are 0 behind the last sample. No sum is subtracted from another, so small gradients behind an opaque
+            // sample keep their digits.
             let (mut behind, mut excess) = (0f64, 0f64);
             for i in range.rev() {
                 excess += dw[i] - behind;

@@ -14,10 +14,10 @@ use crate::dispatch::dispatch;
 use crate::segments::Segments;
 use crate::traffic::upload;
 
-/// Least Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
+/// Min Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
 ///
-/// The gradient of an entropy or divergence goes with 1/(ε Σα): with ε ≥ 1e-12 and upstream gradients up to 1e6, this
-/// keeps it within `f32`.
+/// Gradients of entropy and divergence scale with 1/(ε Σα). With ε ≥ 1e-12 and upstream gradients up to 1e6, this bound
+/// keeps them within `f32`.
 pub const MIN_ALPHA_SUM: f32 = 1e-20;
 
 /// The result of [`composite`], one row per ray.
@@ -34,9 +34,9 @@ pub struct Composite {
 /// wᵢ = Tᵢ αᵢ with Tᵢ = exp(−Σ_{j<i} τⱼ) and αᵢ = −expm1(−τᵢ) (InfoNeRF, Eq. 1, in optical depth).
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
-/// - `values`: what to integrate (colour, distance, features), `[M, C]`.
+/// - `values`: quantities to integrate (colour, distance, features), `[M, C]`.
 ///
-/// Differentiable in both; with `tau = sigma * delta` as tensors, so is it in the intervals δ.
+/// Differentiable in both, and in the intervals δ if `tau` is computed from them as `sigma * delta`.
 ///
 /// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
 ///
@@ -72,8 +72,8 @@ pub struct CompositeOver {
     pub acc: Tensor<1>,
 }
 
-/// Composites the colours of packed samples, `[M, 3]`, over a background, and their `distances`, `[M]`, which have no gradient.
-/// Otherwise as [`composite`].
+/// Composites the colours of packed samples, `[M, 3]`, over a background, and their `distances`, `[M]`, which have no
+/// gradient. Weights are those of [`composite`].
 ///
 /// # Panics
 /// If the shapes do not match `segments`.

@@ -1,4 +1,4 @@
-//! Compositing from plain tensor operations, and what such bodies of operations along rays share.
+//! Compositing from plain tensor operations, and functions that other such bodies along rays share.
 
 #[cfg(feature = "ndarray")]
 use burn::backend::DispatchDevice;
@@ -20,7 +20,7 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composit
     let padding = Padding::new(segments, &device);
     let tau = padding.apply(tau.cast(dtype));
     let alpha = plain_alpha(tau.clone());
-    // Σw from the depth: its gradient is what leaves the ray, and not a difference of sums.
+    // Σw = 1 − e^(−Σ τ): the gradient of this form is the transmittance of the ray, not a difference of sums.
     let acc = plain_alpha(tau.clone().sum_dim(1));
     let weights = exclusive_sum(tau).neg().exp() * alpha;
     let values = values.cast(dtype).select(0, padding.indices.clone()).reshape([rays, longest, channels]);
@@ -53,7 +53,7 @@ impl Padding {
     }
 }
 
-/// Computes Σ_{j<i} xⱼ along each row, by shifting: subtracting xᵢ from an inclusive sum would lose what is before a huge xᵢ.
+/// Computes Σ_{j<i} xⱼ along each row by shifting it. Subtracting xᵢ from Σ_{j≤i} xⱼ would lose the sum before a huge xᵢ.
 pub(crate) fn exclusive_sum(rows: Tensor<2>) -> Tensor<2> {
     let [_, columns] = rows.dims();
     if columns < 2 {
@@ -75,7 +75,7 @@ pub(crate) fn working_dtype(device: &Device) -> FloatDType {
 /// Computes α = 1 − e^−τ: by its series below 0.1, where the difference would cancel.
 pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
     let small = tau.clone().lower_elem(0.1);
-    // Both branches are computed, so the series is kept off large inputs.
+    // Both branches are computed, so the series gets clamped inputs.
     let t = tau.clone().clamp(0.0, 0.1);
     // 1 − t/2 + t²/6 − …: nine terms are exact in `f64`.
     let horner =

@@ -1,9 +1,9 @@
 //! Base of the kernels for GPUs, which are written in CubeCL and compiled for the device at hand, through WGSL, SPIR-V or CUDA.
 //!
 //! Kernels index values by `row * columns + column`. CUDA and HIP pad the rows of tensors unless asked not to, so every
-//! kernel reads and writes through [`arg`], which insists on dense rows.
+//! kernel reads and writes through [`arg`], which requires dense rows.
 
-/// Launches a kernel with one thread for each of `count` items: tensors first, then scalars.
+/// Launches a kernel with one thread for each of `count` items. Arguments are tensors, then scalars.
 macro_rules! launch {
     ($kernel:expr, $count:expr; $like:expr $(, $tensor:expr)*; $($scalar:expr),*) => {{
         let like: &burn_cubecl::tensor::CubeTensor = $like;
@@ -49,8 +49,8 @@ pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
         (self.forward(inputs), Vec::new())
     }
 
-    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others; of none
-    /// unless a kernel says otherwise.
+    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others. The
+    /// default body computes none.
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         vec![None; pass.inputs.len()]
     }
@@ -93,7 +93,7 @@ pub(crate) fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<I
     graph::evaluate(AnyKernel::Cube(Arc::new(kernel)), inputs)
 }
 
-/// Returns the primitive of a tensor of a GPU that is in no graph, dense.
+/// Returns the dense primitive of a GPU tensor that is in no autodiff graph.
 pub(crate) fn untracked<const D: usize>(tensor: Tensor<D>) -> CubeTensor {
     match tensor.into_dispatch().kind {
         DispatchTensorKind::Cube(tensor) => into_contiguous(tensor.float()),

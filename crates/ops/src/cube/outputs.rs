@@ -7,7 +7,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 use super::{CubeKernel, apply, empty};
 
-/// Elements to whose multiples the start of a part is rounded up: half a kilobyte, at which every device can begin a buffer.
+/// Number of elements to a multiple of which the start of a part is rounded up: 512 bytes, which suit every device.
 pub(super) const ALIGNMENT: usize = 128;
 
 /// Returns the part of a buffer from `start` on as a tensor of `shape`.
@@ -29,7 +29,7 @@ pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, sh
     reshape(slice(buffer, &[start..start + shape.num_elements()]), shape)
 }
 
-/// Places of the outputs of an operation without a gradient in its buffer.
+/// Places of an operation's outputs in one buffer. The operation has no gradient.
 #[derive(Clone, Debug)]
 pub(crate) struct Outputs<const N: usize> {
     starts: [usize; N],

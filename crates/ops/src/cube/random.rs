@@ -2,7 +2,7 @@
 
 use burn::cubecl::{self, prelude::*};
 
-/// 64 bits: WGSL may lack integers of that size.
+/// Integer of 64 bits in two halves, as WGSL may lack integers of that size.
 #[derive(CubeType, Clone, Copy)]
 pub(super) struct Bits {
     pub(super) high: u32,

@@ -8,7 +8,7 @@ use super::{CubeKernel, apply};
 use crate::segments::Segments;
 use crate::traffic::upload;
 
-/// Uploads `arrays` as parts of one buffer, together with the offsets of `segments`, which keep them.
+/// Uploads `arrays` as parts of one buffer, which also holds the offsets of `segments`; each of these caches its offsets.
 pub(crate) fn together<const N: usize>(
     arrays: [Vec<f32>; N],
     segments: &[&Segments],

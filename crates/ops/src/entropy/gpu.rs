@@ -46,7 +46,7 @@ impl CubeKernel for GpuEntropy {
     }
 }
 
-/// Computes ln(p + ε) of a sample. Without ε an empty sample counts as the smallest normal `f32`.
+/// Computes ln(p + ε) of a sample. If ε is 0, α counts as at least the smallest normal `f32`.
 #[cube]
 fn ln_density(alpha: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
     let mut ln = f32::ln(alpha / ray.sum + epsilon);
@@ -114,7 +114,7 @@ fn entropy_backward(
     }
 }
 
-/// Computes ∂H/∂p in nats, plus 1: a constant drops out.
+/// Computes ∂H/∂p + 1 in nats. The constant cancels by normalisation.
 #[cube]
 fn entropy_gradient(tau: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
     let alpha = alpha_of(tau);

@@ -3,7 +3,7 @@ use crate::distribution::Distributions;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
 
-/// Entropy in bits, and Σα.
+/// Number of outputs per ray: entropy in bits, and Σα.
 pub(super) const COLUMNS: usize = 2;
 
 /// Input: τ. Output: entropy and Σα of each ray, `[R, 2]`.

@@ -24,8 +24,8 @@ pub enum RayDistribution {
     /// `pᵢ = αᵢ/(Σα + 1)` and `1/(Σα + 1)`: the background is one more sample that is opaque. The released code computes this
     /// in effect if a ray's last interval is 1e10 long and its density is not 0.
     AlphaBackground,
-    /// `w₁ … w_N`, and the rest `1 − Σw` for the background: where the ray ends. Fog of any thickness has a positive entropy,
-    /// and neither a ray that hits nothing nor one that ends at one sample has any.
+    /// `w₁ … w_N`, and `1 − Σw` for the background: where the ray ends. Fog of any thickness has positive entropy; a ray
+    /// that hits nothing, or that ends at one sample, has entropy 0.
     Termination,
 }
 

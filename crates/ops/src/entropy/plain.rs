@@ -36,14 +36,14 @@ fn plain_bits(mass: Tensor<2>, epsilon: f32) -> Tensor<1> {
     let sum = mass.clone().sum_dim(1);
     let missed = sum.clone().lower_elem(MIN_ALPHA_SUM);
     let sum = sum.mask_fill(missed.clone(), 1.0);
-    // The largest p is 1 − (all others)/sum: where it is nearly 1, its logarithm is that of the others.
+    // The largest p is 1 − `others`, the sum of all other p. If it is above ½, its logarithm is computed from `others`.
     let [rays, samples] = mass.dims();
     let places = Tensor::<1, Int>::arange(0..samples as i64, &mass.device()).unsqueeze::<2>().expand([rays, samples]);
     let top = places.equal(mass.clone().detach().argmax(1).expand([rays, samples]));
     let others = mass.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / sum.clone();
     let p = mass.clone() / sum.clone();
     let certain = top.bool_and(p.clone().detach().greater_elem(0.5));
-    // Both branches are computed, so this one is kept off what it is not meant for.
+    // Both branches are computed, so `others` is clamped to the range in which this one is used.
     let nearly = (others.clamp(0.0, 0.5).neg() + epsilon).log1p().expand([rays, samples]);
     let log = if epsilon > 0.0 {
         (p.clone() + epsilon).log()

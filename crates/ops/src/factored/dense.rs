@@ -7,12 +7,12 @@ use crate::matmul::{COLUMNS, Matrix, Onto, product};
 
 pub(super) const BLOCK: usize = 240;
 
-/// Returns the length of a row of `columns` elements.
+/// Returns the length of a padded row of `columns` elements.
 pub(super) const fn padded(columns: usize) -> usize {
     columns.next_multiple_of(COLUMNS)
 }
 
-/// Packs a layer's weights `[inputs, padded outputs]`, with its biases as another row.
+/// Packs a layer's weights `[inputs, padded outputs]`, with its biases as the last row.
 pub(super) fn packed(parameters: &[f32], layer: &Layer) -> Vec<f32> {
     let width = padded(layer.outputs);
     let mut packed = vec![0.0; (layer.inputs + 1) * width];
@@ -25,7 +25,7 @@ pub(super) fn packed(parameters: &[f32], layer: &Layer) -> Vec<f32> {
     packed
 }
 
-/// Adds [`packed`] values to parameters in their own order.
+/// Adds values in the order of [`packed`] to `parameters`, which are in the order of [`Layer`].
 pub(super) fn unpacked(packed: &[f32], layer: &Layer, parameters: &mut [f32]) {
     let width = padded(layer.outputs);
     for output in 0..layer.outputs {
@@ -62,7 +62,7 @@ pub(super) fn forward(packed: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], s
     }
 }
 
-/// Adds the gradient of a layer's weights and biases to `dpacked`, given that of its outputs before activation.
+/// Adds the gradient of a layer's weights and biases to `dpacked`, given the gradient `dy` of its outputs before activation.
 #[inline(always)]
 pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x: &[f32], samples: usize) {
     let width = padded(layer.outputs);
@@ -76,7 +76,7 @@ pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x:
     }
 }
 
-/// Computes dx = wᵀ dy, without the inputs that `rows` leaves out; the first `used` outputs have a gradient.
+/// Computes dx = wᵀ dy for the inputs that `rows` holds. Only the first `used` outputs have a gradient.
 pub(super) fn input_gradient(rows: &[f32], layer: &Layer, used: usize, dy: &[f32], dx: &mut [f32], samples: usize) {
     let width = rows.len() / layer.outputs;
     let (dy_at, dx_at) = (Matrix::rows(0, padded(layer.outputs)), Matrix::rows(0, width));

@@ -16,11 +16,11 @@ pub(super) fn block<'a>(positions: impl Iterator<Item = &'a [f32]>) -> Block {
     block
 }
 
-/// Finds the texel before `u` along an axis, and the distance of `u` behind it.
+/// Finds the texel before `u` along an axis, and the distance of `u` behind its centre, in texels.
 #[inline(always)]
 fn texel(u: f32, resolution: usize) -> (i32, f32) {
     let last = (resolution - 1) as f32;
-    // Texel centres lie at (i + ½)/res. NaN becomes the last.
+    // Texel centres lie at (i + ½)/res. NaN is placed at the far end.
     let v = (u * resolution as f32 - 0.5).min(last - 1e-3).max(0.0);
     // SAFETY: v lies between 0 and the last texel.
     #[allow(unsafe_code, reason = "a checked conversion is not vectorised")]
@@ -137,7 +137,7 @@ impl Places {
     #[inline(always)]
     fn check<const C: usize>(&self, plane: &[f32], line: &[f32]) {
         let [row, all] = [self.resolution * C, self.resolution * self.resolution * C];
-        // Beyond, `f32` does not resolve places before the last texel.
+        // Above 8192 texels, `f32` does not resolve a place 1e-3 before the last one.
         assert!((2..=1 << 13).contains(&self.resolution), "2 to 8192 texels along each axis");
         assert!(line.len() == row && plane.len() == all, "tables of {} texels along each axis", self.resolution);
     }
@@ -148,7 +148,7 @@ impl Places {
     }
 }
 
-/// Interpolates the `C` channels of two neighbouring texels at a place `behind` the first.
+/// Interpolates the `C` channels of two neighbouring texels at the distance `behind` from the first.
 #[inline(always)]
 fn mixed<const C: usize>(texels: &[f32], behind: f32) -> [f32; C] {
     // A loop, not `from_fn`: closures are not compiled for the instruction set chosen at run time.
@@ -228,7 +228,7 @@ fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
     }
 }
 
-/// Adds the gradient of one plane and its line, from the gradient of their features, `dx` `[samples, C]`.
+/// Adds to the gradients of a plane and its line, given the gradient of their features, `dx` `[samples, C]`.
 #[inline(always)]
 pub(super) fn plane_gradient<const C: usize>(
     (axes, weight): ([usize; 3], f32),
@@ -258,7 +258,7 @@ pub(super) fn plane_gradient<const C: usize>(
     }
 }
 
-/// Adds the gradient of one level's features with respect to the positions, given the features' own (`dx`).
+/// Adds to the `gradient` of the positions the part through one level's features, whose gradient is `dx`.
 #[inline(always)]
 pub(super) fn position_gradient<const C: usize>(
     (level, weight): (&Level, f32),

@@ -29,7 +29,7 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    /// Returns the number of features in front of the features of tables.
+    /// Returns the number of features in front of those that tables hold.
     fn before_tables(&self) -> usize {
         self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
     }
@@ -38,8 +38,8 @@ impl FactoredKernel {
         self.layout.features() - self.before_tables()
     }
 
-    /// Selects the samples whose gradients are not [`negligible`]. The gradient of a sample is taken before the activations: for
-    /// the softplus, whose derivative at the value y is 1 − e^−y, with the bound min(1, y).
+    /// Selects the samples whose gradients before the activations are not [`negligible`]. The derivative of the softplus
+    /// at its value y, 1 − e^−y, is bounded by min(1, y).
     fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
         let scale = self.layout.density_scale;
         let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));
@@ -355,7 +355,7 @@ impl Job for BlockBackward<'_> {
         let outputs = kernel.outputs();
         let [dy, spare] = &mut scratch.dhidden;
         let width = padded(layout.layers[layout.layers.len() - 1].outputs);
-        // softplus′ = sigmoid = 1 − e^−softplus, from the output itself.
+        // softplus′ = 1 − e^−softplus, computed from the output.
         let mut depths = [0.0; BLOCK];
         for s in 0..samples {
             depths[s] = output[s * outputs] / layout.density_scale;
@@ -427,7 +427,7 @@ struct PlaneGradient<'a> {
     dfeatures: &'a [f32],
     /// Start of the plane's features in a block.
     first: usize,
-    /// Elements of a block.
+    /// Number of elements of a block in `dfeatures`.
     of_block: usize,
     dplane: &'a mut [f32],
     dline: &'a mut [f32],

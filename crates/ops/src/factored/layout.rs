@@ -10,9 +10,9 @@ pub struct Level {
     pub resolution: usize,
     /// Features of each plane and line: 2, 4, 8 or 16.
     pub channels: usize,
-    /// Start of its tables: three planes `[res, res, C]` (second axis slower), then three lines `[res, C]`.
+    /// Start of the level's tables: three planes `[res, res, C]` (second axis slower), then three lines `[res, C]`.
     pub offset: usize,
-    /// Start of its features in the MLP's input; it has three times `channels` of them.
+    /// Start of the level's 3 · `channels` features in the MLP's input.
     pub feature: usize,
 }
 

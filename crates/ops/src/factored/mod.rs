@@ -6,8 +6,8 @@
 //! ReLU layers to density σ = s·ln(1 + e^(x+b)) and colour 1/(1 + e^−(x + v·d)), linear in the view direction d within the
 //! sigmoid (spherical harmonics of degree 1).
 //!
-//! A product of low-rank factors cannot hold the fog that few views leave unexplained as easily as a voxel grid can, and
-//! its tables are small enough for a laptop's cache.
+//! Low-rank factors represent the fog that few views leave unconstrained less easily than a voxel grid does, and their
+//! tables fit into a laptop's cache.
 
 #[cfg(feature = "flex")]
 mod dense;
@@ -33,21 +33,21 @@ use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
 
-/// Points at which a field is evaluated, and with which detail.
+/// Points at which a field is evaluated, and the level of detail.
 #[derive(Clone, Debug)]
 pub struct Query {
     /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]`.
     pub positions: Tensor<2>,
     /// View direction of each sample, `[M, 3]`, for colour that depends on it; it receives no gradient.
     pub directions: Option<Tensor<2>>,
-    /// Weight of each frequency of the position's encoding, for annealing; as many as the layout has.
+    /// Weight of each frequency of the position's encoding, for annealing; one for each frequency of the layout.
     pub frequency_weights: Vec<f32>,
-    /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 is skipped.
+    /// Weight of each level's features, for annealing; one for each level of the layout. A level of weight 0 is skipped.
     pub level_weights: Vec<f32>,
     /// Whether to compute colour in addition to density.
     pub color: bool,
-    /// Largest share of the sum of all samples' output gradients that the backward pass may leave out: it skips the samples of
-    /// the smallest gradients; 0 skips zeros alone. Only the host kernel skips any.
+    /// Max share of the sum of all samples' output gradients that the backward pass may omit: it skips the samples with
+    /// the smallest gradients. 0 skips zeros alone. Only the host kernel skips any.
     pub negligible: f32,
 }
 

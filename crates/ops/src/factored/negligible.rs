@@ -1,11 +1,11 @@
 //! Choice of the samples that a backward pass skips, because their gradients are negligible.
 //!
 //! Many samples of a scene that is nearly learned lie in empty space or behind a surface. The gradient of a parameter is
-//! Σ_s J_sᵀ g_s, where g_s is the gradient of the loss with respect to the outputs of sample s, before their activations. Without
-//! the samples of the smallest g_s its error is at most `share` · Σ_s |g_s| · max ‖J_s‖. A threshold on weights would bound
-//! nothing, as the entropy of a ray has gradients where nothing is seen.
+//! Σ_s J_sᵀ g_s, where g_s is the gradient of the loss with respect to the outputs of sample s, before their activations.
+//! Omitting the samples with the smallest g_s changes it by at most `share` · Σ_s |g_s| · max ‖J_s‖. A threshold on
+//! compositing weights would give no bound, as the entropy of a ray also has gradients where weights are 0.
 
-/// Returns the smallest |g_s| that is kept, given those of all samples: smaller ones add up to at most `share` of the sum.
+/// Returns the smallest |g_s| that is kept, given the |g_s| of all samples: smaller ones add up to at most `share` of the sum.
 ///
 /// Zeros are never kept, whatever the share; values that are not finite always are. Sizes are grouped by their exponent and
 /// the first three bits of the mantissa, so that one pass is enough.

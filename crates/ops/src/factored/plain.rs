@@ -7,7 +7,7 @@ use super::Query;
 use super::layout::{FactoredLayout, Level, PLANES};
 use crate::mlp::{Activation, Dense, Precision, dense};
 
-/// Computes [`factored_field`](super::factored_field) without kernels of the host or of tables.
+/// Computes [`factored_field`](super::factored_field) without host kernels, and without kernels that read tables.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
     packed(heads(features(tables, layout, query), weights, layout, query))
 }
@@ -89,7 +89,7 @@ fn plane_by_line(tables: &Tensor<1>, level: &Level, p: usize, axes: [usize; 3], 
     (corner(0, 0) + corner(1, 0) + corner(0, 1) + corner(1, 1)) * (end(0) + end(1))
 }
 
-/// Finds the texel before each coordinate along an axis, and the shares of that texel and of the next. Texel centres lie at (i + ½)/res.
+/// Finds the texel before each coordinate, and the weights of that texel and of the next. Texel centres lie at (i + ½)/res.
 fn texel(u: Tensor<2>, resolution: usize) -> (Tensor<2, Int>, [Tensor<2>; 2]) {
     let v = (u * resolution as f32 - 0.5).clamp(0.0, (resolution - 1) as f32 - 1e-3);
     let before = v.clone().detach().floor();

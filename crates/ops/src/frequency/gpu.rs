@@ -146,7 +146,7 @@ pub(crate) struct Angle {
     pub(crate) rest: f32,
 }
 
-/// Converts `x` radians: 2x/π to 45 bits, without whole turns.
+/// Converts `x` radians to quarter turns, 2x/π, accurate to 45 bits and without whole turns.
 ///
 /// Both factors are split into pieces of 12 bits, whose products are exact, so that it does not matter whether a compiler
 /// fuses or reorders.
@@ -169,7 +169,7 @@ fn without_whole_turns(quarters: f32) -> f32 {
     quarters - 4.0f32 * f32::round(quarters / 4.0f32)
 }
 
-/// Sine and cosine, right to 2e-7 on every device.
+/// Sine and cosine, accurate to 2e-7 on every device.
 #[derive(CubeType)]
 pub(crate) struct Wave {
     pub(crate) sine: f32,

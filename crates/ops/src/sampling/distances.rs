@@ -3,7 +3,7 @@
 use super::{LastInterval, SampleRule};
 use crate::random::Stream;
 
-/// Divides [near, far] by `count` distances: with jitter one at random in each stratum, else evenly spaced.
+/// Places `count` distances in [near, far]: with jitter one at random in each stratum, else evenly spaced.
 ///
 /// [`SampleRule::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints to its neighbours.
 /// [`SampleRule::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
@@ -66,7 +66,7 @@ pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Strea
     let n = t.len();
     let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
     let inner = &weights[1..n - 1];
-    // In `f64`: where the encoding has high frequencies, a last digit of a distance is seen in the result.
+    // The sum is in `f64`: an encoding with high frequencies makes the last digit of a distance visible in the result.
     let total: f64 = inner.iter().map(|&w| f64::from(w) + 1e-5).sum();
     let mut cdf = Vec::with_capacity(n - 1);
     let mut sum = 0.0;
@@ -75,7 +75,7 @@ pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Strea
         sum += (f64::from(w) + 1e-5) / total;
         cdf.push(sum);
     }
-    // So that u = 1 is at the end on every device, whatever the sum is rounded to.
+    // With this value u = 1 is at the end on every device, however the sum is rounded.
     cdf[n - 2] = 1.0;
     let mut merged = t.to_vec();
     merged.extend((0..count).map(|i| {
@@ -93,17 +93,17 @@ pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Strea
     merged
 }
 
-/// Blurs coarse weights as mip-NeRF does before it resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
-/// a surface that moves from one interval to the next is not missed.
+/// Blurs coarse weights before resampling (mip-NeRF, Eq. 18): the mean of the maxima over both pairs of neighbours,
+/// plus 0.01, so that a surface that moves from one interval to the next is not missed.
 pub fn blurred(weights: &[f32]) -> Vec<f32> {
     const PADDING: f32 = 0.01;
     let at = |i: usize| weights[i.min(weights.len() - 1)];
     (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
 }
 
-/// Draws `count + 1` edges from the piecewise-constant density of `weights` between `edges`, of which there is one more.
+/// Draws `count + 1` edges from the piecewise-constant density of `weights` in the intervals between `edges`.
 ///
-/// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
+/// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or one at random in each stratum, so that
 /// edges are sorted; weights that sum to less than 1e-5 are padded evenly.
 pub fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<Stream>) -> Vec<f32> {
     const MIN_SUM: f32 = 1e-5;
@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(finite(SampleRule::Edges), [(2.5, 1.0), (4.0, 2.0)]);
     }
 
-    /// Values made by `tests/fixtures/mip_forward.py`.
+    /// Compares with values computed by `tests/fixtures/mip_forward.py`.
     #[test]
     fn resampling_agrees_with_jax() {
         let cases: Vec<serde_json::Value> =

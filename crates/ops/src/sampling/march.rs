@@ -1,8 +1,8 @@
-//! Steps of one length along rays, less those that a grid knows to be empty or hidden, packed by ray.
+//! Equal steps along rays, without those that a grid marks as empty or hidden, packed by ray.
 //!
-//! A ray has as many equal steps between its near and far end as keep each at most [`MarchSettings::step`] long. Its samples are in the
-//! middle of the steps or, jittered, all shifted alike by the ray's random number. On GPUs one kernel counts the samples of each
-//! ray, the host reads the counts and sums them up, and another kernel writes the samples.
+//! A ray is divided between near and far into the fewest equal steps that are at most [`MarchSettings::step`] long.
+//! Samples are in the middle of the steps or, jittered, all shifted alike by the ray's random number. On GPUs one kernel
+//! counts the samples of each ray, the host reads the counts and sums them up, and another kernel writes the samples.
 
 use burn::tensor::{Device, Tensor};
 
@@ -14,11 +14,11 @@ use crate::dispatch::dispatch;
 pub struct MarchSettings {
     /// Maximal length of a step.
     pub step: f32,
-    /// Optical depth, by the densities of the grid, behind which there are no more samples.
+    /// Optical depth, computed from the grid's densities, behind which there are no more samples.
     pub hidden_depth: f32,
 }
 
-/// Rays as a GPU marches along them. No tensor is in a graph.
+/// Rays for marching on a GPU. No tensor is in an autodiff graph.
 #[derive(Clone, Debug)]
 pub struct MarchedRays {
     /// Origins, `[R, 3]`.
@@ -34,9 +34,9 @@ pub struct MarchedRays {
 /// Densities of the cells of a box, on a GPU.
 #[derive(Clone, Debug)]
 pub struct Cells {
-    /// Density of each cell, x fastest, `[n³]`; −1 of an empty one. Nothing is known, and nothing skipped, outside the box.
+    /// Density of each cell, x fastest, `[n³]`; −1 marks an empty cell. No sample outside the box is skipped.
     pub density: Tensor<1>,
-    /// n.
+    /// Number n of cells along each axis.
     pub resolution: usize,
     /// Corner of the first cell.
     pub corner: [f32; 3],
@@ -46,8 +46,8 @@ pub struct Cells {
 
 /// Marches along `count` rays for a field on `device`.
 ///
-/// - `walk` adds the samples of ray `r` to a [`RaySamples`], front to back: the host's body, which knows faster ways through
-///   empty space than cell by cell, and warped space.
+/// - `walk` adds the samples of ray `r` to a [`RaySamples`], front to back. This body of the host skips empty space
+///   faster than cell by cell, and serves warped space.
 /// - `on_gpu` returns the rays and the cells for GPUs; `None` where space is warped, in which the host marches for them.
 #[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only GPUs march by kernels"))]
 pub fn march(

@@ -1,4 +1,4 @@
-//! Samples along rays: stratified distances, distances drawn from what another pass found, marches, and their packing.
+//! Samples along rays: stratified distances, distances drawn from the weights of a coarse pass, marches, and packing.
 //!
 //! Each of `H` rays has an interval `[near, far]` and as many samples as the others. [`distances`] holds the functions of one
 //! ray on the host, which serve devices other than GPUs.
@@ -25,13 +25,12 @@ pub enum SampleRule {
     Left,
     /// Samples in the middle of their intervals.
     Mid,
-    /// Whole intervals, given by their edges, of which there is one more (mip-NeRF).
+    /// Whole intervals, given by their edges, which are one more than intervals (mip-NeRF).
     Edges,
 }
 
 impl SampleRule {
-    /// Returns the number of values that place `samples` samples of a ray: distances, or edges, of which there is one
-    /// more.
+    /// Returns the number of values that place `samples` samples of a ray: `samples` distances, or `samples + 1` edges.
     pub fn columns(self, samples: usize) -> usize {
         samples + usize::from(self == Self::Edges)
     }
@@ -60,7 +59,7 @@ impl LastInterval {
 pub struct Streams(pub Tensor<1>);
 
 impl Streams {
-    /// Returns the values of such a tensor.
+    /// Returns the values of the tensor that holds `streams`.
     pub fn bits(streams: impl IntoIterator<Item = Stream>) -> Vec<f32> {
         let of = |Stream { key, item }: Stream| [key as u32, (key >> 32) as u32, item as u32].map(f32::from_bits);
         streams.into_iter().flat_map(of).collect()
@@ -79,7 +78,7 @@ impl Streams {
 /// [`SampleRule::columns`].
 ///
 /// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if all rays have the same.
-/// - `jitter`: random numbers; samples are evenly spaced without.
+/// - `jitter`: random numbers; without them samples are evenly spaced.
 pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &ends.device();
@@ -151,8 +150,8 @@ pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInte
     }
 }
 
-/// Returns o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`; the distances `t`, `[M]`,
-/// are taken as given.
+/// Returns o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`, but not in
+/// the distances `t`, `[M]`.
 pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
     dispatch! {
         &t.device();

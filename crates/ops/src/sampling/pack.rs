@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::segments::Segments;
 use crate::traffic::upload_together;
 
-/// Packed samples of a bundle of rays. No tensor is in a graph, unless the device is one of autodiff.
+/// Packed samples of a bundle of rays. No tensor is in an autodiff graph, unless the device is one of autodiff.
 #[derive(Clone, Debug)]
 pub struct PackedSamples {
     /// Samples of each ray.
@@ -21,7 +21,7 @@ pub struct PackedSamples {
     pub on_host: Option<Vec<f32>>,
 }
 
-/// Samples of consecutive rays, to which those of one ray after the other are added.
+/// Samples of consecutive rays, appended ray by ray.
 #[derive(Debug, Default)]
 pub struct RaySamples {
     counts: Vec<usize>,
@@ -39,9 +39,9 @@ impl RaySamples {
     }
 }
 
-/// Packs the samples of `rays` rays for a field on `device`; `add` appends those of one ray, front to back.
+/// Packs the samples of `rays` rays for a field on `device`; `add` appends the samples of one ray, front to back.
 pub fn pack(rays: usize, device: &Device, add: impl Fn(usize, &mut RaySamples) + Sync) -> PackedSamples {
-    /// Rays of a part, which one thread packs.
+    /// Number of rays that one thread packs at a time.
     const CHUNK: usize = 128;
     let part = |chunk: usize| {
         let mut part = RaySamples::default();

@@ -42,7 +42,7 @@ struct VoxelCorner {
 }
 
 impl TrilinearKernel {
-    /// Iterates over the voxels around a place that exist.
+    /// Iterates over those of the eight voxels around a place that lie within the grid.
     fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = VoxelCorner> {
         let Voxels { grids, size, beyond } = self.voxels;
         let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], beyond));
@@ -70,7 +70,7 @@ impl TrilinearKernel {
         &table[row * self.channels..(row + 1) * self.channels]
     }
 
-    /// Computes the gradient of the table, place by place: places that share a voxel are not known in advance.
+    /// Computes the gradient of the table in one thread, as it is not known in advance which places share a voxel.
     fn table_gradient(&self, places: &[f32], grad: &[f32]) -> Vec<f32> {
         let mut table = vec![0.0; self.voxels.rows() * self.channels];
         for (index, (place, grad)) in places.chunks_exact(3).zip(grad.chunks_exact(self.channels)).enumerate() {

@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(to_host(read.clone()), [80.25, 0.0, 55.5]);
         let gradient = to_host(places.grad(&read.sum().backward()).unwrap());
         assert_eq!(gradient[..3], [1.0, 10.0, 100.0]);
-        // Half a voxel beyond the corner 111 it has fallen to half along x.
+        // Along x, the value falls from 111 at the corner to 0 within one voxel.
         assert_eq!(gradient[6], -111.0);
     }
 }

@@ -12,8 +12,8 @@ pub(crate) fn normalisation(name: &str, channels: usize) -> [TensorShape; 4] {
     ["weight", "bias", "running_mean", "running_var"].map(|part| (format!("{name}.{part}"), vec![channels]))
 }
 
-/// File of named tensors: safetensors, or PyTorch's (`.pth`, `.pt`, `.bin`, of any version), whose pickles are not executed.
-/// Errors are one line each that begins with the file's path, but for those of [`WeightFile::check`].
+/// File of named tensors: safetensors, or PyTorch's (`.pth`, `.pt`, `.bin`, of any version), whose pickles are not
+/// executed. Each error is one line that begins with the file's path, except errors of [`WeightFile::check`].
 pub struct WeightFile {
     path: PathBuf,
     tensors: BTreeMap<String, WeightEntry>,
@@ -31,7 +31,7 @@ impl WeightFile {
     /// Opens the file at `path`; its content decides the format.
     ///
     /// # Errors
-    /// If it cannot be read, or is of neither format.
+    /// The file cannot be read, or has neither format.
     pub fn read(path: &Path) -> Result<Self, String> {
         let entries = || match safetensors::is_safetensors(path).map_err(|error| error.to_string())? {
             true => safetensors::entries(path),
@@ -44,7 +44,7 @@ impl WeightFile {
     /// Checks that there is a tensor `name` of that `shape` in single precision.
     ///
     /// # Errors
-    /// If there is none; names what is there instead.
+    /// There is none; the message names what is there instead.
     pub fn check(&self, name: &str, shape: &[usize]) -> Result<(), String> {
         self.entry(name, shape).map(|_| ())
     }
@@ -52,7 +52,7 @@ impl WeightFile {
     /// Reads the values of the tensor `name`, row-major.
     ///
     /// # Errors
-    /// As [`Self::check`], or if a value is not finite.
+    /// Errors of [`Self::check`], or a value is not finite.
     pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
         let values = self.entry(name, shape).and_then(|entry| (entry.read)());
         let finite = values.and_then(|values| match values.iter().position(|value| !value.is_finite()) {
@@ -62,11 +62,11 @@ impl WeightFile {
         finite.map_err(|cause| format!("{}: {cause}", self.path.display()))
     }
 
-    /// Reads a convolution with the batch normalisation after it, of γ, β, μ and σ²: weights s W and biases β − s μ with
-    /// s = γ/√(σ² + ε), as γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ).
+    /// Reads a convolution W and the batch normalisation (γ, β, μ, σ²) after it as one: weights s W and biases β − s μ
+    /// with s = γ/√(σ² + ε), since γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ).
     ///
     /// # Errors
-    /// As [`Self::floats`].
+    /// Errors of [`Self::floats`].
     pub fn folded(
         &self,
         (name, shape): &TensorShape,

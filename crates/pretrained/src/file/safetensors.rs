@@ -9,7 +9,7 @@ use safetensors::tensor::{Metadata, TensorInfo};
 
 use super::WeightEntry;
 
-/// Length limit of the format's own library, bytes.
+/// Max length of a header in bytes, as in the format's own library.
 const MAX_HEADER: u64 = 100_000_000;
 
 /// Returns whether the file at `path` begins like safetensors.

@@ -39,7 +39,7 @@ pub(super) fn inception(divisor: usize) -> Vec<InceptionLayer> {
     blocks.into_iter().flat_map(|(_, layers)| layers).collect()
 }
 
-/// Completes the names and channels of the units of `layers`; `channels` goes from those of the input to those of the output.
+/// Sets names and channels of the units of `layers`; `channels` is the input's number before, and the output's after.
 fn connect(block: &str, layers: &mut [InceptionLayer], channels: &mut usize, divisor: usize) {
     for layer in layers {
         match layer {
@@ -76,7 +76,7 @@ fn unit(name: &str, outputs: usize, window: Window) -> InceptionLayer {
     Unit(UnitShape { name: name.to_owned(), channels: [0, outputs], window })
 }
 
-/// Creates units of these outputs and windows in a row, whose names are numbered from 1.
+/// Creates a sequence of units with these outputs and windows; their names are numbered from 1.
 fn branch<const N: usize>(name: &str, units: [(usize, Window); N]) -> Vec<InceptionLayer> {
     let numbered =
         (1..).zip(units).map(|(number, (outputs, window))| unit(&format!("{name}{number}"), outputs, window));

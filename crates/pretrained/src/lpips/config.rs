@@ -19,7 +19,7 @@ pub(super) struct ConvolutionShape {
     pub(super) channels: [usize; 2],
     /// Index among the layers of torchvision's `features`, which counts rectifiers.
     index: usize,
-    /// Index among the heads, if images are compared after it.
+    /// Index among the heads, if images are compared after this convolution.
     head: Option<usize>,
 }
 
@@ -45,8 +45,8 @@ impl LpipsConfig {
         Self::new(Window::square(2, 2, 0), layers)
     }
 
-    /// Numbers the layers: convolutions of a window with a number of outputs, and whether images are compared after them, or
-    /// `None` where `pool` follows.
+    /// Numbers the layers. Each is a convolution (window, number of outputs, whether images are compared after it), or
+    /// `None` for `pool`.
     fn new(pool: Window, layers: impl Iterator<Item = Option<(Window, usize, bool)>>) -> Self {
         let (mut inputs, mut index, mut heads) = (3, 0, 0);
         let number = |layer: Option<(Window, usize, bool)>| match layer {
@@ -108,7 +108,7 @@ impl ConvolutionShape {
         [(name("weight"), vec![outputs, inputs, height, width]), (name("bias"), vec![outputs])]
     }
 
-    /// Returns name and shape of the head after it, if any.
+    /// Returns name and shape of the head after this convolution, if any.
     pub(super) fn head_tensor(&self) -> Option<TensorShape> {
         self.head.map(|head| (format!("lin{head}.model.1.weight"), vec![1, self.channels[1], 1, 1]))
     }

@@ -18,9 +18,9 @@ use config::{ConvolutionShape, LpipsLayer};
 /// Mean and standard deviation of each channel, for images in [−1, 1].
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
-/// Pixels of the renders in one pass, and as many of the truths.
+/// Max number of pixels of the renders in one pass, and of the truths.
 const BATCH_PIXELS: usize = 160_000;
-/// Added to the length of a feature vector, which may be 0.
+/// Constant added to the length of a feature vector, which may be 0.
 const EPSILON: f32 = 1e-10;
 
 /// Learned perceptual distance
@@ -60,7 +60,7 @@ impl Lpips {
         Ok(Self { config, convolutions, device })
     }
 
-    /// Computes the distance of each pair. Neighbours of one size share a pass while they are small together; with VGG-16 a
+    /// Computes the distance of each pair. Adjacent pairs of one size share a pass if they are small; with VGG-16 a
     /// pass takes about 2 KiB of memory per pixel of a pair.
     ///
     /// # Errors
@@ -119,7 +119,7 @@ impl Lpips {
 fn differences(maps: &Tensor<4>, weights: &Tensor<4>) -> Vec<f64> {
     let pairs = maps.dims()[0] / 2;
     let difference = |pair: usize| {
-        // One pair at a time, for the memory's sake.
+        // One pair at a time, to save memory.
         let [x, y] = [pair, pair + pairs].map(|index| {
             let map = maps.clone().narrow(0, index, 1);
             map.clone() / (map.square().sum_dim(1).sqrt() + EPSILON)

@@ -13,7 +13,7 @@ pub struct KnownWeights {
     pub name: &'static str,
     /// Metric, loss or encoder that needs them.
     pub needed_by: &'static str,
-    /// Names of further weights without which these are of no use.
+    /// Names of other weights that these need.
     pub companions: &'static [&'static str],
     /// Address of the published file.
     pub url: &'static str,

@@ -59,7 +59,7 @@ pub fn picture(index: usize, height: usize, width: usize) -> Picture {
     Picture::new((0..height * width).map(pixel).collect(), width, height).unwrap()
 }
 
-/// Both CPU backends.
+/// Returns both CPU backends.
 #[allow(deprecated, reason = "the older CPU backend stays tested")]
 pub fn devices() -> [Device; 2] {
     [Device::flex(), Device::ndarray()]

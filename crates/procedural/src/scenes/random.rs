@@ -1,4 +1,4 @@
-//! Scenes drawn from a seed: a few plain solids on a plate, to learn from many of them.
+//! Scenes drawn from a seed: a few plain solids on a plate, for training on many scenes.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,7 +8,7 @@ use super::*;
 
 /// Height of the plate's upper side.
 const GROUND: f64 = -0.62;
-/// Nothing lies farther from the vertical axis than this.
+/// Max distance of objects from the vertical axis.
 const REACH: f64 = 0.98;
 
 pub(crate) fn random(scene: &mut Builder, seed: u64) {

@@ -18,7 +18,7 @@ pub(super) fn room(scene: &mut Builder) {
 }
 
 fn shell(scene: &mut Builder) {
-    // No light from the floor reaches the ceiling here: its colour stands in for it.
+    // Shading sends no light from the floor to the ceiling: the ceiling's bright colour replaces it.
     let (near, thick) = (-1.0, 0.08);
     let (y, deep) = (0.5 * (near + WALL), WALL - near);
     let boards = Planks(rgb(0xb07a4c), rgb(0x7a4c2a), 0.16, 1.3);

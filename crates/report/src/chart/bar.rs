@@ -26,7 +26,7 @@ pub struct Bar {
 pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
-    // Names that are wider than their bars' places go into a legend.
+    // If a label does not fit below its bar, all labels go into a legend.
     let labels: Vec<String> = bars.iter().map(|bar| plain(&bar.label)).collect();
     let fit = labels.iter().all(|label| fits_below(label, bars.len()));
     let legend = labels.iter().enumerate().map(|(index, label)| (label.clone(), colour(index)));

@@ -30,9 +30,9 @@ const PALETTE: [RGBColor; 8] = [
 ];
 const WIDTH: u32 = 520;
 const HEIGHT: u32 = 320;
-/// Width of a character over the font size, about.
+/// Approximate ratio of a character's width to the font size.
 const CHARACTER: f64 = 0.56;
-/// The drawing library divides sizes by this.
+/// Factor by which the drawing library divides font sizes.
 const FONT_SCALE: f64 = 1.24;
 
 /// Size of the labels that [`write_text`] writes, in pixels.
@@ -56,7 +56,7 @@ pub(super) fn anchored<'a>(style: TextStyle<'a>, h: HPos, v: VPos) -> TextStyle<
 
 fn register_fonts() {
     static ONCE: Once = Once::new();
-    // A font that cannot be read is named by the first chart that asks for it.
+    // If the font cannot be read, the first chart that uses it reports the error.
     ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, UBUNTU_LIGHT)));
 }
 
@@ -85,7 +85,7 @@ pub(super) fn drawn(frame: &ChartFrame, draw: impl FnOnce(&Area<'_>) -> DrawingR
 
 /// Draws title, legend and axes, and returns the plot to draw into.
 ///
-/// `legend` holds names and colours; a single nameless entry needs none.
+/// `legend` has names and colours. Entries without a name are not drawn.
 pub(super) fn plot<'a, 's>(
     sheet: &'a Area<'s>,
     frame: &ChartFrame,

@@ -13,12 +13,12 @@ struct PlotLine {
     name: String,
     points: Vec<(f64, f64)>,
     colour: RGBColor,
-    /// Stroke in pixels; 0 for none.
+    /// Width of the stroke in pixels; 0 for no stroke.
     width: u32,
     marked: bool,
 }
 
-/// Draws lines through the points of each series, in the order given, with a marker on each point where there are few.
+/// Draws lines through the points of each series, in the order given, with markers on the points of series that have few.
 ///
 /// # Errors
 /// If the drawing library refuses.
@@ -54,7 +54,7 @@ pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     frontier
 }
 
-/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last `x`.
+/// Returns the corners of a stepped line: the max `y` of `frontier` up to each `x`, continued to the max `x` of `all`.
 fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let corners = frontier.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
     let end = all.iter().map(|point| point.0).fold(f64::NEG_INFINITY, f64::max);

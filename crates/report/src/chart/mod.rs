@@ -1,7 +1,7 @@
 //! Charts as SVG strings.
 //!
 //! Lines and text take the colour of the text around them (`currentColor`), so that a chart inside a page follows its
-//! light or dark scheme; [`standalone`] makes a file of it. Points that are not finite, or not positive on a
+//! light or dark scheme; [`standalone`] makes a file of a chart. Points that are not finite, or not positive on a
 //! logarithmic axis, are left out; a chart without points is drawn empty.
 
 mod bar;
@@ -27,9 +27,9 @@ pub struct ChartFrame {
 /// Axis of a chart.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Axis {
-    /// Quantity and unit.
+    /// Label: quantity and unit.
     pub label: String,
-    /// Whether it is logarithmic: values that are not positive are left out.
+    /// Whether the axis is logarithmic: values that are not positive are left out.
     pub log: bool,
 }
 
@@ -38,7 +38,7 @@ pub struct Axis {
 pub struct Series {
     /// Name in the legend; may be empty.
     pub name: String,
-    /// `(x, y)`.
+    /// Points `(x, y)`.
     pub points: Vec<(f64, f64)>,
 }
 

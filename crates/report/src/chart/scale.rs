@@ -4,17 +4,17 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-/// Values beyond this magnitude are not drawn, so that differences of two cannot overflow.
+/// Maximum magnitude of values that are drawn, so that differences of two of them cannot overflow.
 const MAX_MAGNITUDE: f64 = 1e300;
 const MIN_LOG: f64 = 1e-300;
 const MAX_TICKS: i64 = 12;
-/// Decades below which a logarithmic axis has evenly spaced ticks.
+/// Length of a logarithmic axis, in decades, below which it has evenly spaced ticks.
 const NARROW: f64 = 0.7;
 
 /// Map from values to pixels along one axis.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
-    /// Ends, in decades on a logarithmic axis.
+    /// Lower end; both ends are in decades on a logarithmic axis.
     low: f64,
     high: f64,
     kind: ScaleKind,
@@ -24,7 +24,7 @@ pub(super) struct Scale {
 enum ScaleKind {
     Linear,
     Log,
-    /// Category `i` at `i + ½`.
+    /// Names of categories; category `i` is at `i + ½`.
     Labels(Vec<String>),
 }
 
@@ -34,7 +34,7 @@ pub(super) fn drawable(value: f64, log: bool) -> bool {
 }
 
 impl Scale {
-    /// Returns a range that holds `values` and a little more.
+    /// Returns a scale that contains `values`, with a margin of 4 % of their range at both ends.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool) -> Self {
         let kind = if log { ScaleKind::Log } else { ScaleKind::Linear };
         let places = values.filter(|&value| drawable(value, log)).map(|value| kind.coordinate(value));
@@ -48,7 +48,7 @@ impl Scale {
         Self { low: low - margin, high: high + margin, kind }
     }
 
-    /// Returns a range of one unit for each label.
+    /// Returns a scale with one unit for each label.
     pub(super) fn labels(labels: Vec<String>) -> Self {
         Self { low: 0.0, high: labels.len().max(1) as f64, kind: ScaleKind::Labels(labels) }
     }
@@ -94,7 +94,7 @@ pub(super) fn short(value: f64, decimals: usize) -> String {
     }
 }
 
-/// Formats `value` with at least the given decimals, and as many as a number below one needs.
+/// Formats `value` with `decimals` places, or with as many as the first digit of a number below one needs.
 fn trimmed(value: f64, decimals: usize) -> String {
     let needed = if value != 0.0 && value.abs() < 1.0 { (-value.abs().log10()).ceil() as usize } else { 0 };
     format!("{value:.*}", decimals.max(needed))

@@ -4,7 +4,7 @@ use super::{Cell, Table, TableRow};
 use crate::text::{escape_markdown, plain};
 use crate::text_table::{TextTable, bold};
 
-/// Mark of the best of a column in [`Table::to_text`].
+/// Mark of the best value of a column in [`Table::to_text`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Emphasis {
     /// Bold, by terminal escape codes.
@@ -88,7 +88,7 @@ impl Table {
         }
     }
 
-    /// Formats the cells as text. With [`Emphasis::Star`] every value of a column with a best keeps a place for the star,
+    /// Formats the cells as text. With [`Emphasis::Star`] every value of a column that has a best one keeps a place for the star,
     /// so that decimals align.
     fn grid(&self, emphasis: Emphasis) -> TextTable {
         let mut grid = TextTable(self.formatted(plain, |text, best| match emphasis {

@@ -24,7 +24,7 @@ const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went e
 /// [`Table::to_text`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Heading.
+    /// Heading of the table.
     pub title: String,
     /// Protocol of the numbers, from [`protocol_lines`].
     pub protocol: Vec<String>,
@@ -34,16 +34,16 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// A row for each variant, in the order of the records.
     pub rows: Vec<TableRow>,
-    /// Remarks below the table, in addition to those that its cells need.
+    /// Remarks below the table, in addition to those that the cells need.
     pub notes: Vec<String>,
 }
 
 /// Column of a [`Table`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
-    /// Scene or quantity.
+    /// Heading: a scene or a quantity.
     pub heading: String,
-    /// Quantity of its cells, for decimals and the better side.
+    /// Quantity of the cells, which determines their decimals and which values are better.
     pub quantity: Quantity,
 }
 
@@ -63,19 +63,19 @@ pub struct TableRow {
 pub struct Cell {
     /// Mean and spread over seeds; `None` if nothing was measured.
     pub summary: Option<Summary>,
-    /// Whether it is the best of its column, to the decimals shown, among cells in which nothing collapsed. Never set
+    /// Whether the cell is the best of its column, to the decimals shown, among cells in which nothing collapsed. Never set
     /// in a column whose values are all the same, or single.
     pub best: bool,
-    /// Whether it is the best, and its 95 % interval over seeds overlaps that of no other cell.
+    /// Whether the cell is the best, and its 95 % interval over seeds overlaps that of no other cell.
     pub clear: bool,
-    /// Whether one of its runs collapsed.
+    /// Whether a run of the cell collapsed.
     pub collapsed: bool,
 }
 
 /// Makes a table of variants against scenes for one quantity; its last column is the mean over several scenes.
 ///
 /// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those
-/// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
+/// seeds: its spread is that of the number that a paper prints. A variant which lacks a scene has no mean.
 pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let column = |heading: &str| Column { heading: heading.to_owned(), quantity };
@@ -97,11 +97,11 @@ pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) 
 }
 
 pub(crate) struct VariantGroup<'a> {
-    /// Variant, values and, if there are several, preset.
+    /// Label: variant, values and, if there are several presets, the preset.
     pub(crate) label: String,
-    /// Preset, at the label's end; empty if there is only one.
+    /// End of the label with the preset; empty if there is only one preset.
     suffix: String,
-    /// Records by scene and seed; the first of several with the same.
+    /// Records by scene and seed; the first one if several have the same.
     records: IndexMap<(&'a str, u64), &'a Record>,
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn groups<'a>(records: impl Iterator<Item = &'a Record> + Clone) -> V
 }
 
 impl<'a> VariantGroup<'a> {
-    /// Returns the variant without its preset.
+    /// Returns the name of the variant without its preset.
     pub(crate) fn variant(&self) -> &'a str {
         &self.records[0].variant
     }
@@ -140,7 +140,7 @@ impl<'a> VariantGroup<'a> {
         self.cell(quantity, scenes).summary.map(|summary| summary.mean)
     }
 
-    /// Summarises over seeds the mean over `scenes`, each of which a seed needs.
+    /// Computes the mean over `scenes` for each seed that ran on all of them, and summarises these means over seeds.
     pub(crate) fn cell(&self, quantity: Quantity, scenes: &[String]) -> Cell {
         let seeds: BTreeSet<u64> = self.records.keys().map(|(_, seed)| *seed).collect();
         let mean = |seed: u64| {
@@ -181,7 +181,7 @@ fn assemble<R: AsRef<Record>>(title: String, records: &[R], columns: Vec<(Column
     table
 }
 
-/// Marks the best cells of each column, and those whose interval lies apart from all others.
+/// Marks the best cells of each column, and among them those whose interval overlaps no other.
 fn mark_best(Table { columns, rows, .. }: &mut Table) {
     for (index, column) in columns.iter().enumerate() {
         let mut cells: Vec<&mut Cell> = rows.iter_mut().filter_map(|row| row.cells.get_mut(index)).collect();
@@ -217,7 +217,7 @@ impl Column {
 }
 
 impl TableRow {
-    /// Texts before the numbers.
+    /// Returns the texts before the numbers: the label and the settings.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.label).chain(&self.settings).map(String::as_str)
     }
@@ -241,7 +241,7 @@ impl Table {
         row.cells.iter().enumerate().map(|(column, cell)| (cell, self.text(cell, column)))
     }
 
-    /// Returns whether a cell is the best beyond doubt.
+    /// Returns whether any cell is clearly the best ([`Cell::clear`]).
     pub(crate) fn has_clear(&self) -> bool {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
     }

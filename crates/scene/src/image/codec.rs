@@ -11,9 +11,9 @@ use super::RgbaImage;
 use super::exif::{is_sideways, orientation};
 use crate::error::SceneError;
 
-/// Longest side that is read, in pixels.
+/// Max side of an image in pixels.
 const MAX_SIDE: u32 = 16_384;
-/// Most pixels that are read: 64 million take 1 GiB once decoded.
+/// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
 /// Extensions of the formats that are read, in lower case.
 const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
@@ -66,7 +66,7 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
     Ok(if is_sideways(orientation(path)) { (height, width) } else { (width, height) })
 }
 
-/// Returns the `(width, height)` that the header of an image file states, whatever its EXIF data.
+/// Returns the `(width, height)` that the header of an image file states, before EXIF data turn the image.
 ///
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
@@ -99,7 +99,7 @@ fn decode(
     size: (u32, u32),
     turned: Orientation,
 ) -> Result<RgbaImage, SceneError> {
-    // Before memory is allocated: a header of a few bytes may claim any size.
+    // Checked before memory is allocated: a header of a few bytes may claim any size.
     let count = u64::from(size.0) * u64::from(size.1);
     if count > MAX_PIXELS {
         let what = "the number of pixels";
@@ -116,7 +116,7 @@ fn decode(
     Ok(RgbaImage { width, height, pixels, has_alpha })
 }
 
-/// Decodes an image in memory as [`read_rgba`] does a file, but not turned; errors name `path`.
+/// Decodes an image in memory like [`read_rgba`], but without EXIF data. Errors name `path`.
 ///
 /// # Errors
 /// The bytes are not an image, or larger than this crate reads.
@@ -150,12 +150,12 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     guessed(path, BufReader::new(File::open(path).map_err(fault)?))
 }
 
-/// Makes a reader of the format that the first bytes of `source` tell.
+/// Makes a reader for the format that the first bytes of `source` show.
 fn guessed<R: BufRead + Seek>(path: &Path, source: R) -> Result<ImageReader<R>, SceneError> {
     ImageReader::new(source).with_guessed_format().map_err(|error| SceneError::io(path, error))
 }
 
-/// Returns the `(width, height)` that the header of an image states, which is refused if a side is too long.
+/// Returns the `(width, height)` that the header of an image states, or an error if a side is too long.
 fn checked_dimensions(path: &Path, reader: ImageReader<impl BufRead + Seek>) -> Result<(u32, u32), SceneError> {
     let (width, height) = reader.into_dimensions().map_err(|e| decode_error(path, e))?;
     let (size, limit) = (u64::from(width.max(height)), u64::from(MAX_SIDE));

@@ -60,8 +60,8 @@ fn compose(
     Image { width, height, rgb, alpha: has_alpha.then_some(alpha) }
 }
 
-/// An 8-bit straight-alpha RGBA image: what a PNG on disk holds, and how procedural scenes define
-/// their pixels, so that exporting one and loading it again changes nothing.
+/// An 8-bit straight-alpha RGBA image, as a PNG file holds it. Procedural scenes define their pixels in this form, so
+/// that exporting and loading a scene changes nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rgba8 {
     /// Width in pixels.

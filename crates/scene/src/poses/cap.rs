@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand::Rng;
 
-/// Steps of the enclosing-ball iteration; its centre is then good to about 1 %.
+/// Number of steps of the enclosing-ball iteration; the error of its centre is then about 1 %.
 const STEPS: usize = 200;
 
 /// All unit vectors within `half_angle` radians of `axis`.

@@ -6,7 +6,7 @@ use super::cap::Cap;
 use super::outer;
 use crate::camera::Camera;
 
-/// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
+/// Weight of the prior in [`scene_focus`]. The prior decides for axes within about 0.01 rad of parallel.
 const PRIOR: f64 = 1e-4;
 
 /// Cameras within this half-angle (radians) of their mean direction are taken to face one way.

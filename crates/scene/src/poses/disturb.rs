@@ -5,10 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::scene::Scene;
 
 impl Scene {
-    /// Returns the scene with training cameras as a careless reconstruction would find them: each is rotated by
-    /// `degrees` about a random axis through its centre, and moved by `distance`, a share of its distance from the
-    /// scene's centre, in a random direction. The exact ones are kept in [`Scene::exact_cameras`]; test views, and what
-    /// is known of the space, stay.
+    /// Returns the scene with disturbed training cameras: each is rotated by `degrees` about a random axis through its
+    /// centre, and moved in a random direction by `distance` times its distance from the scene's centre. The exact
+    /// cameras are kept in [`Scene::exact_cameras`]. Test views and the space do not change.
     #[must_use]
     pub fn disturbed(mut self, degrees: f64, distance: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -30,9 +30,8 @@ pub fn near_pose(pose: &DMat4, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 
     DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * *pose
 }
 
-/// Returns a pose near `pose` as [`near_pose`] does, rotated about `centre` (world coordinates) instead of the origin:
-/// a point there keeps its place in the image. With the same random numbers and the centre at the origin, the same
-/// pose.
+/// Returns a pose near `pose` like [`near_pose`], rotated about `centre` (world coordinates) instead of the origin: a
+/// point there keeps its place in the image. With the centre at the origin, the results are equal.
 pub fn near_pose_about(pose: &DMat4, centre: DVec3, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 {
     let mut moved = *pose;
     moved.w_axis -= centre.extend(0.0);

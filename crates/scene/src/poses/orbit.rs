@@ -9,12 +9,12 @@ use crate::camera::Camera;
 
 /// Returns `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///
-/// Cameras that surround a scene (or a single one) give a full circle about the up direction at
-/// their mean distance and mean elevation, starting at the first camera's azimuth. Several cameras
-/// within 26° of their mean direction, as in a forward-facing capture, give a small ellipse about that direction
-/// instead, at 0.7 of their greatest angles to its left and right and above and below: elsewhere there is nothing to see. Before an
-/// `open` background, of which only what was photographed is known, cameras that leave out more than 90° of the circle give
-/// a swing there and back over the arc that they cover.
+/// Cameras that surround a scene (or a single one) give a full circle about the up direction, half-way between their
+/// min and max distance, at their mean elevation, starting at the first camera's azimuth. Several cameras within 26° of
+/// their central direction, as in a forward-facing capture, give a small ellipse about that direction, at 0.7 of their
+/// max angles to the sides and upwards: the rest was not photographed. With an `open` background, of which only the
+/// photographed part is known, cameras that leave out more than 90° of the circle give a swing there and back over
+/// their arc.
 pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let radius = 0.5 * (region.radii().0 + region.radii().1);
@@ -33,11 +33,11 @@ pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
 }
 
 /// Returns `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high,
-/// all at the mean distance.
+/// half-way between the min and max distance of the cameras.
 ///
-/// With the angle θ along it, cameras that face one way swing about their mean direction by `(a sin θ, b sin 2θ)`, a
-/// being 0.7 of their greatest angle to its left and right, b of that above and below, at most a/2. Around an object azimuth and elevation swing by as much about the first camera's
-/// azimuth and the mean elevation, with a = 0.6 (34°), and never over the top.
+/// With the angle θ along it, cameras that face one way swing about their central direction by `(a sin θ, b sin 2θ)`: a
+/// is 0.7 of their max angle to the sides, b of that upwards, at most a/2. Around an object, azimuth and elevation
+/// swing like this about the first camera's azimuth and the mean elevation, with a = 0.6 (34°), and never over the top.
 pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let radius = 0.5 * (region.radii().0 + region.radii().1);
@@ -59,13 +59,13 @@ pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
 
 /// Amplitude of a figure eight around an object, radians.
 const SWING: f64 = 0.6;
-/// Width of the widest arc without cameras that an orbit crosses before an open background, radians.
+/// Max width, in radians, of an arc without cameras that an orbit crosses if the background is open.
 const GAP: f64 = FRAC_PI_2;
-/// Least angle between a figure eight and the point straight above the scene, radians.
+/// Min angle, in radians, between a figure eight and the point straight above the scene.
 const TOP: f64 = 0.15;
 
-/// Returns the mean direction of cameras that face forward, and how far paths swing from it sideways and upwards: at 0.7 of the
-/// greatest angles of the cameras along each.
+/// Returns the central direction of cameras that face forward, and the offsets of paths from it sideways and upwards:
+/// the tangents of 0.7 times the cameras' max angles.
 fn forward_swing(region: &ViewRegion) -> (DVec3, DVec3, DVec3) {
     let axis = region.cap.axis;
     let side = region.up.cross(axis).normalize_or(axis.any_orthonormal_vector());
@@ -81,7 +81,7 @@ struct OrbitAngles {
     start: DVec3,
     side: DVec3,
     up: DVec3,
-    /// The mean elevation of the cameras.
+    /// Mean elevation of the cameras.
     elevation: f64,
 }
 
@@ -95,8 +95,8 @@ impl OrbitAngles {
         Self { start, side: up.cross(start), up, elevation }
     }
 
-    /// Returns the middle of the arc of azimuths that the cameras of `region` cover, and half of its width; `None` if they leave out
-    /// no more than [`GAP`], or there is one.
+    /// Returns the middle and half the width of the arc of azimuths that the cameras of `region` cover. `None` if they
+    /// leave out no more than [`GAP`], or there is only one.
     fn covered(&self, region: &ViewRegion) -> Option<(f64, f64)> {
         let azimuth = |d: &DVec3| d.dot(self.side).atan2(d.dot(self.start));
         let mut azimuths: Vec<f64> = region.directions.iter().map(azimuth).collect();
@@ -140,7 +140,7 @@ mod tests {
         assert!(arc.len() > 8 && lowest(false) < -2.0 && lowest(true) > 0.0, "{} {}", lowest(false), lowest(true));
     }
 
-    /// Paths before cameras in a row stay in the row.
+    /// Checks that paths of cameras in a row stay in the row.
     #[test]
     fn forward_paths_stay_among_the_cameras() {
         let row: Vec<Camera> = forward_cameras().into_iter().filter(|camera| camera.to_world.w_axis.y > 0.0).collect();

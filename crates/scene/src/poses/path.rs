@@ -10,7 +10,7 @@ use crate::camera::Camera;
 pub struct Keyframe {
     /// Camera-to-world, rigid, OpenGL axes.
     pub pose: DMat4,
-    /// Vertical field of view in radians; `None` for the intrinsics of whatever camera follows the path.
+    /// Vertical field of view in radians; `None` keeps the intrinsics of the camera that follows the path.
     pub fov_y: Option<f64>,
 }
 

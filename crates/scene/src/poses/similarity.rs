@@ -8,11 +8,11 @@ use crate::camera::Camera;
 /// A similarity of the world: `x ↦ s R x + t`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
-    /// R.
+    /// Rotation R.
     pub rotation: DMat3,
-    /// s > 0.
+    /// Scale s > 0.
     pub scale: f64,
-    /// t.
+    /// Translation t.
     pub translation: DVec3,
 }
 
@@ -22,10 +22,10 @@ impl Similarity {
     /// and root-mean-square distances σ from it and d from the scene's `centre` (in the world of `from`); then s and t are the
     /// least-squares fit of the positions (Umeyama 1991).
     ///
-    /// A turn by an angle so counts as much as a move by that angle as seen from the centre. Positions of cameras that stand
-    /// close together before a distant scene tell little of a rotation.
-    /// The orientations settle what the positions of one, two or collinear cameras leave open. Cameras in one place have
-    /// scale 1, and no cameras the identity.
+    /// With this weight, a rotation by an angle counts as much as a move by that angle seen from the centre: positions
+    /// of cameras close together in front of a distant scene hardly determine a rotation. Orientations determine what
+    /// the positions of one, two or collinear cameras leave open. Cameras in one place have scale 1, and no cameras the
+    /// identity.
     pub fn between(from: &[Camera], to: &[Camera], centre: DVec3) -> Self {
         if from.is_empty() {
             return Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
@@ -60,12 +60,12 @@ impl Similarity {
         (self.scale * (self.rotation * p.as_dvec3()) + self.translation).as_vec3()
     }
 
-    /// Maps a direction: `R d`, whose length stays.
+    /// Rotates a direction: `R d`.
     pub fn direction(&self, d: Vec3) -> Vec3 {
         (self.rotation * d.as_dvec3()).as_vec3()
     }
 
-    /// Returns the camera that sees of the mapped world what `camera` sees of the world.
+    /// Returns the mapped camera: its image of the mapped world is that of `camera` of the world.
     pub fn camera(&self, camera: &Camera) -> Camera {
         let rotation = self.rotation * camera.rotation();
         let position = self.scale * (self.rotation * camera.position_f64()) + self.translation;
@@ -119,7 +119,7 @@ mod tests {
         Similarity { rotation, scale: 1.7, translation: DVec3::new(3.0, -0.2, 40.0) }
     }
 
-    /// Few cameras alone would leave a rotation open by their positions.
+    /// Includes few cameras, whose positions alone do not determine a rotation.
     #[test]
     fn a_similarity_of_cameras_is_found() {
         let cameras = train_cameras(8);

@@ -7,24 +7,24 @@ use glam::{DMat4, DVec3};
 use super::ViewRegion;
 use crate::camera::{Camera, look_along};
 
-/// Turns about the mean camera.
+/// Number of turns about the mean camera.
 const TURNS: f64 = 2.0;
-/// Swings along the viewing axis in one turn.
+/// Number of swings along the viewing axis in one turn.
 const SWINGS: f64 = 0.5;
 /// Weight of the farthest disparity in the depth that the spiral looks at.
 const FAR_SHARE: f64 = 0.75;
-/// The percentile of the cameras' offsets from the mean that the spiral reaches.
+/// Quantile of the cameras' offsets from the mean that is the radius of the spiral.
 const PERCENTILE: f64 = 0.9;
-/// Greatest radius of the spiral, as a fraction of the distance to the point looked at.
+/// Max radius of the spiral, divided by the distance to the point that it looks at.
 const WIDEST: f64 = 0.25;
 
 /// Returns `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's videos of captures): two
 /// turns about the mean camera, swinging to and fro once, all looking at one point.
 ///
-/// In the mean camera's axes the position is `(cos θ · rₓ, −sin θ · r_y, −sin(θ/2) · r_z)`, with r the 90th percentile of the
-/// cameras' distances from the mean along each axis, at most a quarter of the distance to the point looked at. That
-/// lies, for cameras that face one way, at the depth whose disparity is the mean of `1/(0.9 near)` and `1/(5 far)` with
-/// weights 1 : 3, and else at the centre of the scene. `range` is (near, far), scene units.
+/// In the mean camera's axes the position is `(cos θ · rₓ, −sin θ · r_y, −sin(θ/2) · r_z)`, with r the 90th percentile
+/// of the cameras' distances from the mean along each axis, at most a quarter of the distance to the point looked at.
+/// For cameras that face one way, this point is at the depth whose disparity is the mean of `1/(0.9 near)` and `1/(5
+/// far)` with weights 1 : 3, else at the scene's centre. `range` is (near, far), scene units.
 pub fn spiral(cameras: &[Camera], range: (f64, f64), n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let (least, greatest) = region.radii();
@@ -95,7 +95,7 @@ mod tests {
             let path = spiral(set, (2.0, 6.0), 10);
             assert!(path.len() == 10 && path.iter().all(|pose| pose.is_finite()));
         }
-        // From around an object it keeps looking at the centre, from no nearer than three quarters of the way.
+        // Around an object, all poses look at the centre, from at least three quarters of the distance.
         for pose in spiral(&cameras, (2.0, 6.0), 10) {
             assert!(pose.w_axis.truncate().length() > 3.0 && looks_at_origin(&pose));
         }

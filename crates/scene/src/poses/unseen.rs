@@ -9,7 +9,7 @@ use crate::camera::{Camera, look_along};
 
 /// Directions closer than this, in radians, count as one.
 const SAME: f64 = 1e-6;
-/// Draws from the cap before a sample falls back to an arc.
+/// Number of draws from the cap before a sample falls back to an arc.
 const TRIES: usize = 64;
 
 /// The part of the sphere about a scene's centre that a set of cameras spans.
@@ -71,7 +71,7 @@ impl ViewRegion {
         self.several && self.cap.half_angle < FORWARD_FACING
     }
 
-    /// Returns the least and greatest distance of a camera from the centre.
+    /// Returns the min and max distance of a camera from the centre.
     pub fn radii(&self) -> (f64, f64) {
         self.radii
     }
@@ -105,8 +105,8 @@ impl ViewRegion {
     }
 }
 
-/// Returns the direction a share `s` of the way along the arc from `a` to `b`. Opposite directions have no
-/// arc of their own and take one of the many.
+/// Returns the direction a share `s` of the way along the arc from `a` to `b`; between opposite directions the arc is
+/// arbitrary.
 fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
     let whole = angle(a, b);
     let side = (b - a * a.dot(b)).normalize_or(a.any_orthonormal_vector());

@@ -50,7 +50,7 @@ pub enum ViewSelection {
     Narrow {
         /// Number of views.
         count: usize,
-        /// The greatest angle between any two views, in degrees.
+        /// Max angle between any two views, in degrees.
         angle_deg: f64,
         /// Seed of the set, where there are several.
         seed: u64,
@@ -73,9 +73,9 @@ impl ViewSelection {
     /// Returns the indices of the chosen views in `cameras`, in the order in which they were chosen.
     ///
     /// # Errors
-    /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or
-    /// given twice; a NumPy seed above 2³² − 1; an angle that is not positive; or no `count` views
-    /// within it; a published selection, which only the scene that it belongs to can tell.
+    /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or given twice; a NumPy
+    /// seed above 2³² − 1; an angle that is not positive; no `count` views within it; or a published selection, which
+    /// only its scene can resolve.
     pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
         let n = cameras.len();
         let random = |seed: &u64| ChaCha8Rng::seed_from_u64(*seed);
@@ -109,8 +109,8 @@ impl ViewSelection {
     }
 }
 
-/// Returns what `np.random.permutation(n)` returns after `np.random.seed(seed)`: Fisher–Yates from the end with draws of
-/// MT19937 of which the bits above those of the largest index are masked off, and larger values drawn again.
+/// Returns the result of `np.random.permutation(n)` after `np.random.seed(seed)`: Fisher–Yates from the end. Draws of
+/// MT19937 are masked to the bits of the max index and repeated while they exceed it.
 fn numpy_permutation(seed: u32, n: usize) -> Vec<usize> {
     let mut rng = Mt::new(seed);
     let mut order: Vec<usize> = (0..n).collect();
@@ -122,7 +122,7 @@ fn numpy_permutation(seed: u32, n: usize) -> Vec<usize> {
     order
 }
 
-/// Refuses `ids` that are empty, not below `n` or given twice.
+/// Returns an error if `ids` are empty, not below `n` or given twice.
 pub(crate) fn check_ids(field: &'static str, ids: &[usize], n: usize) -> Result<(), SceneError> {
     if ids.is_empty() {
         return Err(SceneError::request(field, "at least one view id", "none"));

@@ -10,7 +10,7 @@ pub type Named = Vec<(String, Vec<usize>)>;
 /// Returns the positions in a pool of the views that `selection` chooses. `ids` are the ids of the pool's views.
 ///
 /// # Errors
-/// As [`ViewSelection::select`], or there is no selection of that name.
+/// Errors of [`ViewSelection::select`], or there is no selection of that name.
 pub fn train(
     selection: &ViewSelection,
     cameras: &[Camera],
@@ -28,7 +28,7 @@ pub fn train(
 /// views.
 ///
 /// # Errors
-/// As [`TestProtocol::select`], or there is no set of that name.
+/// Errors of [`TestProtocol::select`], or there is no set of that name.
 pub fn test(
     protocol: &TestProtocol,
     ids: &[usize],

@@ -16,7 +16,7 @@ pub fn forward_facing(n: usize) -> Named {
 }
 
 /// Returns RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy
-/// does. `None` if there are fewer.
+/// does. Empty if there are fewer.
 fn spread(n: usize, count: usize) -> Vec<usize> {
     if count > n || count < 2 {
         return Vec::new();

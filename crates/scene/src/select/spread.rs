@@ -6,7 +6,7 @@ use rand::seq::{SliceRandom, index};
 use crate::camera::Camera;
 use crate::poses::view_directions;
 
-/// Random sets that [`wide`] tries.
+/// Number of random sets that [`wide`] tries.
 const TRIES: usize = 256;
 
 /// Selects views by greedy farthest-point sampling of camera positions. `1 ≤ count ≤ cameras.len()`.
@@ -24,7 +24,7 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
     chosen
 }
 
-/// Returns the set with the greatest least pairwise angle among [`TRIES`] random sets.
+/// Returns the set with the max of the min pairwise angle among [`TRIES`] random sets.
 pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
     let directions = view_directions(cameras);
     let greatest_cosine = |set: &Vec<usize>| {
@@ -37,9 +37,9 @@ pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<
         .unwrap_or_default()
 }
 
-/// Returns `count` views that are pairwise within `angle` radians: anchors in random order, each completed
-/// greedily from its neighbours in random order and then in order of nearness; the first anchor
-/// that can be completed wins. `None` where none can.
+/// Returns `count` views that are pairwise within `angle` radians, or `None` if no set is found. Anchors are tried in
+/// random order. Each is completed greedily by its neighbours in random order, else in order of nearness; the first
+/// complete set is returned.
 pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut impl Rng) -> Option<Vec<usize>> {
     let directions = view_directions(cameras);
     // Beyond π every pair is within the angle.

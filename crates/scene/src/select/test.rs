@@ -23,18 +23,18 @@ pub enum TestProtocol {
     Split,
     /// A published protocol by its name, such as `pixelnerf` for DTU.
     Published(String),
-    /// The chosen training views: metrics then measure how well these are fitted, not how new views look. Captures hold
-    /// no view out: for the few photographs that somebody has, which are all to be learned from.
+    /// Chosen training views: metrics then measure how well these are fitted, not how new views look. Captures hold no
+    /// view out, for few photographs that are all trained on.
     Training,
 }
 
 impl TestProtocol {
-    /// Returns the indices of the chosen views among `n` of a scene whose whole test set is its split and that knows no
-    /// published protocol.
+    /// Returns the indices of the chosen views among `n` of a scene whose test views are all in its split and that has
+    /// no published protocol.
     ///
     /// # Errors
-    /// There are no test views; `Every(0)`, `First(0)` or more than there are; an id is out of range or given twice; a published protocol;
-    /// `Training`, which does not choose among test views.
+    /// There are no test views; `Every(0)`, `First(0)` or more than there are; an id is out of range or given twice; a
+    /// published protocol; or `Training`, which does not choose among test views.
     pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
         let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
         match self {

@@ -98,7 +98,7 @@ fn list(ids: &[usize]) -> String {
     ids.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// Whether `text` is a name, or names between commas: none empty, none with a white space, the first begins with a letter.
+/// Returns whether `text` is one or more names between commas: not empty, without white space, the first begins with a letter.
 fn is_name(text: &str) -> bool {
     let name = |name: &str| !name.is_empty() && !name.contains(|c: char| c.is_whitespace() || c == '@');
     text.starts_with(char::is_alphabetic) && text.split(',').all(name)

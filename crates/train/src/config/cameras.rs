@@ -10,9 +10,9 @@ pub struct CameraConfig {
     pub refine: Refine,
     /// Adam's learning rate of the corrections: radians, and shares of the cameras' mean distance from the scene's centre.
     pub lr: Schedule,
-    /// Focal lengths that are refined too: by matches, all by one factor.
+    /// Focal lengths that are refined as well; matches refine all of them by one factor.
     pub focal: Focal,
-    /// Weight of the mean square of the corrections in the objective: a pull towards where the cameras began.
+    /// Weight of the mean square of the corrections in the objective, which keeps cameras near their start.
     pub prior: f32,
 }
 

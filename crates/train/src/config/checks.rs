@@ -8,7 +8,7 @@ use infonerf_schedule::Fault;
 
 use super::{Batch, Config, NeighbourSampling};
 
-/// Checks every number, and that the parts go together.
+/// Checks every number, and that all parts are consistent.
 ///
 /// # Errors
 /// The first key that is out of range.
@@ -33,7 +33,7 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
     Fault::unless(whole, "render.placement", expected, name(&render.placement))?;
     if let SourceImages::First { key, count: images } = field.traits().sources {
-        // It is shown the same ones in every step.
+        // The field is given the same images in every step.
         Fault::unless(train.sources == 0, "train.sources", format!("0 with {field}"), train.sources)?;
         let expected = format!("\"pixels\" or \"image\" with {field}");
         Fault::unless(train.batch != Batch::HeldOut, "train.batch", expected, name(&train.batch))?;
@@ -54,7 +54,7 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
 /// Checks that `scene` has what `config` needs.
 ///
 /// # Errors
-/// The first key that asks for more.
+/// The first key that needs more than the scene has.
 pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let Config { field, render, .. } = config;
     if let SourceImages::First { key, count: images } = field.traits().sources {
@@ -81,7 +81,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
 /// Checks that `config` can learn from many scenes at once.
 ///
 /// # Errors
-/// The first key that is of a single scene.
+/// The first key that applies to a single scene only.
 pub fn of_many(config: &Config) -> Result<(), Fault> {
     let Config { field, render, train, .. } = config;
     Fault::unless(
@@ -95,7 +95,7 @@ pub fn of_many(config: &Config) -> Result<(), Fault> {
     off(train.exposure_compensation, "train.exposure_compensation")
 }
 
-/// Checks that a field that hangs on a body gets one: from the scene, if it `has_body`, or from a file.
+/// Checks that a field that is attached to a body gets one: from the scene, if it `has_body`, or from a file.
 ///
 /// # Errors
 /// If it gets none.
@@ -106,7 +106,7 @@ pub fn body(config: &Config, has_body: bool) -> Result<(), Fault> {
     Fault::unless(!config.field.traits().body || has_body || named(), "field.vertices", expected, "neither")
 }
 
-/// Refuses a field that looks at more training views, `images` by the key within `[field]`, than there are.
+/// Refuses a field that needs more training views than there are: `images`, set by `key` within `[field]`.
 fn enough_views(key: &str, images: usize, views: usize) -> Result<(), Fault> {
     let expected = format!("at most {views}, as many as there are training views");
     Fault::unless(images <= views, &format!("field.{key}"), expected, images)
@@ -150,7 +150,7 @@ mod tests {
         }
     }
 
-    /// The config alone does not determine how many views there will be.
+    /// Checks a config that alone does not determine the number of views.
     #[test]
     fn field_cannot_look_at_more_views_than_there_are() {
         let scene = knot(4, 4);

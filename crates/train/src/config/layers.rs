@@ -13,9 +13,9 @@ use crate::error::TrainError;
 pub enum Preset {
     /// Small and quick: about a minute per scene on two cores.
     Fast,
-    /// [`Self::Fast`] for captures: no uniform background, space without an end.
+    /// The fast preset for captures: no uniform background, space without an end.
     Capture,
-    /// [`Self::Capture`] for nine images or more: finer, and with fewer priors.
+    /// The capture preset for nine images or more: finer, and with fewer priors.
     Dense,
     /// Settings that the paper's text gives, at full size.
     Paper,

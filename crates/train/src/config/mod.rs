@@ -1,5 +1,5 @@
-//! The complete description of a run, and what is wrong with one ([`checks`]). Presets and experiment files are TOML tables
-//! merged into one [`Config`].
+//! Complete description of a run, and its checks ([`checks`]). Presets and experiment files are TOML tables merged into
+//! one [`Config`].
 
 mod cameras;
 pub mod checks;
@@ -54,9 +54,9 @@ pub struct SceneConfig {
     pub frame: usize,
     /// Colour behind transparent pixels.
     pub background: [f32; 3],
-    /// Position in its pixel through which a ray passes, in training and in pictures.
+    /// Position within a pixel through which its ray passes, in training and in pictures.
     pub pixel_position: PixelPosition,
-    /// The format of a folder that could be in several; by default the first of those that it fits.
+    /// Format of a folder that fits several formats; by default the first of these.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
     /// Use of the black pixels of a capture's masks (`mask_path` of `transforms.json`).
@@ -73,11 +73,11 @@ pub struct SceneConfig {
 pub struct Disturbance {
     /// Angle of each camera's rotation about its centre.
     pub degrees: f64,
-    /// Length of its move, as a share of its distance from the scene's centre.
+    /// Length of each camera's move, as a share of its distance from the scene's centre.
     pub distance: f64,
 }
 
-/// Position in its pixel through which a ray passes.
+/// Position within a pixel through which its ray passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PixelPosition {
@@ -87,7 +87,7 @@ pub enum PixelPosition {
     Corner,
 }
 
-/// Whether a key has its default value and is not written: config files of earlier versions stay identical.
+/// Returns whether a key has its default value and is not written, so that config files of earlier versions stay identical.
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -98,7 +98,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 pub struct EvalConfig {
     /// Test views.
     pub test: TestViewChoice,
-    /// Name of the measurement of pictures, one of [`infonerf_metrics::Protocol::NAMED`].
+    /// Name of the protocol by which pictures are measured, one of [`infonerf_metrics::Protocol::NAMED`].
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
@@ -116,7 +116,7 @@ impl EvalConfig {
         infonerf_metrics::Protocol::named(&self.protocol).unwrap_or_default()
     }
 
-    /// Returns those of the test `views` that are measured.
+    /// Returns the test `views` that are measured.
     pub fn measured<'a, T>(&self, views: &'a [T]) -> Vec<&'a T> {
         let step = if self.max_views == 0 { 1 } else { views.len().div_ceil(self.max_views).max(1) };
         views.iter().step_by(step).collect()
@@ -144,7 +144,7 @@ impl Config {
         Ok(config)
     }
 
-    /// Checks every number, and that the parts go together, as [`Self::from_table`] does: for configs that were changed since.
+    /// Checks every number and the consistency of all parts, as [`Self::from_table`] does: for configs that were changed since.
     ///
     /// # Errors
     /// The first key that is out of range.

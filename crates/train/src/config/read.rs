@@ -1,4 +1,4 @@
-//! Reading a config from its table, with errors that a person who has never seen the program's types understands.
+//! Reads a config from its table, with errors that require no knowledge of the program's types.
 
 use toml::{Table, Value};
 
@@ -25,7 +25,7 @@ fn parse(table: Table) -> Result<Config, (String, String)> {
     })
 }
 
-/// Finds the key at fault in the table of a `kind` at `path`, within which Serde loses track: without it the fault differs.
+/// Finds the key at fault in a table with a `kind` at `path`, for which Serde reports no key: without it the fault differs.
 fn within(table: &Table, path: &str, message: &str) -> Option<String> {
     fn inner<'a>(table: &'a mut Table, path: &str) -> Option<&'a mut Table> {
         let inner = path.split('.').try_fold(table, |table, part| table.get_mut(part)?.as_table_mut())?;

@@ -7,35 +7,35 @@ use serde::{Deserialize, Serialize};
 
 use super::{CameraConfig, is_default};
 
-/// Maximal number of fields: more change little and cost as much each.
+/// Max number of fields: further ones improve little, and each costs as much as the others.
 pub(crate) const MAX_ENSEMBLE: usize = 8;
 
 /// The training loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Steps, unless a time budget decides.
+    /// Number of steps, unless a time budget ends training.
     pub iterations: usize,
     /// Rays of training images per step, |R_s|.
     pub rays: usize,
     /// Rays of unseen poses per step, |R_u|.
     pub unseen_rays: usize,
-    /// Target number of evaluated samples per step, which steps take more rays for as space is found empty; 0 for none.
+    /// Target number of evaluated samples per step; as more space is known to be empty, steps take more rays. 0 for no target.
     pub target_samples: usize,
-    /// Factor by which training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
+    /// Factor, rounded, by which training images are downscaled; coarse-to-fine if it falls over the run.
     pub downscale: Schedule,
     /// Source of a step's pixels.
     pub batch: Batch,
     /// Maximum number of source images shown to an image-conditioned field in a step, drawn at random; 0 shows all.
     pub sources: usize,
-    /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
-    /// of a run with `exposure_compensation`, whose gains are of its own views.
+    /// Folder of a run whose weights are the initial weights, such as `infonerf pretrain` leaves; empty for random
+    /// weights. A run with `exposure_compensation` does not qualify, as its gains belong to its own views.
     pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
     pub precrop_steps: usize,
     /// Source of unseen poses.
     pub unseen: Unseen,
-    /// The neighbours of rays.
+    /// Neighbours of rays.
     pub neighbours: NeighbourConfig,
     /// Whether each training view has a learned gain and bias per channel ([`infonerf_render::Exposure`]).
     pub exposure_compensation: bool,
@@ -50,7 +50,7 @@ pub struct TrainConfig {
     pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
-    /// Several fields of one scene.
+    /// Ensemble of several fields of one scene.
     pub ensemble: EnsembleConfig,
     /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones. For a run of
     /// one field only: the pictures of an ensemble are averaged instead.
@@ -69,8 +69,8 @@ pub enum Batch {
     Pixels,
     /// Pixels of one training image per step, each at most once, as in the released code.
     Image,
-    /// As [`Self::Image`], from an image that a field which looks at images is not shown in that step, if there is another:
-    /// otherwise every ray's colour can be read where the ray starts, whatever its density.
+    /// Pixels of one training image per step, which an image-conditioned field is not given in that step, if there is
+    /// another: otherwise it could copy the colour of each ray from that image, whatever the density.
     #[serde(rename = "held-out")]
     HeldOut,
 }
@@ -81,7 +81,7 @@ pub enum Batch {
 pub enum Unseen {
     /// The part of the sphere that the training cameras span; never a test pose.
     Sphere,
-    /// The poses of all training images, chosen or not: knowledge of the scene that four photographs do not give. The
+    /// Poses of all training images, selected or not, which reveal more of the scene than the selected images. The
     /// released code draws test poses as well, which are never drawn here.
     Dataset,
 }
@@ -125,7 +125,7 @@ pub enum NeighbourSampling {
 pub struct EnsembleConfig {
     /// Number of fields.
     pub size: usize,
-    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to `size`.
+    /// Seconds per field under a time budget: the number of fields is budget/seconds if that exceeds `size`. 0 keeps to `size`.
     pub seconds_per_member: f64,
 }
 
@@ -149,8 +149,8 @@ impl EnsembleConfig {
 }
 
 impl TrainConfig {
-    /// Returns the config of each of `members` fields. The weights of several are not averaged over the end of the run:
-    /// the mean of their pictures evens out the same noise, and the fields stay sharper.
+    /// Returns the config of each of `members` fields. With several fields weights are not averaged over the end of the
+    /// run: the mean of their pictures reduces the same noise, and the fields stay sharper.
     pub fn of_member(&self, members: usize) -> Self {
         let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
         Self { weight_averaging, ..self.clone() }

@@ -28,7 +28,7 @@ pub struct StepBatch {
 }
 
 impl<F: Field> Trainer<F> {
-    /// Draws the batch of the step at `at`. Unseen poses are near the training cameras, as far as these are corrected.
+    /// Draws the batch of the step at `at`. Unseen poses are near the training cameras, as corrected so far.
     pub(super) fn draw(&self, at: Moment) -> StepBatch {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let train = &self.config.train;
@@ -64,7 +64,7 @@ impl<F: Field> Trainer<F> {
     }
 }
 
-/// Part that a group of rays has in a step.
+/// Kind of a group of rays in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
     Seen,
@@ -77,13 +77,13 @@ pub(super) enum Role {
 pub(super) struct RayGroup {
     pub(super) role: Role,
     pub(super) rays: RayBatch,
-    /// The group whose distances of samples it shares; `None` if they are placed for itself.
+    /// Group whose sample distances this group shares; `None` if it has samples of its own.
     pub(super) partner: Option<Role>,
 }
 
 impl StepBatch {
-    /// Returns the rays of training images, and those of the batch that are needed, in the order in which they are
-    /// rendered: groups come after their partners. Rays of cameras that `model` corrects are in its graph.
+    /// Returns the rays of training images, and the other rays of the batch that are needed, in the order of rendering:
+    /// groups come after their partners. Rays of cameras that `model` corrects are in its autodiff graph.
     pub(super) fn ray_groups<F: Field>(
         &self,
         config: &Config,

@@ -29,10 +29,10 @@ use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
 use crate::weight_averaging::WeightAverage;
 
-/// Steps after which the losses on a GPU are read.
+/// Number of steps after which the losses on a GPU are read.
 const READ_EVERY: usize = 16;
 
-/// The training of one field on one scene or, for a field that looks at images, on many.
+/// Training of one field on one scene or, if the field is conditioned on images, on many.
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
     scenes: Arc<[TrainingScene]>,
@@ -64,10 +64,10 @@ pub enum Outcome {
 }
 
 impl Trainer {
-    /// Sets up a run on `scene`. The same arguments give the same numbers on one CPU; GPUs repeat only what is drawn, as their
-    /// atomic additions come in any order.
+    /// Sets up a run on `scene`. The same arguments give the same values on one CPU; GPUs repeat only random numbers, as
+    /// the order of their atomic additions varies.
     ///
-    /// `budget` is the time in seconds after which to stop, if the clock and not `train.iterations` decides.
+    /// `budget` is the time in seconds after which training stops, in place of `train.iterations` steps.
     ///
     /// # Errors
     /// If a file that `config` names cannot be used, or the config needs what the scene does not have. Numbers are checked where
@@ -84,8 +84,8 @@ impl Trainer {
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
-    /// Sets up a run over many `scenes`: each step shows the field some images of one of them, and asks for pixels of
-    /// another view of it. Its checkpoint is what `train.init` takes.
+    /// Sets up a run over many `scenes`: in each step the field is given some images of one of them, and learns pixels of
+    /// another view of it. A checkpoint of the run can be named by `train.init`.
     ///
     /// # Errors
     /// As [`Self::new`], and if there is no scene, or if the config is one of a single scene.
@@ -98,8 +98,8 @@ impl Trainer {
 }
 
 impl<F: Field> Trainer<F> {
-    /// Sets up a run of a field from outside this workspace: `build` makes it, with its first weights, from a seed and a
-    /// device. `config.field` is ignored.
+    /// Sets up a run of a custom field: `build` returns it with its initial weights, given a seed and a device.
+    /// `config.field` is ignored.
     ///
     /// # Errors
     /// As [`Trainer::new`].
@@ -130,8 +130,8 @@ impl<F: Field> Trainer<F> {
         Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
     }
 
-    /// Returns a run that differs in its seed alone, before its first step. Both share what training makes of the
-    /// scene.
+    /// Returns a run before its first step that differs in its seed alone. Both share the data that training derives from
+    /// the scene.
     ///
     /// # Errors
     /// If a file of weights that the config names cannot be used.
@@ -169,7 +169,7 @@ impl<F: Field> Trainer<F> {
     /// Resumes from `checkpoint`.
     ///
     /// # Errors
-    /// If it is of another config.
+    /// If `checkpoint` is of another config.
     pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         self.model = checkpoint.restore_model(self.model.clone())?;
         self.weight_average = checkpoint.restore_average(&self.model.valid())?;
@@ -198,7 +198,7 @@ impl<F: Field> Trainer<F> {
         &self.progress
     }
 
-    /// Whether the field went empty with no fresh start left.
+    /// Returns whether the field has collapsed with no fresh start left.
     pub fn has_collapsed(&self) -> bool {
         self.progress.has_collapsed()
     }
@@ -248,14 +248,14 @@ impl<F: Field> Trainer<F> {
         TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame(), residuals: None }
     }
 
-    /// Returns the training cameras as they are learned, in the model's own frame; those of the scene if they are not.
+    /// Returns the learned training cameras, in the model's own frame; the scene's cameras if none are learned.
     pub fn cameras(&self) -> Vec<Camera> {
         let given = training_cameras(self.scene());
         let mean = self.weight_average.mean.as_ref().unwrap_or(&self.model);
         mean.cameras.as_ref().map(|cameras| cameras.apply(&given)).unwrap_or(given)
     }
 
-    /// Returns the map from the scene's frame to that of the cameras as they are learned; `None` if both are one.
+    /// Returns the map from the scene's frame to that of the learned cameras; `None` if both are the same.
     fn frame(&self) -> Option<ModelFrame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
@@ -265,7 +265,7 @@ impl<F: Field> Trainer<F> {
     }
 
     /// Returns the model from which pictures are rendered: the [snapshot](Self::snapshot), with a finer grid if
-    /// `render.occupancy.refine` is above 1: the field is evaluated for it, so that the result is worth keeping.
+    /// `render.occupancy.refine` is above 1. That grid takes evaluations of the field: keep the result.
     pub fn trained(&self) -> TrainedModel<F> {
         let TrainedModel { model, occupancy, at, frame, .. } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
@@ -302,7 +302,7 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
     grid.enabled.then(|| OccupancyGrid::new(grid, field_bounds(config, scene)))
 }
 
-/// Densities at `positions`, three values each, on no ray, for the occupancy grid.
+/// Computes densities at `positions`, three values each, which are on no ray, for the occupancy grid.
 pub(super) fn densities<F: Field>(field: &F, positions: Vec<f32>, extent: &Extent, at: Moment) -> Vec<f32> {
     to_host(evaluate_at(field, positions, None, extent.clone(), false, at).sigma)
 }
@@ -313,7 +313,7 @@ mod tests {
     use crate::config::Preset;
     use crate::testing::knot;
 
-    /// All members of an ensemble share the copies.
+    /// Checks that images are copied for fields that need them alone, and that all members of an ensemble share the copies.
     #[test]
     fn images_are_copied_only_for_fields_that_look_at_them() {
         let scene = Arc::new(knot(4, 8));

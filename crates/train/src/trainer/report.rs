@@ -1,4 +1,4 @@
-//! Reading of losses, and what follows from them: events and collapses.
+//! Reading of losses, and the events and collapses that follow from them.
 
 use std::time::Instant;
 
@@ -64,9 +64,9 @@ pub(super) struct PendingStep {
     pub(super) lr: f64,
     pub(super) rays: usize,
     pub(super) evaluated: f64,
-    /// 1 if the objective was finite in this step and those pending before, else 0 and the model stays. On the device.
+    /// Flag on the device: 1 if the objective was finite in this and all pending steps before, else 0 and the model stays.
     pub(super) finite: Tensor<1>,
-    /// Seconds that the step took, and of training so far, once they are counted.
+    /// Seconds of this step, and of training so far, once they are counted.
     pub(super) seconds: [f64; 2],
 }
 
@@ -103,7 +103,7 @@ impl<F: Field> Trainer<F> {
         let (before, start) = (Traffic::now(), Instant::now());
         let mut pending = std::mem::take(&mut self.pending);
         if StepLosses::read(pending.iter_mut().map(|step| &mut step.losses)) {
-            // What a device had left to do is training, too.
+            // The time of the work that the device had left counts as training.
             let waited = start.elapsed().as_secs_f64();
             self.progress.seconds += waited;
             pending.last_mut().expect("is read").seconds[0] += waited;
@@ -132,8 +132,8 @@ impl<F: Field> Trainer<F> {
                 evaluated,
             });
             if self.progress.count_opacity(acc, losses.foreground) {
-                // What came after it is of a field that is given up. With the weights of another run there are no other ones
-                // to start over with.
+                // Later steps are of a field that is given up. With the initial weights of another run there are no other
+                // weights for a fresh start.
                 let others = self.config.train.init.as_os_str().is_empty();
                 let restarted = others && self.progress.restarts < self.config.train.restarts;
                 report(Event::Collapse { step, restarted });

@@ -26,7 +26,7 @@ use crate::weight_averaging::WeightAverage;
 impl<F: Field> Trainer<F> {
     /// Takes one step and reports what happened.
     ///
-    /// A GPU is not waited for in each step: what happened in 16 is reported after the last of them ([`Self::read_every`]).
+    /// A GPU is not waited for in each step: the events of 16 steps are reported after the last one ([`Self::read_every`]).
     ///
     /// # Errors
     /// If a loss of a step is not finite. The weights are then as they were before that step.
@@ -49,7 +49,7 @@ impl<F: Field> Trainer<F> {
         self.count_step(taken, start.elapsed().as_secs_f64(), report)
     }
 
-    /// Takes a step on `batch`, or on one that is drawn, and counts no time. Returns false if training is over.
+    /// Takes a step on `batch`, or on a drawn one, without counting its time. Returns false if training is over.
     pub(crate) fn advance(&mut self, batch: Option<StepBatch>) -> bool {
         if self.has_collapsed() || self.is_over() {
             return false;
@@ -66,7 +66,7 @@ impl<F: Field> Trainer<F> {
         let segments = renders.seen.fine.segments();
         self.progress.count(samples, segments.samples() as f64 / segments.rays() as f64);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
-        // Adam changes weights in place that nobody else holds.
+        // Adam changes weights in place if nothing else holds them.
         drop((model, renders));
         let pending = self.optimize(total, losses, (samples, rays), at);
         self.pending.push(pending);
@@ -75,7 +75,7 @@ impl<F: Field> Trainer<F> {
         true
     }
 
-    /// Returns the model as the step has it: conditioned on the images that its fields are shown.
+    /// Returns the model of the step, conditioned on the images that its fields are given.
     fn conditioned(&mut self, batch: &StepBatch, at: Moment) -> Model<F> {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
@@ -143,7 +143,7 @@ impl<F: Field> Trainer<F> {
         (renders, samples, ray_count)
     }
 
-    /// Evaluates the objective, with the pull of refined cameras towards their start.
+    /// Evaluates the objective, with the prior of refined cameras.
     fn evaluate(&self, batch: &StepBatch, model: &Model<F>, renders: &Renders, at: Moment) -> LossValues {
         let mut losses = self.scenes[batch.scene].objective.values(at, renders);
         if let Some(cameras) = &model.cameras {

@@ -1,4 +1,4 @@
-//! A tiny run.
+//! Configs and scenes of tiny runs.
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
@@ -15,7 +15,7 @@ const PAPER: &str = "\
     render.samples=10 render.fine_samples=6 render.occupancy.enabled=true loss.entropy.rays=all \
     loss.kl.weight={from=1e-3,factor=0.5,every=4,stairs=true} loss.kl.rays=all train.lr={from=5e-4,to=5e-5,curve='exponential'}";
 
-/// The quick field, likewise, with a gain and bias of each view, and learned cameras.
+/// The field of preset `fast`, everything on, with a gain and bias of each view, and learned cameras.
 const FAST: &str = "\
     field.resolutions=[4,8,16] field.channels=2 field.width=16 field.layers=1 loss.kl.weight=1e-3 train.target_samples=400 \
     render.samples={from=12,to=24,end=0.5,curve='exponential'} train.exposure_compensation=true \
@@ -26,7 +26,7 @@ const MIP: &str = "\
     field={kind='mip',layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail={from=0.0,to=1.0,end=0.5}} \
     render.placement=interval render.clip_to_bounds=true train.downscale={steps=[[0.0,2],[0.5,1]]}";
 
-/// The field that looks at images, everything on.
+/// The field that is conditioned on images, everything on.
 const PIXEL: &str = "\
     field={kind='pixelnerf',encoder={width=4,blocks=[1,1],weights=''},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density='softplus'} \
     render.samples=8 render.fine_samples=4 render.occupancy.enabled=true loss.kl.weight=1e-3 loss.kl.rays=all \
@@ -38,28 +38,28 @@ const ENCODED: &str = "\
     render.samples=12 render.fine_samples=0 render.placement=mid render.compositing=additive loss.opacity_prior.weight=0.01 \
     loss.tv.weight=0.01 loss.latent.weight=1e-3";
 
-/// A grid for the fields that use one, and few rays.
+/// Settings of all runs: an occupancy grid for the fields that use one, and few rays.
 const ALL: &str = "\
     render.occupancy.resolution=8 render.occupancy.warmup=2 render.occupancy.every=3 train.iterations=12 train.rays=24 \
     train.unseen_rays=12 eval.information_rays=16 loss.entropy.mask.threshold=0.0";
 
-/// The config of a tiny run with the settings `own` as words, and those of `more` on top.
+/// Returns the config of a tiny run with the settings `own` as words, and those of `more` on top.
 fn configured(preset: Preset, own: &str, more: &[&str]) -> Config {
     let words = [ALL, own].into_iter().flat_map(str::split_whitespace);
     Config::of(preset, words.chain(more.iter().copied())).unwrap()
 }
 
-/// A tiny run of the paper's field with `settings` on top.
+/// Returns the config of a tiny run of the paper's field with `settings` on top.
 pub fn config(settings: &[&str]) -> Config {
     configured(Preset::Paper, PAPER, settings)
 }
 
-/// A tiny run of the field that looks at images, with `settings` on top.
+/// Returns the config of a tiny run of the field that is conditioned on images, with `settings` on top.
 pub fn pixel_config(settings: &[&str]) -> Config {
     configured(Preset::Paper, PIXEL, settings)
 }
 
-/// Tiny runs of every kind of field.
+/// Returns the configs of tiny runs of every kind of field.
 pub fn configs() -> [Config; 5] {
     let mip: Vec<&str> = MIP.split_whitespace().collect();
     let [fast, encoded] =
@@ -71,7 +71,7 @@ pub fn scene() -> Arc<Scene> {
     scene_of("knot", 4, 16)
 }
 
-/// `count` views of a procedural scene, `size` pixels wide.
+/// Returns a procedural scene with `count` training views, `size` pixels wide.
 pub fn scene_of(name: &str, count: usize, size: u32) -> Arc<Scene> {
     let (train, test) = (ViewSelection::Seed { seed: 0, count }, TestProtocol::First(2));
     let request = SceneRequest { train, test, image_size: Some(size), ..SceneRequest::default() };

@@ -1,8 +1,8 @@
 //! Bricks that are not empty, with their densities in 8 bits.
 //!
 //! A byte is `255 √(α/α_max)` of a voxel's opacity `α = 1 − exp(−σ · voxel)`. Opacities lie between 0 and 1 whatever σ
-//! is; their root has finer steps for small opacities: the least above 0 is 1.5e-5, a step in the middle is 0.8 %, and
-//! nearly opaque voxels are as exact as is visible.
+//! is; their root has finer steps for small opacities: the smallest above 0 is 1.5e-5, a step in the middle is 0.8 %, and
+//! errors of nearly opaque voxels are not visible.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -11,13 +11,13 @@ use super::domain::Domain;
 use super::lattice::{CELLS, Lattice, POINTS, VOLUME};
 use super::probe::FieldProbe;
 
-/// Greatest opacity of a voxel, that of optical depth 8.
+/// Maximum opacity of a voxel, that of optical depth 8.
 pub(super) const MAX_OPACITY: f32 = 0.999_664_5;
-/// Byte from which on a voxel transmits less than a tenth of the light.
+/// Minimum byte of a voxel that transmits less than a tenth of the light.
 pub(super) const NEARLY_OPAQUE: u8 = 242;
-/// Maximum number of bricks: 46 MB at 13 bytes per point, which graphics cards hold and pages can be sent with.
+/// Maximum number of bricks: 46 MB at 13 bytes per point, which graphics cards can hold and a page can contain.
 pub(super) const MAX_BRICKS: usize = 4900;
-/// Number of voxels between the points that find occupied bricks. Smaller details of a sharp density may be missed.
+/// Distance in voxels between the points that find occupied bricks. Smaller details of a sharp density may be missed.
 const COARSE: usize = 4;
 /// Minimum number of voxels along the longest side that is tried.
 const MIN_RESOLUTION: usize = 16;
@@ -25,7 +25,7 @@ const MIN_RESOLUTION: usize = 16;
 /// Cells of a lattice in which a field is not empty.
 pub(super) struct Bricks {
     pub(super) lattice: Lattice,
-    /// Cells, ascending. A cell's place here is the number of its brick.
+    /// Indices of the cells, ascending. The position of a cell in this list is the number of its brick.
     pub(super) cells: Vec<usize>,
     /// [`byte`] of each point of each brick.
     pub(super) roots: Vec<u8>,
@@ -34,7 +34,7 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// Finds the bricks at `resolution` voxels along the domain's side, or at fewer for [`MAX_BRICKS`], and that number.
+    /// Finds the bricks at `resolution` voxels along the domain's side, or fewer for at most [`MAX_BRICKS`]; returns it too.
     pub(super) fn find(probe: &FieldProbe<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
         loop {
             let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);
@@ -75,13 +75,13 @@ impl Bricks {
         Self { lattice, cells, roots: roots.concat(), numbers }
     }
 
-    /// Returns the byte of the point that is `offset` from the first of a cell's brick, 0 where there is no brick.
+    /// Returns the byte of the point at `offset` from the first point of a cell's brick; 0 where there is no brick.
     pub(super) fn root(&self, cell: usize, offset: [isize; 3]) -> u8 {
         let (mut place, mut local) = (self.lattice.cell(cell), [0; 3]);
         for axis in 0..3 {
             let at = (place[axis] * CELLS) as isize + offset[axis];
             let Ok(at) = usize::try_from(at) else { return 0 };
-            // The last point is that of the last cell alone.
+            // The last point along an axis belongs to the last cell alone.
             place[axis] = (at / CELLS).min(self.lattice.cells[axis] - 1);
             local[axis] = at - place[axis] * CELLS;
         }
@@ -120,7 +120,7 @@ fn candidates(probe: &FieldProbe<'_>, domain: &Domain, lattice: &Lattice) -> Vec
     (0..lattice.cell_count()).into_par_iter().filter(is_dense).collect()
 }
 
-/// Encodes a density, 1/length, of voxels of this length.
+/// Encodes a density, 1/length, as the byte of a voxel of length `voxel`.
 fn byte(density: f32, voxel: f32) -> u8 {
     let opacity = -(-density * voxel).exp_m1() / MAX_OPACITY;
     (opacity.clamp(0.0, 1.0).sqrt() * 255.0).round() as u8

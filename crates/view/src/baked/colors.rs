@@ -5,8 +5,8 @@
 //! and d̄, and eyes K, `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps derivatives
 //! small in directions in which the eyes do not differ.
 //!
-//! A coefficient is `low + step · byte`. Steps are as coarse as is invisible, which halves the size of irregular fields
-//! such as fog; with many points they are coarser.
+//! A coefficient is `low + step · byte`. Steps are as coarse as possible without a visible difference, which halves the size of
+//! irregular fields such as fog; with many points they are coarser.
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -15,15 +15,15 @@ use super::bricks::Bricks;
 use super::lattice::{Lattice, POINTS};
 use super::probe::FieldProbe;
 
-/// Greatest colour: Neural Volumes' exceed 1, which shows through thin parts.
+/// Maximum colour. Colours of Neural Volumes exceed 1, which is visible through thin parts.
 pub(super) const MAX_COLOR: f32 = 2.0;
 /// Ridge ε of the fit.
 const RIDGE: f32 = 3e-3;
-/// Greatest derivative; colours in [0, 1] hardly exceed it.
+/// Maximum derivative of a colour by direction, which colours in [0, 1] hardly exceed.
 const MAX_DERIVATIVE: f32 = 1.0;
-/// Minimum steps of a and b; half a step is the greatest error.
+/// Minimum steps of a and b; the maximum error is half a step.
 const FINE: [f32; 4] = [1.0 / 255.0, 1.0 / 64.0, 1.0 / 64.0, 1.0 / 64.0];
-/// Minimum steps of more than [`MANY`] points.
+/// Minimum steps for more than [`MANY`] points.
 const COARSE: [f32; 4] = [1.0 / 64.0, 1.0 / 16.0, 1.0 / 16.0, 1.0 / 16.0];
 const MANY: usize = 1_000_000;
 /// Number of points per query, which bounds the memory.
@@ -31,7 +31,7 @@ const CHUNK: usize = 1 << 16;
 
 /// Fitted colours of some points of a lattice.
 pub(super) struct Colors {
-    /// Points, ascending.
+    /// Indices of the points, ascending.
     points: Vec<usize>,
     /// Coefficients a and b of red, green and blue.
     pub(super) channels: [Channel; 3],
@@ -43,12 +43,12 @@ pub(super) struct Channel {
     bytes: Vec<u8>,
     /// Value of byte 0 of each coefficient.
     pub(super) low: [f32; 4],
-    /// Difference of the value of byte 255 from it.
+    /// Difference between the values of byte 255 and byte 0 of each coefficient.
     pub(super) range: [f32; 4],
 }
 
 impl Colors {
-    /// Fits colours of `points`, which ascend.
+    /// Fits colours of `points`, which are ascending.
     pub(super) fn of(probe: &FieldProbe<'_>, lattice: &Lattice, points: &[usize]) -> Self {
         let mut tables: [Vec<f32>; 3] = Default::default();
         for points in points.chunks(CHUNK) {
@@ -82,7 +82,7 @@ impl Colors {
 }
 
 impl Channel {
-    /// Quantises coefficients `[points, 4]` in `steps`, or in larger ones if that takes more than 255.
+    /// Quantises coefficients `[points, 4]` in `steps`, or in larger steps if more than 255 would be needed.
     fn of(table: &[f32], steps: [f32; 4]) -> Self {
         let numbers = |k: usize| table.iter().skip(k).step_by(4).copied();
         let low = [0, 1, 2, 3].map(|k| numbers(k).reduce(f32::min).unwrap_or(0.0));

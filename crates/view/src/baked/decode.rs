@@ -112,7 +112,7 @@ fn packed_bricks_evaluate_to_the_field() {
     let trained = model(&config.field);
     let bricks = PackedBricks::new(packed(&config.render, &trained, 48));
     assert_eq!((bricks.cells, bricks.opacities.len()), ([6; 3], 216 * VOLUME));
-    // Directions from places that are looked from, and from between them.
+    // Directions from eyes of the fit, and from between them.
     let eyes = [Vec3::X, -Vec3::Z, Vec3::new(0.6, 0.8, 0.0)].map(|eye| 4.0 * eye);
     for p in draw(1.49) {
         for eye in eyes {
@@ -140,7 +140,7 @@ fn packed_cells(occupied: impl Fn(usize) -> bool) -> PackedBricks {
 
 #[test]
 fn empty_bricks_are_left_out() {
-    // One octant.
+    // One octant is occupied.
     let bricks = packed_cells(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2);
     assert_eq!((bricks.cells, bricks.opacities.len()), ([4; 3], 8 * VOLUME));
     for p in draw(1.49) {

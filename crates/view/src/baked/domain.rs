@@ -6,17 +6,17 @@ use infonerf_scene::{Aabb, Scene};
 
 use crate::shader::clips;
 
-/// Distance from its centre to which a scene is baked if rays are not clipped, in halves of its box's longest side.
+/// Maximum distance from a scene's centre that is baked if rays are not clipped, in halves of its box's longest side.
 const MAX_REACH: f32 = 3.0;
-/// Share of the light that a density absorbs across the whole box, below which it counts as none.
+/// Minimum share of the light that a density absorbs across the whole box; a lower density counts as empty.
 const MIN_SHARE: f32 = 0.02;
 
 /// Part of the field's space that can be occupied.
 #[derive(Debug)]
 pub(super) struct Domain {
-    /// Box around it.
+    /// Bounding box of the domain.
     pub(super) bounds: Aabb,
-    /// Ball around it.
+    /// Centre of the domain's bounding ball.
     centre: Vec3,
     radius: f32,
     /// Longest side of the box that the field is made for, along which voxels are counted.
@@ -42,7 +42,7 @@ impl Domain {
         }
     }
 
-    /// Returns whether `p` is in it, or at most `margin` away.
+    /// Returns whether `p` is in the domain, or at most `margin` away from it.
     pub(super) fn holds(&self, p: Vec3, margin: f32) -> bool {
         let margins = Vec3::splat(margin);
         let bounds = Aabb { min: self.bounds.min - margins, max: self.bounds.max + margins };
@@ -55,7 +55,7 @@ impl Domain {
     }
 }
 
-/// Returns the greatest distance from `centre` of the ends, at near and far, of the training cameras' outermost rays.
+/// Returns the maximum distance from `centre` of the ends, at near and far, of the training cameras' outermost rays.
 fn reach(scene: &Scene, centre: Vec3) -> f32 {
     let cameras = scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera));
     let ends = cameras.flat_map(|camera| {
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!((cut.bounds, cut.side), (scene.space.bounds, 3.0));
         assert!(cut.holds(Vec3::splat(1.5), 0.0) && !cut.holds(Vec3::X * 1.6, 0.05) && cut.holds(Vec3::X * 1.6, 0.2));
         config.clip_to_bounds = false;
-        // As far as the far ends of rays at the corners of pictures.
+        // Without clipping, the domain reaches to the far ends of rays at the corners of pictures.
         let whole = Domain::of(&scene, &config, &Warp::Identity);
         assert!(whole.radius > 2.6 && whole.radius < 3.2 && whole.side == 3.0, "{whole:?}");
         assert!(whole.holds(Vec3::Z * 2.5, 0.0) && !whole.holds(Vec3::splat(2.0), 0.0));

@@ -23,7 +23,7 @@ pub(super) struct Lattice {
 impl Lattice {
     /// Makes a lattice from the first corner of the box to its last one or beyond.
     pub(super) fn over(bounds: &Aabb, voxel: f32) -> Self {
-        // A side that is a whole number of cells has that many, whatever the rounding.
+        // A side that is a whole number of cells keeps this number in spite of rounding.
         let cells = (bounds.size() / (voxel * CELLS as f32) - 1e-3).ceil().max(Vec3::ONE);
         Self { low: bounds.min, voxel, cells: cells.to_array().map(|n| n as usize) }
     }

@@ -4,12 +4,12 @@
 //! field ─► coarse densities ─► bricks that are not empty ─► densities ─► colours where they are seen ─► bytes
 //! ```
 //!
-//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the field's own space. A brick is 8³ voxels
-//!   with the 9³ points at their corners, so that a graphics card interpolates within it alone; bricks side by side share their outermost points.
+//! - **Region** ([`domain`], [`lattice`]): cubic voxels over the box that contains the field, in the field's space. A brick is
+//!   8³ voxels with the 9³ points at their corners, so that a graphics card interpolates within it; bricks share border points.
 //! - **Density** ([`bricks`]): √(opacity of a voxel) in 8 bits.
 //! - **Colour** ([`colors`]): `a + b·d` along the direction d, spherical harmonics of degree 1: four numbers of 8 bits for each of
 //!   red, green and blue, fitted to the field's colours along directions from which the cameras look.
-//! - **A field of volumes** (mip-NeRF) is evaluated over what a pixel of the nearest training camera covers there, or over
+//! - **A field of volumes** (mip-NeRF) is evaluated over the footprint of a pixel of the nearest training camera, or over
 //!   a voxel if that is larger.
 //! - **The march** takes half a voxel at a time, so images differ from the program's also by their sampling: the program's
 //!   own samples may be farther apart.
@@ -41,13 +41,13 @@ use probe::FieldProbe;
 
 const FIELD: &str = include_str!("../../assets/bricks.glsl");
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-/// Number of voxels along the longest side of a field's box, of a slow field's, and at most while it trains.
+/// Number of voxels along the longest side of a field's box: by default, of a slow field, and the maximum during training.
 const RESOLUTION: usize = 256;
 const SLOW_RESOLUTION: usize = 128;
 const LIVE_RESOLUTION: usize = 96;
-/// Number of values per sample above which a field is slow: an MLP of eight layers of 256 is, one of four is not.
+/// Number of values per sample above which a field is slow: an MLP with eight layers of 256 is slow, one with four is not.
 const SLOW: u64 = 1024;
-/// Transmittance at which rays end at the latest: less is invisible in 8 bits.
+/// Minimum of the transmittance at which rays end: less light is invisible in 8 bits.
 const STOP: f32 = 1e-3;
 
 /// Returns the default number of voxels along the longest side of a field's box.
@@ -55,7 +55,7 @@ pub(crate) fn resolution(field: &FieldConfig) -> usize {
     if field.footprint().per_sample > SLOW { SLOW_RESOLUTION } else { RESOLUTION }
 }
 
-/// Returns this number while the field trains and is baked repeatedly.
+/// Returns the number of voxels along the longest side while the field trains and is baked repeatedly.
 pub(crate) fn live_resolution(field: &FieldConfig) -> usize {
     (resolution(field) / 2).min(LIVE_RESOLUTION)
 }
@@ -79,7 +79,7 @@ pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Valu
         cells: lattice.cells,
         step: 0.5 * lattice.voxel,
         stop: config.early_stop_transmittance.max(STOP),
-        // Over less than two voxels a difference is that of the bytes.
+        // Over less than two voxels, differences are dominated by the rounding to bytes.
         detail: 2.0 * lattice.voxel,
     };
     let atlas = atlas(bricks.cells.len());

@@ -1,4 +1,4 @@
-//! Queries of a field at points that belong to no ray.
+//! Queries of a field at points that are not on rays.
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, FieldOutput};
@@ -47,7 +47,7 @@ impl<'a> FieldProbe<'a> {
         }
     }
 
-    /// Evaluates densities in the warp's coordinate at voxels' points, as in renders 0 where the occupancy grid is empty.
+    /// Evaluates densities in the warp's coordinate at points of voxels; 0 where the occupancy grid is empty, as in renders.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];
@@ -62,7 +62,7 @@ impl<'a> FieldProbe<'a> {
         densities
     }
 
-    /// Returns whether the grid is occupied at `p`; on and beyond the faces of a closed box, just inside of them.
+    /// Returns whether the grid is occupied at `p`. On and beyond the faces of a closed box, the cell just inside decides.
     fn is_open(&self, p: Vec3) -> bool {
         const WITHIN: f32 = 1.0 - 1e-5;
         let Some(grid) = &self.trained.occupancy else { return true };
@@ -87,7 +87,7 @@ impl<'a> FieldProbe<'a> {
     }
 
     /// Evaluates the field at points that represent cubes of the size of a pixel's footprint from the nearest training
-    /// camera, or of a voxel if that is larger. It matters to fields of volumes alone, which are not warped.
+    /// camera, or of a voxel if that is larger. The size matters only to fields of volumes, which are not warped.
     fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
@@ -95,7 +95,7 @@ impl<'a> FieldProbe<'a> {
         };
         let t: Vec<f32> = points.iter().map(distance).collect();
         let edges: Vec<f32> = t.iter().map(|t| (self.pixel * t).max(voxel)).collect();
-        // A cone with the same variance across as along: edge²/12.
+        // The cone has the same variance across the ray as along it: edge²/12.
         let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
         let (field, count) = (&self.trained.model.fine, points.len());
         let device = field.device();

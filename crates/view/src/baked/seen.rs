@@ -7,10 +7,10 @@ use super::lattice::{POINTS, VOLUME, within};
 
 /// Distance, in points, within which a point is hidden by nearly opaque ones: less than 1 % of the light reaches it.
 const COVER: usize = 2;
-/// Number of points along a brick with those around it.
+/// Number of points along a brick together with `COVER` points on both sides.
 const WIDE: usize = POINTS + 2 * COVER;
 
-/// Returns the points, ascending, whose colour is visible: of a voxel with density, unless nearly opaque ones hide it.
+/// Returns the points, ascending, whose colour is visible: those of voxels with density that nearly opaque ones do not hide.
 pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
     let of_brick = |(number, &cell): (usize, &usize)| -> Vec<usize> {
         let shown = shown(bricks, number, cell);
@@ -37,7 +37,7 @@ fn shown(bricks: &Bricks, number: usize, cell: usize) -> Vec<bool> {
     (0..VOLUME).map(|index| near[index] && is_open(index)).collect()
 }
 
-/// Sets each flag of a cube of `side`³ if any is set that is at most `reach` away along each axis.
+/// Sets each flag of a cube of `side`³ if any flag at most `reach` away along each axis is set.
 fn spread(mut flags: Vec<bool>, side: usize, reach: usize) -> Vec<bool> {
     for stride in [1, side, side * side] {
         let any = |index: usize| {

@@ -72,7 +72,7 @@ impl Answers {
             }),
             _ => None,
         };
-        answered.unwrap_or_else(|| text(StatusCode::NOT_FOUND, "nothing of this name"))
+        answered.unwrap_or_else(|| text(StatusCode::NOT_FOUND, "not found"))
     }
 }
 
@@ -144,7 +144,7 @@ mod tests {
         fs::write(folder.path().join("metrics.jsonl"), (1..=1000).map(line).collect::<String>()).unwrap();
         let found = progress(folder.path());
         assert_eq!((found["steps"].as_array().unwrap().len(), &found["steps"][0]), (334, &json!(3.0)));
-        // Values of 0 and less are values like others; a term has none before it begins.
+        // Values of 0 and less are kept; a term has no value before it begins.
         assert_eq!((&found["loss"][0], &found["psnr"][0]), (&json!(-2.0), &Value::Null));
         let terms = &found["terms"];
         assert_eq!((&terms["rgb"][0], &terms["kl"][0], &terms["kl"][333]), (&json!(1.0), &Value::Null, &json!(-0.5)));

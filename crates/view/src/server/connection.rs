@@ -17,7 +17,7 @@ const MAX_FIELDS: usize = 64;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Number and length of the waits for a client to close the connection.
 const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
-/// Time between two looks for a connection that has ended.
+/// Time between two checks for a connection that has ended.
 const PAUSE: Duration = Duration::from_millis(5);
 
 /// Answers requests until the program ends. Clients that hang up are ignored.
@@ -41,7 +41,7 @@ pub(super) fn serve(
         });
         match connection {
             Ok(connection) => open.push(connection),
-            // Too many open files, or threads: some will end.
+            // There are too many open files or threads; some of them will end.
             Err(_) => thread::sleep(PAUSE),
         }
     }
@@ -55,7 +55,7 @@ fn respond(mut stream: TcpStream, answer: &dyn Fn(&Request<()>) -> Response<Vec<
         Err(status) => Response::builder().status(status).body(status.to_string().into_bytes()).unwrap_or_default(),
     };
     write(&mut stream, &response)?;
-    // A connection that is closed with something unread is reset, and the answer lost.
+    // A connection that is closed with unread bytes is reset, and the answer is lost.
     stream.shutdown(Shutdown::Write)?;
     stream.set_read_timeout(Some(LINGER.1))?;
     let mut rest = [0; 8192];
@@ -67,7 +67,7 @@ fn respond(mut stream: TcpStream, answer: &dyn Fn(&Request<()>) -> Response<Vec<
     Ok(())
 }
 
-/// Reads the request of a connection, or returns the status of its fault.
+/// Reads the request of a connection; a faulty request returns the status of the error.
 fn read(stream: &mut TcpStream) -> io::Result<Result<Request<()>, StatusCode>> {
     let end = Instant::now() + PATIENCE;
     let (mut header, mut more) = (Vec::new(), [0; 1024]);

@@ -37,7 +37,7 @@ impl TrainingControl {
         self.0.ended.store(true, Ordering::Relaxed);
     }
 
-    /// Returns whether a page was open `within` the time before now.
+    /// Returns whether a page requested the state of training `within` this time before now.
     pub fn is_watched(&self, within: Duration) -> bool {
         let asked = *self.0.asked.lock().unwrap_or_else(PoisonError::into_inner);
         asked.is_some_and(|asked| asked.elapsed() <= within)

@@ -1,4 +1,4 @@
-//! Packages of runs, kept until a newer checkpoint is there.
+//! Packages of runs, which are kept until there is a newer checkpoint.
 
 use std::collections::hash_map::DefaultHasher;
 use std::fs;
@@ -19,10 +19,10 @@ use crate::{baked, package};
 
 /// Maximum number of runs whose packages are kept in memory.
 const MAX_RUNS: usize = 16;
-/// File next to the checkpoint of a finished run: a line with its version, and its package.
+/// Name of the file next to the checkpoint of a finished run, which has a line with its version, and its package.
 const FILE: &str = "viewer.json";
 
-/// Packages of runs; those of different runs are made at the same time.
+/// Packages of runs; packages of different runs can be made at the same time.
 pub(super) struct Fields {
     device: OpenDevice,
     runs: Mutex<Vec<Arc<RunPackage>>>,
@@ -54,7 +54,7 @@ impl Fields {
         Self { device, runs: Mutex::default() }
     }
 
-    /// Returns the package of a run's first field, of its newest checkpoint; a baked one is coarse until the run ends.
+    /// Returns the package of a run's first field at its newest checkpoint; a baked package is coarse until the run ends.
     pub(super) fn package(&self, run: &Path) -> Result<Arc<str>> {
         let entry = self.entry(run);
         let mut made = locked(&entry.made);
@@ -71,7 +71,7 @@ impl Fields {
         doing("");
         let new = made.insert(result?);
         if new.version.finished {
-            // A folder that cannot be written to costs the next server some time.
+            // If the folder cannot be written to, the next server makes the package again.
             let _ = write_atomically(&file, format!("{}\n{}", new.version.line(), new.package).as_bytes());
         }
         Ok(new.package.clone())

@@ -39,7 +39,7 @@ impl Guard {
     /// Returns the reason why a request is refused, if it is. `linked` requests may come from a link on another site.
     ///
     /// The host must be this server's: a site that points its own name at this machine (DNS rebinding) is another host.
-    /// An origin, which browsers send along with what a page's script asks for, must be the same.
+    /// An origin, which browsers send with requests of a page's script, must be this server's as well.
     pub(super) fn refusal(&self, request: &Request<()>, linked: bool) -> Option<String> {
         let named = |name| request.headers().get_all(name).iter().map(|value| value.to_str().unwrap_or_default());
         let hosts: Vec<&str> = named(HOST).chain(request.uri().authority().map(Authority::as_str)).collect();
@@ -56,8 +56,8 @@ impl Guard {
         (elsewhere && !linked).then(|| format!("{SITE}: expected same-origin"))
     }
 
-    /// Returns whether `host:port` names this server: localhost, a loopback address or the one it listens on, which
-    /// 0.0.0.0 and [::] are for every address, and its port.
+    /// Returns whether `host:port` names this server: localhost, a loopback address or the address that it listens on (any
+    /// address if that is `0.0.0.0` or `[::]`), with its port.
     fn is_own(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else { return false };
         let name = authority.host();

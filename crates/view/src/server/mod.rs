@@ -51,8 +51,8 @@ impl Server {
         Ok(Self { address, listening })
     }
 
-    /// Returns an address of the page that a browser can open: where the server listens on every address of this
-    /// machine, the one at which others reach it.
+    /// Returns an address of the page that a browser can open. If the server listens on every address of this machine, this is
+    /// the address at which other machines reach it.
     pub fn url(&self) -> String {
         let ip = if self.address.ip().is_unspecified() { own_ip(self.address.ip()) } else { self.address.ip() };
         format!("http://{}/", SocketAddr::new(ip, self.address.port()))
@@ -67,10 +67,10 @@ impl Server {
     }
 }
 
-/// Returns this machine's address towards others, of the kind of `unspecified`; without a network the loopback one.
+/// Returns this machine's address for other machines, of the kind (IPv4 or IPv6) of `unspecified`; loopback without a network.
 fn own_ip(unspecified: IpAddr) -> IpAddr {
-    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are documentation's (RFC 5737,
-    // 3849).
+    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are reserved for documentation
+    // (RFC 5737, 3849).
     let (loopback, target): (IpAddr, IpAddr) = match unspecified {
         IpAddr::V4(_) => (Ipv4Addr::LOCALHOST.into(), Ipv4Addr::new(192, 0, 2, 1).into()),
         IpAddr::V6(_) => (Ipv6Addr::LOCALHOST.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into()),

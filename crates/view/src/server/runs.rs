@@ -11,11 +11,11 @@ use serde_json::{Value, json};
 /// Maximum depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
 const DEPTH: usize = 5;
 const MAX_LISTED: usize = 2000;
-/// Age of its log up to which a run counts as training.
+/// Maximum age of the log of a run that counts as training.
 const LIVELY: Duration = Duration::from_secs(20);
 
-/// Served folders, each of which is a run or holds runs. The name of a run is its folder's number and its path below
-/// it, as in `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
+/// Served folders, each of which is a run or holds runs. The name of a run is the number of its folder and its path below
+/// the folder, as in `0/castle/infonerf/seed0`, or `0/.` for the folder itself.
 pub(super) struct Roots(Vec<Root>);
 
 struct Root {
@@ -49,7 +49,7 @@ impl Roots {
         self.0.iter().enumerate().flat_map(of_root).collect()
     }
 
-    /// Returns the folder of a run that the page named, links followed; `None` if it is no run of the served folders.
+    /// Returns the folder of the run that the page calls `run`, with links resolved; `None` if no served folder has such a run.
     pub(super) fn resolve(&self, run: &str) -> Option<PathBuf> {
         let (index, relative) = run.split_once('/')?;
         let root = &self.0.get(index.parse::<usize>().ok()?)?.folder;

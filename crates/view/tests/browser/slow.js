@@ -1,5 +1,5 @@
 const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
-// Frames of the browser's own time.
+// Frames follow a timer instead of the display.
 self.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
 viewer.waiting = false;
 const signalled = gl.clientWaitSync.bind(gl);

@@ -10,7 +10,7 @@ use image::{Delay, Frame, RgbImage, buffer::ConvertBuffer};
 
 /// An animated GIF, written frame by frame.
 ///
-/// Its file has another name until it is whole.
+/// The file has a temporary name until it is complete.
 pub(super) struct Animation {
     path: PathBuf,
     part: PathBuf,

@@ -61,7 +61,7 @@ pub(crate) struct RenderArgs {
     device: DeviceArgs,
 }
 
-/// Names of animations, next to those of path files.
+/// Names of the built-in paths, which are the names of their animations as well.
 const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
 }
 
 /// Renders the frames that `cameras` along `route` see into the folder `out`, and returns the path of their animation;
-/// `None` if the user stops it.
+/// `None` if the user stops the rendering.
 fn write_frames(
     trained: &Trained,
     route: &Route,
@@ -125,15 +125,15 @@ fn write_frames(
     Ok(Some(path))
 }
 
-/// Longest side of the picture that is rendered to tell the time of others, and of the smallest frames, in pixels.
+/// Longest side, in pixels, of the picture that is rendered to estimate the time of others, and of the smallest frames.
 const SMALL_SIZE: u32 = 128;
-/// Minimal number of frames of an orbit.
+/// Minimum number of frames of an orbit.
 const MIN_FRAMES: u32 = 12;
-/// Share of a frame's time that rendering takes; the rest goes into its files.
+/// Share of a frame's time that rendering takes; the rest is for writing its files.
 const RENDER_SHARE: f64 = 0.8;
 
 /// Renders the orbit into the folder `out`, at a size for which rendering takes about `budget`, and returns the path of
-/// its animation; `None` if the user stops it.
+/// its animation; `None` if the user stops the rendering.
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
     let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
@@ -157,8 +157,8 @@ pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Re
     write_frames(trained, &route, &cameras, out, false)
 }
 
-/// Returns how many frames of which longest side have at most `pixels` in all, if `full` is the largest size: smaller ones
-/// down to [`SMALL_SIZE`], then fewer down to [`MIN_FRAMES`].
+/// Returns the number of frames and their longest side such that all frames together have at most `pixels` pixels. From the
+/// maximum size `full` on, frames get smaller down to [`SMALL_SIZE`], then fewer down to [`MIN_FRAMES`].
 fn affordable_frames(full: (u32, u32), pixels: f64) -> (u32, u32) {
     let (longest, area) = (full.0.max(full.1), f64::from(full.0) * f64::from(full.1));
     let size = (f64::from(longest) * (pixels / (f64::from(FRAMES) * area)).sqrt()) as u32;
@@ -170,7 +170,7 @@ fn affordable_frames(full: (u32, u32), pixels: f64) -> (u32, u32) {
     (((pixels / f64::from(width * height)) as u32).clamp(MIN_FRAMES, FRAMES), smallest)
 }
 
-/// Removes the frames and the animations of an earlier render, which would stand among the new ones; nothing else.
+/// Removes the frames and the animations of an earlier render, which would mix with the new ones, and nothing else.
 fn clear(out: &Path, name: &str) -> Result<()> {
     let is_frame = |stem: &str| stem.len() >= 4 && stem.bytes().all(|b| b.is_ascii_digit());
     let is_ours = |file: &str| match file.rsplit_once('.') {

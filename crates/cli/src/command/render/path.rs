@@ -1,4 +1,4 @@
-//! From the name or file of a path to the cameras along it.
+//! Cameras along a path, which is built in or read from a file.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use infonerf_scene::{
     Backdrop, Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
 };
 
-/// Frames of a path that is built in, and how many of them are shown per second.
+/// Number of frames of a built-in path; `FPS` is the number that is shown per second.
 pub(super) const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
@@ -21,13 +21,13 @@ pub(super) struct Route {
 }
 
 enum Poses {
-    /// As many as are asked for, which follow from the training cameras and the scene.
+    /// Function that computes any number of poses from the training cameras and the scene.
     BuiltIn(fn(&[Camera], &Scene, usize) -> Vec<DMat4>),
     File(CameraPath),
 }
 
 impl Route {
-    /// Returns the path called `name`; reads it from the file `name` if none is.
+    /// Returns the built-in path called `name`, or reads the path from the file `name`.
     pub(super) fn read(name: &str) -> Result<Self> {
         let poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> = match name {
             "orbit" => |cameras, scene, n| orbit(cameras, scene.backdrop == Backdrop::Unknown, n),
@@ -44,7 +44,7 @@ impl Route {
     }
 
     /// Returns the cameras along the path: like `scene`'s first training camera, unless the file has a field of view or
-    /// a size; `size` is the longest side of their pictures.
+    /// a size. `size` is the longest side of the pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let (frames, of_file): (Vec<Keyframe>, _) = match &self.poses {
@@ -91,7 +91,7 @@ mod tests {
         let wide = camera(like, Some((90, 60)), None, frame(Some(std::f64::consts::FRAC_PI_2)));
         assert_eq!((wide.width, wide.height, wide.cx), (90, 60, 45.0));
         assert!((wide.fx - 30.0).abs() < 1e-9 && wide.fx == wide.fy);
-        // Another shape keeps the height of what is seen.
+        // Another aspect ratio keeps the vertical field of view.
         let cropped = camera(like, Some((30, 60)), None, frame(None));
         assert!((cropped.fy - 1.5 * like.fy).abs() < 1e-9 && cropped.fx == cropped.fy);
         assert_eq!(camera(like, Some((90, 60)), Some(45), frame(None)).height, 30);

@@ -1,4 +1,4 @@
-//! Functions of kernels along rays, and the kernels of rows and points.
+//! Functions that kernels along rays share, and kernels that copy or sum rows and compute points.
 
 use burn::cubecl::{self, prelude::*};
 
@@ -24,8 +24,8 @@ pub(crate) fn ln_1p(x: f32) -> f32 {
     ln
 }
 
-/// Sum of a ray's opacities, and its most opaque sample. Comparisons are such that a sum that is not a number counts as a hit,
-/// and reaches the result.
+/// Sum of a ray's opacities, and its most opaque sample. Comparisons treat a sum that is NaN as a hit, so that it reaches
+/// the result.
 #[derive(CubeType)]
 pub(crate) struct RayMass {
     /// Σα.
@@ -55,13 +55,13 @@ pub(crate) fn mass_of(tau: &Tensor<f32>, start: usize, end: usize) -> RayMass {
     RayMass { sum: most + rest, rest, top }
 }
 
-/// Returns the first sample of a ray. `offsets` may be a part of more offsets, so that they need not begin at 0.
+/// Returns the first sample of a ray. `offsets` may be a part of longer offsets, and then does not begin at 0.
 #[cube]
 pub(crate) fn first_sample(offsets: &Tensor<i32>, ray: usize) -> usize {
     usize::cast_from(offsets[ray] - offsets[0])
 }
 
-/// Copies the row of its ray to each sample: one thread per value.
+/// Copies the row of each ray to its samples: one thread per value.
 #[cube(launch)]
 pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>) {
     if ABSOLUTE_POS >= out.len() {

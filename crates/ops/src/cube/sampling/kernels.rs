@@ -24,7 +24,7 @@ fn between(ends: &Tensor<f32>, row: usize, u: f32) -> f32 {
     end(ends, row, 0) * (1.0f32 - u) + end(ends, row, 1) * u
 }
 
-/// Computes stratified distances: of samples in the middle of equal intervals, or else by NeRF's rule.
+/// Computes stratified distances: samples in the middle of equal intervals if `in_middle`, else by NeRF's rule.
 #[cube(launch)]
 pub(super) fn stratified(
     ends: &Tensor<f32>,
@@ -65,8 +65,8 @@ pub(super) fn stratified(
     }
 }
 
-/// Computes the cumulative distribution over the bins that importance samples are drawn from, one thread per row: of
-/// NeRF's bins between midpoints, with weights of the inner samples + 1e-5.
+/// Computes the cumulative distribution from which importance samples are drawn, one thread per row. NeRF's bins lie
+/// between the midpoints of samples; their weights are those of the inner samples + 1e-5.
 #[cube(launch)]
 pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     let row = ABSOLUTE_POS;
@@ -144,7 +144,7 @@ fn at_most(sorted: &Tensor<f32>, start: usize, count: usize, u: f32) -> usize {
     low
 }
 
-/// Distances by NeRF's inverse transform, in the order of their random numbers.
+/// Draws distances by NeRF's inverse transform, in the order of their random numbers.
 #[cube(launch)]
 pub(super) fn importance_draw(
     t: &Tensor<f32>,
@@ -167,7 +167,7 @@ pub(super) fn importance_draw(
         u = f32::cast_from(i) / f32::cast_from(out.shape(1) - 1);
     }
     let count = at_most(cdf, start, bins, u);
-    // The first value is 0, and so at most u.
+    // The first value of the distribution is 0, so `count` is at least 1.
     let below = count - 1;
     let above = usize::min(count, bins - 1);
     let mut width = cdf[start + above] - cdf[start + below];
@@ -190,7 +190,7 @@ pub(super) fn merge(t: &Tensor<f32>, drawn: &Tensor<f32>, out: &mut Tensor<f32>)
     let (known, fresh) = (t.shape(1), drawn.shape(1));
     let both = known + fresh;
     let (row, i) = (at / both, at % both);
-    // Equal values: those of `t` come first, and then in the order of drawing.
+    // Among equal values those of `t` come first, then drawn ones in their order.
     let (is_known, own) = (i < known, usize::saturating_sub(i, known));
     let mut value = drawn[row * fresh + own];
     if is_known {
@@ -209,7 +209,7 @@ pub(super) fn merge(t: &Tensor<f32>, drawn: &Tensor<f32>, out: &mut Tensor<f32>)
     out[row * both + place] = value;
 }
 
-/// Edges by mip-NeRF's inverse transform, which are sorted.
+/// Draws sorted edges by mip-NeRF's inverse transform.
 #[cube(launch)]
 pub(super) fn resample_draw(
     edges: &Tensor<f32>,
@@ -225,7 +225,7 @@ pub(super) fn resample_draw(
     let count = out.shape(1);
     let (row, i) = (at / count, at % count);
     let start = row * cdf.shape(1);
-    // The largest f32 below 1.
+    // 1 − `f32::EPSILON`, as on the host.
     let last = 0.999_999_9f32;
     let mut u = f32::cast_from(i) / f32::cast_from(count - 1) * last;
     if comptime!(jitter) {

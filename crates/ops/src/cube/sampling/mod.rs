@@ -35,7 +35,7 @@ pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: L
     [0, 1].map(|index| outputs.output(&buffer, index))
 }
 
-/// Returns the random numbers, or another tensor in their place if there are none.
+/// Returns the random numbers, or `other` in their place if there are none.
 fn streams_or(jitter: Option<&Streams>, other: &Tensor<2>) -> Tensor<1> {
     jitter.map_or_else(|| other.clone().flatten(0, 1), |streams| streams.0.clone())
 }

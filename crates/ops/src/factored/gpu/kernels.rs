@@ -1,4 +1,4 @@
-//! One thread per coordinate of a sample, or per plane that it reads, for all levels, whose sizes are compile-time constants.
+//! Kernels with one thread per sample and axis, or sample and plane, for all levels, whose sizes are compile-time constants.
 
 use burn::cubecl::{self, prelude::*};
 
@@ -16,7 +16,7 @@ fn encode_coordinate(
     #[comptime] frequencies: usize,
 ) {
     out[start + axis] = 2.0f32 * u - 1.0f32;
-    // π(u − ½) is this many quarter turns, exactly.
+    // π(u − ½) is exactly 2(u − ½) quarter turns.
     let angle = Angle { first: 2.0f32 * (u - 0.5f32), second: 0.0f32, third: 0.0f32, rest: 0.0f32 };
     let mut scale = 1.0f32;
     for frequency in 0..frequencies {
@@ -38,7 +38,7 @@ fn coordinate_gradient(
     #[comptime] frequencies: usize,
 ) -> f32 {
     let mut sum = 2.0f32 * grad[start + axis];
-    // A mutable that begins as a named constant is no variable to CubeCL, which then refuses to compile `*=`.
+    // CubeCL takes a mutable that begins as a named constant for a constant, and refuses to compile `*=`.
     let mut scale = 1.0f32;
     for frequency in 0..frequencies {
         let sine = start + 3 + frequency * 6 + axis * 2;
@@ -159,7 +159,7 @@ pub(super) fn features(
     }
 }
 
-/// Addition to an element to which other threads add at the same time, in whatever order the device chooses.
+/// Addition to an element to which other threads add at the same time; the device chooses the order.
 #[cube]
 pub(super) trait Accumulate: Send + Sync + 'static {
     /// Representation of the element.
@@ -182,7 +182,7 @@ impl Accumulate for Native {
     }
 }
 
-/// Atomic addition by compare-and-exchange of the bits, for devices that lack one.
+/// Atomic addition by compare-and-exchange of the bits, for devices without a native one.
 #[derive(CubeType)]
 pub(super) struct CompareExchange;
 

@@ -38,7 +38,7 @@ impl CubeKernel for FeatureKernel {
         self.forward_keeping(inputs).0
     }
 
-    /// Keeps the weights.
+    /// Keeps the weights for the backward pass.
     fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];

@@ -14,7 +14,7 @@ pub(super) struct VariationKernel {
     pub(super) layout: Arc<FactoredLayout>,
 }
 
-/// Computes Σ (a − b)², in as many running sums as fit a vector.
+/// Computes Σ (a − b)² in 16 running sums, which fill a vector.
 #[inline(always)]
 fn squares(a: &[f32], b: &[f32]) -> f64 {
     const LANES: usize = 16;
@@ -35,7 +35,7 @@ fn squares(a: &[f32], b: &[f32]) -> f64 {
     sum
 }
 
-/// Sum over neighbours in a plane whose rows have `width` elements, `step` of them a texel.
+/// Sum of squared differences of neighbouring texels in a plane whose rows have `width` elements, `step` per texel.
 struct SquaredDifferences<'a> {
     plane: &'a [f32],
     width: usize,

@@ -31,7 +31,7 @@ impl Store {
     /// it ended. Returns the files.
     ///
     /// # Errors
-    /// If no weights are called so, and as [`Store::fetch_file`].
+    /// No weights have this name, or errors of [`Store::fetch_file`].
     pub fn fetch(&self, name: &str, progress: &mut dyn FnMut(DownloadProgress)) -> Result<Vec<PathBuf>, WeightsError> {
         let unknown = |name: &str| {
             let known = KNOWN_WEIGHTS.iter().map(|weights| weights.name).collect::<Vec<_>>().join(", ");

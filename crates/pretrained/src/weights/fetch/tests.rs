@@ -45,7 +45,7 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
             Answer::Status(status) => (format!("{status}\r\nContent-Length: 0"), vec![]),
         };
         write!(stream, "HTTP/1.1 {head}\r\nConnection: close\r\n\r\n").unwrap();
-        // The client may have turned away already.
+        // The client may have closed the connection already.
         let _ = stream.write_all(&body[..kept.min(body.len())]);
         range
     };
