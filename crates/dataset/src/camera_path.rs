@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn faults_name_the_field() {
         let cameras = [entry(0), entry(1)];
-        let whole = json!({"camera_type": "perspective", "fps": 24, "render_width": 8, "camera_path": cameras});
+        let whole = json!({"camera_type": "perspective", "fps": 24, "render_width": 8, "render_height": 8, "camera_path": cameras});
         let cases = [
             ("/camera_path", json!([]), "`camera_path`: expected a list of 1 to 10000 cameras"),
             ("/camera_path", Value::Null, "`keyframes`: expected a list of 1 to 10000 cameras (or in `camera_path`)"),
@@ -184,6 +184,11 @@ mod tests {
             ("/fps", json!(0), "`fps`"),
             ("/fps", json!(1e6), "`fps`"),
             ("/render_width", json!(1e9), "`render_width`: expected a side"),
+            (
+                "/render_width",
+                Value::Null,
+                "`render_width`: expected a side of 1 to 8192 pixels next to `render_height`",
+            ),
             ("/camera_type", json!("fisheye"), "`camera_type`: expected \"perspective\""),
         ];
         for (pointer, value, expected) in cases {

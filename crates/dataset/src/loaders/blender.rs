@@ -151,6 +151,8 @@ mod tests {
         edit(&json, "/far", Some(json!(0.5)));
         assert!(message(&dir, &request()).contains("field `far`: expected a distance beyond"));
         edit(&json, "/far", None);
+        assert!(message(&dir, &request()).contains("field `far`: expected a distance next to `near`"));
+        edit(&json, "/near", None);
         edit(&json, "/aabb", Some(json!([[1, 0, 0], [0, 1, 1]])));
         assert!(message(&dir, &request()).contains("field `aabb`"));
     }

@@ -155,8 +155,11 @@ mod tests {
         let views: Vec<View> = lenses.into_iter().enumerate().map(view).collect();
         write_json(&json, &crate::transforms(&Scene { train: views.clone(), ..Scene::default() }));
         // A lens without a model, and what instant-ngp writes: paths without extension, its own box, and its fisheye.
-        for key in ["near", "aabb", "train_filenames", "frames/1/camera_model", "frames/6/camera_model"] {
+        for key in ["near", "far", "aabb", "train_filenames", "test_filenames"] {
             edit(&json, &format!("/{key}"), None);
+        }
+        for frame in [1, 6] {
+            edit(&json, &format!("/frames/{frame}/camera_model"), None);
         }
         for (key, value) in [("aabb_scale", json!(4)), ("frames/6/is_fisheye", json!(true))] {
             edit(&json, &format!("/{key}"), Some(value));
@@ -236,7 +239,7 @@ mod tests {
             ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
             ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
-            ("/fl_x", None, "`camera_angle_x`"),
+            ("/fl_x", None, "`fl_x`: expected a focal length in pixels next to `fl_y`"),
             ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),
             ("/w", Some(json!(9)), "r_1.png: expected an image of 9×8 pixels"),
             ("/frames/4/transform_matrix/1/1", Some(json!("x")), "`frames[4].transform_matrix[1][1]`"),
