@@ -19,7 +19,7 @@ impl Bench {
     pub(crate) fn trial(&self, plan: &RunPlan) -> Result<Record> {
         match self.session.run(plan, &mut |_| Control::Continue).with_context(|| plan.label())? {
             Finished::Record(record, _) => Ok(record.representable()),
-            Finished::Kept(_) | Finished::Stopped => bail!("{}: the run has no record", plan.label()),
+            Finished::AlreadyDone(_) | Finished::Stopped => bail!("{}: the run has no record", plan.label()),
         }
     }
 }

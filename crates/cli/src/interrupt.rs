@@ -9,14 +9,14 @@ use infonerf_experiment::execute::STOPPED;
 
 use crate::print::errln;
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 /// Whether no step or picture is in progress that would have to finish.
 static IDLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. A second Ctrl-C ends the process at once.
 pub(crate) fn install() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
-        if ASKED.swap(true, Ordering::SeqCst) {
+        if STOP_REQUESTED.swap(true, Ordering::SeqCst) {
             std::process::exit(STOPPED);
         }
         if !IDLE.load(Ordering::SeqCst) {
@@ -27,13 +27,13 @@ pub(crate) fn install() -> anyhow::Result<()> {
 }
 
 /// Whether the user asked to stop.
-pub(crate) fn asked() -> bool {
-    ASKED.load(Ordering::SeqCst)
+pub(crate) fn stop_requested() -> bool {
+    STOP_REQUESTED.load(Ordering::SeqCst)
 }
 
 /// Returns the user's command to a run: to stop after Ctrl-C, else to continue.
 pub(crate) fn control() -> Control {
-    if asked() { Control::Stop } else { Control::Continue }
+    if stop_requested() { Control::Stop } else { Control::Continue }
 }
 
 pub(crate) fn exit_code() -> ExitCode {
@@ -43,7 +43,7 @@ pub(crate) fn exit_code() -> ExitCode {
 /// Waits for Ctrl-C, with nothing running.
 pub(crate) fn wait() {
     IDLE.store(true, Ordering::SeqCst);
-    while !asked() {
+    while !stop_requested() {
         std::thread::sleep(Duration::from_millis(50));
     }
 }

@@ -32,14 +32,14 @@ impl JsonEvents {
                 let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
                 self.last = None;
                 Some(match ended {
-                    RunEnd::Trained(record, _) | RunEnd::Kept(record) => {
+                    RunEnd::Trained(record, _) | RunEnd::AlreadyDone(record) => {
                         json!({ "event": "record", "run": run, "record": record })
                     }
                     RunEnd::Stopped => json!({ "event": "stopped", "run": run }),
                     RunEnd::Finished(_) | RunEnd::Failed(_) => return None,
                 })
             }
-            PlanEvent::Over => None,
+            PlanEvent::Ended => None,
             PlanEvent::Written(_, outcome, _) => outcome
                 .map(|outcome| json!({ "event": "finished", "report": outcome.report, "numbers": outcome.results })),
         }

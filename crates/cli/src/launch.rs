@@ -129,7 +129,11 @@ impl LaunchArgs {
             selection.networks.open(&opened)?;
             interrupt::install()?;
             let runner = self.runner(device, &selection.networks)?;
-            Executor::Processes(Workers { runner, jobs: self.jobs.unwrap_or(1) as usize, stop: interrupt::asked })
+            Executor::Processes(Workers {
+                runner,
+                jobs: self.jobs.unwrap_or(1) as usize,
+                stop: interrupt::stop_requested,
+            })
         };
         let mut reporter = Reporter::new(&self.existing, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;
@@ -178,7 +182,7 @@ fn watch_jobs(jobs: &Jobs) -> Result<bool> {
             return Ok(true);
         }
         for _ in 0..PATIENCE.as_millis() / 100 {
-            if interrupt::asked() {
+            if interrupt::stop_requested() {
                 return Ok(false);
             }
             std::thread::sleep(Duration::from_millis(100));

@@ -43,7 +43,7 @@ impl Live {
 
     /// Keeps serving the finished runs in `folder` until Ctrl-C if standard output is a terminal, and prints how to view them
     /// again. Does nothing of this unless output is `as_text`.
-    pub(crate) fn keep(&self, folder: &Path, as_text: bool) {
+    pub(crate) fn serve_after_training(&self, folder: &Path, as_text: bool) {
         self.control.end();
         if !as_text {
             return;
@@ -57,10 +57,10 @@ impl Live {
 
     /// Returns the command of the page or of Ctrl-C; waits while training is paused.
     pub(crate) fn control(&self) -> Control {
-        while self.control.is_paused() && !self.control.is_stopped() && !interrupt::asked() {
+        while self.control.is_paused() && !self.control.is_stopped() && !interrupt::stop_requested() {
             std::thread::sleep(PAUSE);
         }
-        if self.control.is_stopped() || interrupt::asked() {
+        if self.control.is_stopped() || interrupt::stop_requested() {
             return Control::Stop;
         }
         if self.saved.get().elapsed() < REFRESH || !self.control.is_watched(OPEN) {

@@ -34,7 +34,7 @@ fn main() -> ExitCode {
     CompleteEnv::with_factory(Args::command).complete();
     let args = match Args::try_parse() {
         Ok(args) => args,
-        Err(error) => return refused(&error),
+        Err(error) => return print_argument_error(&error),
     };
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time();
@@ -47,15 +47,15 @@ fn main() -> ExitCode {
 }
 
 /// Prints help, or in one line the fault of the arguments.
-fn refused(error: &clap::Error) -> ExitCode {
+fn print_argument_error(error: &clap::Error) -> ExitCode {
     if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         // Errors of printing help, such as a closed pipe, are ignored.
         let _ = error.print();
     } else {
         let text = error.render().to_string();
         // The usage is cut off, since --help prints it as well.
-        let said = text.split("\n\nUsage:").next().unwrap_or_default();
-        errln!("{}", one_line(said.split("\n\nFor more information").next().unwrap_or_default()));
+        let message = text.split("\n\nUsage:").next().unwrap_or_default();
+        errln!("{}", one_line(message.split("\n\nFor more information").next().unwrap_or_default()));
     }
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(USER_ERROR))
 }

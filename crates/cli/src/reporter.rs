@@ -58,14 +58,14 @@ impl Reporter {
                 let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
                 self.bar.suspend(|| match ended {
                     RunEnd::Trained(record, _) => outln!("{label}: {}", summary(&record)),
-                    RunEnd::Kept(record) => outln!("{label}: {} (finished before)", summary(&record)),
+                    RunEnd::AlreadyDone(record) => outln!("{label}: {} (finished before)", summary(&record)),
                     RunEnd::Finished(line) => outln!("{label}: {line}"),
                     RunEnd::Stopped => outln!("{label}: saved; {} continues it", self.same_command),
                     RunEnd::Failed(reason) => errln!("{label}: failed: {reason}"),
                 });
                 self.bar.inc(1);
             }
-            PlanEvent::Over => self.bar.finish_and_clear(),
+            PlanEvent::Ended => self.bar.finish_and_clear(),
             PlanEvent::Written(sweep, outcome, missing) => self.written(sweep, outcome, &missing),
         }
         interrupt::control()

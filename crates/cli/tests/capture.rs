@@ -8,11 +8,11 @@ use infonerf_scene::Image;
 use crate::common::{Workplace, assert_has, records};
 use crate::photographs::room;
 
-/// Returns the paths of report, orbit and page in the output `said`, and asserts that they exist.
-fn paths(place: &Workplace, said: &str) -> Vec<String> {
+/// Returns the paths of report, orbit and page in `stdout`, and asserts that they exist.
+fn paths(place: &Workplace, stdout: &str) -> Vec<String> {
     let path = |name: &str| {
-        let line = said.lines().rev().find_map(|line| line.strip_prefix(name));
-        let path = line.unwrap_or_else(|| panic!("expected `{name}` in: {said}"));
+        let line = stdout.lines().rev().find_map(|line| line.strip_prefix(name));
+        let path = line.unwrap_or_else(|| panic!("expected `{name}` in: {stdout}"));
         assert!(place.path(path).is_file(), "{path}");
         path.to_owned()
     };
@@ -24,13 +24,14 @@ fn paths(place: &Workplace, said: &str) -> Vec<String> {
 fn posed_photographs_are_learned_measured_and_shown() {
     let place = Workplace::new();
     place.run("scene export room photos --format llff --size 24").succeeds();
-    let capture =
-        |parts: &[&str]| place.tiny_without("eval.test", "capture photos --budget 1s --out results").says(parts);
+    let capture = |parts: &[&str]| {
+        place.tiny_without("eval.test", "capture photos --budget 1s --out results").succeeds_with(parts)
+    };
     let next = "next: `infonerf view results`, or the same command with --budget 5s";
     let parts =
         ["40 photographs, about ", "none to find", "measured on 5 held-out photographs", " frames of 24x24", next];
-    let said = capture(&parts);
-    let files = paths(&place, &said);
+    let stdout = capture(&parts);
+    let files = paths(&place, &stdout);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();
     let first = training();
     let again = capture(&["(finished before)"]);
@@ -39,7 +40,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     let again = capture(&["(finished before)", " frames of 24x24"]);
     assert_eq!((paths(&place, &again), training()), (files, first.clone()));
     let longer = place.tiny_without("eval.test", "capture photos --budget 2s --out results");
-    let longer = longer.says(&[" frames of 24x24"]);
+    let longer = longer.succeeds_with(&[" frames of 24x24"]);
     assert!(!longer.contains("(finished before)"), "{longer}");
     let notes = &records(&place.path("results/capture"))[0]["notes"];
     assert_has(&notes.to_string(), &["budget_seconds was 1.0 and is 2.0"]);
@@ -52,17 +53,17 @@ fn few_photographs_without_poses_are_learned_from() {
     let place = Workplace::new();
     room(&place.path("photos"), &[0, 1, 3, 9]);
     let capture = |parts: &[&str]| {
-        place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path("")).says(parts)
+        place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path("")).succeeds_with(parts)
     };
     let unmeasured = "no photograph is held out, so no figure is measured";
-    let said = capture(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
-    assert!(!said.contains("PSNR"), "{said}");
+    let stdout = capture(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
+    assert!(!stdout.contains("PSNR"), "{stdout}");
     let record = &records(&place.path("runs/capture"))[0];
     assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
     assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
     let again = capture(&["(finished before)"]);
     assert!(!again.contains("placed"), "{again}");
-    assert_eq!(paths(&place, &again), paths(&place, &said));
+    assert_eq!(paths(&place, &again), paths(&place, &stdout));
 }
 
 #[test]
@@ -101,12 +102,12 @@ fn sharpest_frames_of_a_video_are_learned_from() {
     let capture = || place.tiny_without("eval.test", "capture walk.mkv --budget 1s");
     let parts =
         ["walk.mkv: 32 frames", "counted from 0: 5, 13, 21, 29", "4 of 4 photographs placed", "runs/capture/walk/"];
-    capture().says(&parts);
+    capture().succeeds_with(&parts);
     for (number, sharp) in (1..).zip(&views) {
         let path = place.path(&format!("runs/frames/walk/{number:03}.png"));
         assert_eq!(Image::read(&path, [1.0; 3]).unwrap().to_rgb8(), sharp.image.to_rgb8(), "{number}");
     }
-    capture().says(&["4 frames are in runs/frames/walk", "(finished before)"]);
+    capture().succeeds_with(&["4 frames are in runs/frames/walk", "(finished before)"]);
     place.write("walk.mkv", "another");
     place.run("capture walk.mkv").fails_with(&["runs/frames/walk: expected frames of walk.mkv", "remove it"]);
 }

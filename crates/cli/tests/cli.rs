@@ -19,16 +19,16 @@ fn keys() -> Vec<&'static str> {
 }
 
 /// Returns the number of characters of the longest rule of a table.
-fn rule(said: &str) -> usize {
-    said.lines().filter(|line| line.starts_with('─')).map(|line| line.chars().count()).max().unwrap()
+fn rule(stdout: &str) -> usize {
+    stdout.lines().filter(|line| line.starts_with('─')).map(|line| line.chars().count()).max().unwrap()
 }
 
 #[test]
 fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
     let parts = ["no --data given", "knot/factored/seed0", "knot/infonerf+/seed0", "PSNR", "report.html"];
-    let said = place.tiny("exp fast-losses --scene knot").says(&parts);
-    assert!(rule(&said) <= 100 && said.contains("more columns are in report.html"), "{said}");
+    let stdout = place.tiny("exp fast-losses --scene knot").succeeds_with(&parts);
+    assert!(rule(&stdout) <= 100 && stdout.contains("more columns are in report.html"), "{stdout}");
 
     let experiment = place.path("runs/fast-losses");
     let records = records(&experiment);
@@ -141,8 +141,8 @@ fn a_run_that_was_stopped_and_damaged_goes_on_to_the_same_numbers() {
     let again = || place.tiny(LONG).args("--out stopped");
     let left = || (fs::read(place.path("stopped/fast-losses/results.json")).unwrap(), files(&run("stopped")));
     let before = left();
-    let said = again().env("COLUMNS", "40").says(&[" dB", "finished before"]);
-    assert!(rule(&said) <= 40, "{said}");
+    let stdout = again().env("COLUMNS", "40").succeeds_with(&[" dB", "finished before"]);
+    assert!(rule(&stdout) <= 40, "{stdout}");
     // A run with another config is refused, and a run that is impossible does not remove an earlier one.
     let other = || again().args("--set train.lr=1e-3");
     other().fails_with(&["config.toml", "train.lr was ", "and is 0.001", "--overwrite", "--out"]);
@@ -178,20 +178,20 @@ fn a_run_is_evaluated_again() {
     let run = "runs/fast-losses/crane/infonerf/seed0";
     let record = &records(&place.path("runs/fast-losses"))[0];
 
-    let said = place.run(format!("eval {run}")).said();
-    let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
+    let stdout = place.run(format!("eval {run}")).stdout();
+    let mean = stdout.lines().find(|line| line.starts_with("mean")).unwrap();
     let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
     assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
-    place.run(format!("eval {run} --test first-1")).says(&["1 test view (first-1)"]);
+    place.run(format!("eval {run} --test first-1")).succeeds_with(&["1 test view (first-1)"]);
     // Each run has a row: PSNR at full size, which is the record's, and at smaller sizes with the difference from it.
-    let said = place.run(format!("eval {run} {run} --scale 1/2,1/4")).said();
-    let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
-    assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
+    let stdout = place.run(format!("eval {run} {run} --scale 1/2,1/4")).stdout();
+    let rows: Vec<&str> = stdout.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
+    assert!(rows.len() == 2 && rows[0] == rows[1], "{stdout}");
     let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
-    let [full, half, half_gain, quarter, quarter_gain] = numbers[..] else { panic!("{said}") };
-    assert!((full - psnr).abs() < 0.006, "{said}");
-    assert!((full + half_gain - half).abs() < 0.011 && (full + quarter_gain - quarter).abs() < 0.011, "{said}");
-    assert!(half != full, "{said}");
+    let [full, half, half_gain, quarter, quarter_gain] = numbers[..] else { panic!("{stdout}") };
+    assert!((full - psnr).abs() < 0.006, "{stdout}");
+    assert!((full + half_gain - half).abs() < 0.011 && (full + quarter_gain - quarter).abs() < 0.011, "{stdout}");
+    assert!(half != full, "{stdout}");
 }
 
 /// A capture that holds out views of one list has other training views if training views are tested.
@@ -211,13 +211,13 @@ fn a_run_is_not_tested_by_views_that_it_learned_from() {
 #[test]
 fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let place = Workplace::new();
-    let listed = place.run("scene list").said();
+    let listed = place.run("scene list").stdout();
     assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
-    place.run("list").says(&["fast-losses"]);
+    place.run("list").succeeds_with(&["fast-losses"]);
     place.run("scene export orrery data/orrery --size 24").succeeds();
     let exp = "exp fast-losses --variant infonerf";
     place.tiny(exp).args("--scene orrery").succeeds();
-    place.tiny(exp).args("--data data --out loaded").says(&["scenes from data"]);
+    place.tiny(exp).args("--data data --out loaded").succeeds_with(&["scenes from data"]);
     let [built_in, loaded] =
         ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("fast-losses"))).remove(0));
     for key in keys().into_iter().filter(|key| *key != "notes") {
@@ -267,11 +267,11 @@ fn weights_learned_on_many_scenes_begin_another_run() {
         place.run(args).args(TINY_PIXELNERF).args(small).args("--set train.init=out/pixelnerf-pretrain")
     };
     exp().fails_with(&["train.init", "out/pixelnerf-pretrain", "infonerf pretrain"]);
-    pretrain().says(&["3 scenes", "train.init=out/pixelnerf-pretrain"]);
+    pretrain().succeeds_with(&["3 scenes", "train.init=out/pixelnerf-pretrain"]);
     let scenes = "scenes = [\"random-0\", \"random-1\", \"random-2\"]";
     assert_has(&place.read("out/pixelnerf-pretrain/config.toml"), &[scenes]);
     // The same command has nothing left to do. Another learning rate is refused, since it is another run.
-    pretrain().says(&["4 steps in ", "train.init=out/pixelnerf-pretrain"]);
+    pretrain().succeeds_with(&["4 steps in ", "train.init=out/pixelnerf-pretrain"]);
     let other = || pretrain().args("--set train.lr=1e-3");
     other().fails_with(&["out/pixelnerf-pretrain/config.toml", "train.lr was ", "--overwrite"]);
     exp().succeeds();
@@ -291,15 +291,15 @@ fn weights_learned_on_many_scenes_begin_another_run() {
 #[test]
 fn help_can_be_learned_from() {
     let place = Workplace::new();
-    let help = place.run("--help").said();
+    let help = place.run("--help").stdout();
     assert!(!help.contains("sweep-item"), "{help}");
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
     let parts = ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:", "flex"];
     // Devices that are not built in are not offered, and internal commands are not listed.
-    assert!(!place.run("exp --help").says(&parts).contains("cuda"));
-    let help = place.run("eval --help").said();
+    assert!(!place.run("exp --help").succeeds_with(&parts).contains("cuda"));
+    let help = place.run("eval --help").stdout();
     let (own, pictures) = help.split_once("Pictures of other programs:").unwrap();
     assert_has(own, &["--device", "--test"]);
     assert_has(pictures, &["--renders"]);
@@ -318,10 +318,10 @@ fn experiments_and_their_settings_are_described() {
         "time      about 2 minutes on two cores",
         "[variants.",
     ];
-    place.run("list fast-losses").says(&parts);
+    place.run("list fast-losses").succeeds_with(&parts);
     place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
     let config = "config fast-losses --variant infonerf --set train.rays=77";
-    let printed = place.run(config).said();
+    let printed = place.run(config).stdout();
     for (start, origin) in
         [("train.rays = 77 ", "# --set"), ("scene.background = ", "# preset fast"), ("loss.entropy.weight", "# ")]
     {
@@ -330,7 +330,7 @@ fn experiments_and_their_settings_are_described() {
     // The printed config is valid as a part of an experiment file.
     let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
     place.write("mine.toml", file);
-    let again = place.run("config mine.toml --variant infonerf").said();
+    let again = place.run("config mine.toml --variant infonerf").stdout();
     assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
     place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
 }
@@ -338,13 +338,13 @@ fn experiments_and_their_settings_are_described() {
 #[test]
 fn shells_complete_names_and_keys() {
     let place = Workplace::new();
-    place.run("").env("COMPLETE", "bash").says(&["complete -o nospace", "_clap_complete_infonerf"]);
+    place.run("").env("COMPLETE", "bash").succeeds_with(&["complete -o nospace", "_clap_complete_infonerf"]);
     fs::create_dir_all(place.path("data/lego")).unwrap();
     place.write("mine.toml", "base = \"fast-losses\"\n[variants.own]\ntrain.rays = 99\n");
     let candidates = |line: &str| -> BTreeSet<String> {
         // With a space at the end, the next word is completed.
-        let said = line.split(' ').fold(place.run("-- infonerf"), Invocation::arg).env("COMPLETE", "fish").said();
-        said.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect()
+        let stdout = line.split(' ').fold(place.run("-- infonerf"), Invocation::arg).env("COMPLETE", "fish").stdout();
+        stdout.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect()
     };
     for (line, expected) in [
         ("exp synth", "synthetic-4view"),
@@ -391,8 +391,8 @@ fn results_are_collected_into_one_document() {
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
     let run = "exp fast-losses --scene knot --variant factored";
-    let said = place.tiny(run).args("--json").said();
-    let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let stdout = place.tiny(run).args("--json").stdout();
+    let events: Vec<Value> = stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let names: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
     assert_eq!((names[0], names[names.len() - 1]), ("loading", "finished"), "{names:?}");
     for name in ["started", "step", "trained", "evaluating", "record"] {
@@ -436,8 +436,8 @@ fn output_that_nobody_reads_loses_nothing() {
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
     let output = place.tiny("exp fast-losses --scene knot --variant factored --view=0").succeeds();
-    let said = text(&output.stdout);
-    assert_has(&said, &["live at http://127.0.0.1:"]);
-    assert!(said.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{said}");
+    let stdout = text(&output.stdout);
+    assert_has(&stdout, &["live at http://127.0.0.1:"]);
+    assert!(stdout.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{stdout}");
     assert!(!text(&output.stderr).contains("HTTP"), "{}", text(&output.stderr));
 }

@@ -31,26 +31,26 @@ fn every_format_is_written_and_described() {
         ("points", "points.ply", b"ply\n", "points"),
         ("cameras", "transforms.json", b"{", "4 training and 2 test cameras"),
     ] {
-        let said = export(&place, format, "").says(&[file, part, "read by "]);
+        let stdout = export(&place, format, "").succeeds_with(&[file, part, "read by "]);
         let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
         assert!(written.starts_with(start), "{format}");
-        assert_eq!(said.contains("chamfer distance to the exact surface"), format != "cameras", "{said}");
+        assert_eq!(stdout.contains("chamfer distance to the exact surface"), format != "cameras", "{stdout}");
         // Another export writes the same bytes.
         export(&place, format, "--out again").succeeds();
         assert_eq!(fs::read(place.path("again")).unwrap(), written, "{format}");
     }
     // Vertices, points and gaussians lie on one surface, which is that of the box.
     let count = |format: &str| -> usize {
-        let said = export(&place, format, "--out out").said();
-        said.split_once("out: ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
+        let stdout = export(&place, format, "--out out").stdout();
+        stdout.split_once("out: ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
     };
     let (vertices, gaussians, points) = (count("ply"), count("splat"), count("points"));
     assert_eq!((vertices, points), (gaussians, gaussians));
     // A vertex for each cell of the surface of 17 x 17 x 17 cells between the centres of voxels.
     assert_eq!(vertices, 17 * 17 * 17 - 15 * 15 * 15);
     let triangles = |format: &str, most: usize| -> usize {
-        let said = export(&place, format, &format!("--triangles {most}")).said();
-        said.split_once(" triangles").unwrap().0.rsplit(' ').next().unwrap().parse().unwrap()
+        let stdout = export(&place, format, &format!("--triangles {most}")).stdout();
+        stdout.split_once(" triangles").unwrap().0.rsplit(' ').next().unwrap().parse().unwrap()
     };
     assert!(triangles("ply", 1_000_000) > 2000);
     for (format, most) in [("ply", 500), ("glb", 100)] {
@@ -73,7 +73,7 @@ fn a_page_of_the_papers_field_is_baked() {
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
     let export = || place.run(format!("export {RUN} --format html --resolution 24"));
-    export().says(&["viewer.html", "read by browsers"]);
+    export().succeeds_with(&["viewer.html", "read by browsers"]);
     let page = place.read(&format!("{RUN}/viewer.html"));
     assert!(page.contains("baked to 24 voxels along its box") && page.contains("uniform sampler3D opacities"));
     export().args("--out again").succeeds();
@@ -89,7 +89,7 @@ fn cameras_fit_next_to_the_image_files() {
     let exp = "exp fast-losses --variant factored --data data --scene facade --set eval.test=training";
     place.tiny(exp).succeeds();
     let run = "runs/fast-losses/facade/factored/seed0";
-    place.run(format!("export {run} --format cameras")).says(&["its image paths start in", "data/facade"]);
+    place.run(format!("export {run} --format cameras")).succeeds_with(&["its image paths start in", "data/facade"]);
     let cameras: Value = serde_json::from_str(&place.read(&format!("{run}/export/transforms.json"))).unwrap();
     let strings = |key: &str| -> Vec<String> {
         let list = cameras[key].as_array().unwrap_or_else(|| panic!("{key}: {cameras}"));
@@ -169,7 +169,7 @@ fn cameras_follow_every_path() {
     assert_eq!(frames(&place.path(RUN).join("render/normals")), 5);
     let render = |path: &str, args: &str| place.run(format!("render {RUN} --path {path}")).args(args);
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
-        render(path, "--frames 3").says(&["3 frames of 24x24", &format!("{path}.gif")]);
+        render(path, "--frames 3").succeeds_with(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
         // Frames and animation of the previous path are removed.
         let left = [count(&folder, ".png"), frames(&folder.join("normals")), count(&folder, ".gif")];
@@ -178,7 +178,7 @@ fn cameras_follow_every_path() {
 
     let nerfstudio = json!({"camera_path": [entry(0), entry(1)], "render_width": 30, "render_height": 20, "fps": 10});
     place.write("camera_path.json", nerfstudio.to_string());
-    render("camera_path.json", "--out a").says(&["2 frames of 30x20", "camera_path.gif"]);
+    render("camera_path.json", "--out a").succeeds_with(&["2 frames of 30x20", "camera_path.gif"]);
     let keyframes = json!({"keyframes": [entry(0), entry(1)], "seconds": 0.5, "fps": 10, "is_cycle": true});
     place.write("mine.json", keyframes.to_string());
     for (args, count) in [("--size 12 --out b", 5), ("--size 12 --out b --frames 4", 4)] {

@@ -41,8 +41,8 @@ fn killed_runs_go_on_to_the_same_numbers() {
         let out = format!("run{runs}");
         let args = format!("--out {out}");
         loop {
-            let said = place.path("stderr");
-            let mut child = command(&place, &args).stderr(fs::File::create(&said).unwrap()).spawn().unwrap();
+            let stderr = place.path("stderr");
+            let mut child = command(&place, &args).stderr(fs::File::create(&stderr).unwrap()).spawn().unwrap();
             // After the last kill, the run is left to end.
             let end = (kills < wanted).then(|| Instant::now() + life.mul_f64(rng.f64()));
             let ended = loop {
@@ -55,7 +55,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
                 std::thread::sleep(Duration::from_millis(1));
             };
             if let Some(status) = ended {
-                assert!(status.success(), "after {kills} kills: {status}, {}", fs::read_to_string(&said).unwrap());
+                assert!(status.success(), "after {kills} kills: {status}, {}", fs::read_to_string(&stderr).unwrap());
                 break;
             }
             child.kill().unwrap();

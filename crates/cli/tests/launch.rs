@@ -61,7 +61,7 @@ fn array_jobs_give_the_local_table() {
     let cluster = Cluster::new();
     cluster.sweep("local").succeeds();
     let asked = "--partition gpu --memory 2G --cpus 4 --jobs 3 --timeout 10m --submit-option=--account=vision";
-    cluster.slurm().args(asked).env("MAX_ARRAY_SIZE", "6").says(&["8 runs submitted as slurm 100, 101, 102"]);
+    cluster.slurm().args(asked).env("MAX_ARRAY_SIZE", "6").succeeds_with(&["8 runs submitted as slurm 100, 101, 102"]);
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
     let logs = cluster.folder("runs").join("launch");
     for line in [
@@ -97,7 +97,7 @@ fn array_jobs_give_the_local_table() {
     assert_eq!(cluster.numbers("runs").len(), 7);
 
     // The same command submits only the missing item.
-    cluster.slurm().says(&["8 runs, 7 of them finished before", "1 run submitted"]);
+    cluster.slurm().succeeds_with(&["8 runs, 7 of them finished before", "1 run submitted"]);
     assert_has(&cluster.script(103), &["--array=\"3\"\n"]);
     assert!(cluster.task(103, 3).status.success());
     assert!(cluster.task(104, 0).status.success());
@@ -105,8 +105,8 @@ fn array_jobs_give_the_local_table() {
     let table = |out| fs::read_to_string(cluster.folder(out).join("plots/sweep-psnr-infonerf.svg")).unwrap();
     assert_eq!(table("local"), table("runs"));
     // There is nothing left to submit.
-    let said = cluster.slurm().says(&["8 of them finished before"]);
-    assert!(!said.contains("submitted"), "{said}");
+    let stdout = cluster.slurm().succeeds_with(&["8 of them finished before"]);
+    assert!(!stdout.contains("submitted"), "{stdout}");
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     cluster.sweep("runs").env("PATH", cluster.0.path("jobs")).fails_with(&["jobs.json", "squeue: not found"]);
     // When they have ended, the rest is submitted.
     assert!(cluster.task(100, 0).status.success());
-    cluster.slurm().says(&["1 of them finished before", "7 runs submitted"]);
+    cluster.slurm().succeeds_with(&["1 of them finished before", "7 runs submitted"]);
     assert_has(&cluster.script(101), &["--array=\"1-7\"\n"]);
     // Merging is possible at any time.
     let merge = cluster.slurm().args("--merge").env("LIVE", "101").into_command().output().unwrap();
@@ -161,9 +161,9 @@ fn reproduce_is_launched_as_one() {
     let tiny = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
                 --set render.samples=8 --set train.iterations=3 --set train.rays=16 --set eval.test=first-1";
     let run = |more: &str| cluster.scheduled(cluster.0.run(args).args(tiny).args(more));
-    let said = run("--launch slurm").said();
+    let stdout = run("--launch slurm").stdout();
     let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
-    assert_eq!(jobs, 3, "two arrays and one job that merges: {said}");
+    assert_eq!(jobs, 3, "two arrays and one job that merges: {stdout}");
     assert_has(&cluster.script(102), &["afterany:100:101"]);
     assert!(cluster.task(101, 0).status.success());
     assert_eq!(cluster.task(102, 0).status.code(), Some(1), "most runs are not finished");

@@ -30,7 +30,7 @@ fn poses_of_photographs_alone() {
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
     let command = "scene from-images photos --poses own";
     let unplaced = "10.png: not placed: 0 matches with placed photographs, 15 needed";
-    place.run(command).says(&["4 of 5 photographs placed", unplaced, "next: infonerf capture photos"]);
+    place.run(command).succeeds_with(&["4 of 5 photographs placed", unplaced, "next: infonerf capture photos"]);
     let found = Reconstruction::read(&dir).unwrap();
     let poses: Vec<DMat4> = found.images.iter().map(|image| image.pose).collect();
     let truth: Vec<DMat4> = views.iter().map(|view| view.camera.to_world).collect();
@@ -94,18 +94,21 @@ fn better_poses_of_two_solvers_are_kept() {
         place.write("model/images.txt", images);
         let _ = fs::remove_dir_all(dir.join("sparse"));
         let path = format!("{}:{}", place.path("").display(), std::env::var("PATH").unwrap_or_default());
-        let said = place.run(format!("scene from-images photos {arguments}")).env("PATH", path).said();
+        let stdout = place.run(format!("scene from-images photos {arguments}")).env("PATH", path).stdout();
         assert!(!dir.join("colmap.partial").exists());
         assert_eq!(Reconstruction::read(&dir).unwrap().images.len(), expected);
-        said
+        stdout
     };
     let own = "this program's poses are kept: colmap placed 2 of 5 photographs, this program 4 of 5";
     assert_has(&from_images("", &["00", "01"], 4), &[own]);
     let theirs = "colmap's poses are kept: colmap placed 5 of 5 photographs, this program 4 of 5";
     assert_has(&from_images("", &["00", "01", "03", "09", "10"], 5), &[theirs]);
-    let said = from_images("--poses colmap", &["00", "01"], 2);
-    assert!(said.contains("03.png: not placed: colmap did not register it") && !said.contains("features"), "{said}");
+    let stdout = from_images("--poses colmap", &["00", "01"], 2);
+    assert!(
+        stdout.contains("03.png: not placed: colmap did not register it") && !stdout.contains("features"),
+        "{stdout}"
+    );
     fs::remove_file(dir.join("10.png")).unwrap();
-    let said = from_images("", &["00", "01"], 4);
-    assert!(said.contains("4 of 4 photographs placed") && !said.contains("colmap"), "{said}");
+    let stdout = from_images("", &["00", "01"], 4);
+    assert!(stdout.contains("4 of 4 photographs placed") && !stdout.contains("colmap"), "{stdout}");
 }

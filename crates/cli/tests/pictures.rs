@@ -13,7 +13,7 @@ fn pictures_of_a_run_measure_as_its_record_says() {
     place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
     let run = "runs/fast-losses/knot/factored/seed0";
     let eval = format!("eval --renders {run}/test --truth {run}/truth --out compared");
-    place.run(eval.as_str()).says(&["8-bit RGB on white"]);
+    place.run(eval.as_str()).succeeds_with(&["8-bit RGB on white"]);
     let compared: Value = serde_json::from_str(&place.read("compared/comparison.json")).unwrap();
     let record = &records(&place.path("runs/fast-losses"))[0];
     for key in ["psnr", "ssim", "sharpness"] {
@@ -46,13 +46,14 @@ fn pictures_that_do_not_fit_are_one_line() {
 #[test]
 fn weights_are_listed_and_bad_files_refused() {
     let place = Workplace::new();
-    place.run("weights").says(&["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"]);
+    let parts = ["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"];
+    place.run("weights").succeeds_with(&parts);
     place.write("text.pth", "no weights");
     place.run("weights import text.pth").fails_with(&["text.pth"]);
     // A backbone measures nothing without its linear heads.
     zero_weights(&place.path("backbone.safetensors"), &LpipsConfig::alex().backbone_tensors());
     zero_weights(&place.path("heads.safetensors"), &LpipsConfig::alex().head_tensors());
-    let import = |file: &str| place.run(format!("weights import {file}")).env("INFONERF_WEIGHTS", "kept").said();
+    let import = |file: &str| place.run(format!("weights import {file}")).env("INFONERF_WEIGHTS", "kept").stdout();
     let hint = "lpips-alex-heads is missing; `infonerf weights fetch lpips-alex-heads`";
     assert!(import("backbone.safetensors").contains(hint));
     import("heads.safetensors");
@@ -78,9 +79,9 @@ fn zero_weights(path: &Path, tensors: &[TensorShape]) {
 fn a_scene_is_described_and_checked() {
     let place = Workplace::new();
     place.run("scene export castle castle --size 16").succeeds();
-    place.run("scene info castle --page castle.html").says(&["Blender", "100 to train on"]);
+    place.run("scene info castle --page castle.html").succeeds_with(&["Blender", "100 to train on"]);
     assert!(place.read("castle.html").contains("<canvas"));
-    assert!(serde_json::from_str::<Value>(&place.run("scene info castle --json").said()).is_ok());
+    assert!(serde_json::from_str::<Value>(&place.run("scene info castle --json").stdout()).is_ok());
     place.run("scene check castle").succeeds();
     place.run("scene info absent").fails_with(&["absent"]);
 }

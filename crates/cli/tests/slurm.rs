@@ -33,8 +33,12 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let task = listed.lines().find_map(third).unwrap_or_else(|| panic!("the third item does not run: {listed}"));
     slurm("scontrol", &["requeue", &task]);
     let output = child.wait_with_output().unwrap();
-    let said = text(&output.stdout);
-    assert!(output.status.success() && said.contains("16 runs submitted as slurm"), "{said}{}", text(&output.stderr));
+    let stdout = text(&output.stdout);
+    assert!(
+        output.status.success() && stdout.contains("16 runs submitted as slurm"),
+        "{stdout}{}",
+        text(&output.stderr)
+    );
     let shown = slurm("scontrol", &["show", "job", &task]);
     assert!(shown.contains("Restarts=1"), "{shown}");
     assert!(folder.join("launch/merge.sh").exists());

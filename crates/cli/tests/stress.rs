@@ -10,11 +10,11 @@ fn results(place: &Workplace, name: &str) -> Value {
 #[test]
 fn every_operation_holds_its_bounds() {
     let place = Workplace::new();
-    let said = place.run("bench stress --rays 400").says(&["flex:", "ndarray:"]);
+    let stdout = place.run("bench stress --rays 400").succeeds_with(&["flex:", "ndarray:"]);
     let results = results(&place, "stress");
     assert_eq!(results["non_finite"], 0);
     let rows = results["rows"].as_array().unwrap();
-    assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
+    assert!(rows.iter().all(|row| row["holds"] == true), "{stdout}");
     // There are only few exceptions.
     let exceptions = rows.iter().filter(|row| !row["exception"].is_null()).count();
     assert!(exceptions * 20 < rows.len(), "{exceptions} of {}", rows.len());
@@ -23,15 +23,15 @@ fn every_operation_holds_its_bounds() {
 #[test]
 fn the_older_backend_agrees_with_flex() {
     let place = Workplace::new();
-    let said = place.run("bench agreement --device ndarray").said();
+    let stdout = place.run("bench agreement --device ndarray").stdout();
     let rows = &results(&place, "agreement")["rows"];
     let rows = rows.as_array().unwrap();
     for what in ["compositing", "factored field", "NeRF, a step", "mip-NeRF, 20 steps", "PixelNeRF, 20 steps"] {
-        assert!(rows.iter().any(|row| row["what"] == what && row["numbers"].as_u64() > Some(0)), "{what}: {said}");
+        assert!(rows.iter().any(|row| row["what"] == what && row["numbers"].as_u64() > Some(0)), "{what}: {stdout}");
     }
-    assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
+    assert!(rows.iter().all(|row| row["holds"] == true), "{stdout}");
     // The devices implement each operation differently, so that not all results are equal to the last digit.
-    assert!(rows.iter().any(|row| row["error"].as_f64() > Some(0.0)), "{said}");
+    assert!(rows.iter().any(|row| row["error"].as_f64() > Some(0.0)), "{stdout}");
     place.run("bench agreement --device flex").fails_with(&["--device flex", "another device"]);
 }
 

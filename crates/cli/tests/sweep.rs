@@ -38,7 +38,7 @@ fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
 #[test]
 fn every_combination_is_run_once() {
     let place = Workplace::new();
-    sweep(&place, "runs").says(&["(8 runs)"]);
+    sweep(&place, "runs").succeeds_with(&["(8 runs)"]);
     let whole = folder(&place, "runs");
     let list = records(&whole);
     assert_eq!(list.len(), RUNS);
@@ -53,7 +53,7 @@ fn every_combination_is_run_once() {
 
     // The same command has nothing left to do, and changes nothing.
     let before = finished(&whole);
-    sweep(&place, "runs").says(&["8 runs, 8 of them finished before"]);
+    sweep(&place, "runs").succeeds_with(&["8 runs, 8 of them finished before"]);
     assert_eq!(before, finished(&whole));
 
     let numbers = |out| without_times(&records(&folder(&place, out)));
@@ -65,11 +65,11 @@ fn every_combination_is_run_once() {
     fs::copy(whole.join("manifest.jsonl"), &alone).unwrap();
     let item = |item: usize| place.run("sweep-item").arg(alone.to_str().unwrap()).arg(&item.to_string());
     (0..RUNS).rev().for_each(|index| drop(item(index).succeeds()));
-    item(5).says(&["finished before"]);
+    item(5).succeeds_with(&["finished before"]);
     item(8).fails_with(&["manifest.jsonl", "item 8"]);
     place.run("sweep-item nothing.jsonl 0").fails_with(&["nothing.jsonl"]);
     // Only the table is left to be written.
-    sweep(&place, "items").says(&["8 runs, 8 of them finished before"]);
+    sweep(&place, "items").succeeds_with(&["8 runs, 8 of them finished before"]);
     assert_eq!(numbers("runs"), numbers("items"));
 
     let text = fs::read_to_string(&alone).unwrap();
@@ -91,12 +91,12 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
         place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(format!("--set {steps}"))
     };
     // The experiment's claims are printed.
-    exp("train.iterations=3").args("--variant infonerf").says(&["the paper's losses improve on RGB alone"]);
+    exp("train.iterations=3").args("--variant infonerf").succeeds_with(&["the paper's losses improve on RGB alone"]);
     exp("train.iterations=3").args("--json").fails_with(&["--json", "--jobs"]);
     let listed = || finished(&place.path("runs/fast-losses"));
     let before = listed();
     exp("train.iterations=2").fails_with(&["config.toml", "another config"]);
-    exp("train.iterations=2").args("--overwrite").says(&["(1 run)"]);
+    exp("train.iterations=2").args("--overwrite").succeeds_with(&["(1 run)"]);
     let after = listed();
     assert_eq!(after.len(), 2);
     let same = |name: &str| {
@@ -104,7 +104,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
         before.iter().find(of) == after.iter().find(of)
     };
     assert!(same("infonerf") && !same("factored"));
-    exp("train.iterations=2").says(&["1 of them finished before"]);
+    exp("train.iterations=2").succeeds_with(&["1 of them finished before"]);
 }
 
 /// Sweep of four by four weights of the paper's losses.

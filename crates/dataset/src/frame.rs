@@ -103,7 +103,7 @@ pub(crate) fn cameras_of(frames: &[Frame]) -> Result<Vec<Camera>, SceneError> {
 }
 
 /// Removes frames without an image file, and returns a warning. If all lack one, all are kept: loading reports the first.
-pub(crate) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
+pub(crate) fn with_images(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
     let total = frames.len();
     let (there, missing): (Vec<_>, Vec<_>) = frames.into_iter().partition(|f| f.image.is_file());
     let warning = missing

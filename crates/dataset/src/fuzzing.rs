@@ -69,7 +69,7 @@ fn transforms(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
 
 fn poses_bounds(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
     let rows = npy::decode(path, bytes, llff::EXPECTED).and_then(|array| llff::rows(path, array)).ok()?;
-    let (poses, (near, far)) = llff::placed(path, &rows).ok()?;
+    let (poses, (near, far)) = llff::scaled_and_recentred(path, &rows).ok()?;
     let camera = |pose| Camera::pinhole((8, 6), [9.0; 2], [4.0, 3.0], pose);
     let cameras: Vec<Camera> = poses.into_iter().take(MAX_FRAMES).map(camera).collect();
     frusta_bounds(&cameras, Range::Depth { near, far });

@@ -83,7 +83,7 @@ impl Identity {
     ///
     /// # Errors
     /// One line that names the first key whose value differs, or what else has changed, and what can be done.
-    pub(crate) fn continues(&mut self, folder: &Path, config: &str) -> Result<bool> {
+    pub(crate) fn check_continuation(&mut self, folder: &Path, config: &str) -> Result<bool> {
         let remedy = "--overwrite starts the run anew, another --out keeps it";
         let path = folder.join("config.toml");
         let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;

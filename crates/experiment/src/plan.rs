@@ -283,7 +283,7 @@ impl About {
         if self.data.is_none() {
             input.warnings.push("Procedural scenes of this project, not a published data set.".into());
         }
-        input.published = self.paper.as_ref().map(|paper| paper.beside(runs));
+        input.published = self.paper.as_ref().map(|paper| paper.to_published(runs));
         let chosen = |variant: &str| runs.iter().any(|plan| plan.variant == variant);
         input.claims = self.claims.iter().filter(|claim| claim.variants().all(chosen)).cloned().collect();
         Ok(input)

@@ -59,13 +59,13 @@ enum Aspect {
 
 impl Paper {
     /// Returns the paper's figures, with each difference between its protocol and that of `runs`.
-    pub(crate) fn beside(&self, runs: &[&RunPlan]) -> Published {
+    pub(crate) fn to_published(&self, runs: &[&RunPlan]) -> Published {
         let means = self.figures.iter().map(|figures| row(figures, None));
         let of_scenes = self.scenes.iter();
         let of_scenes =
             of_scenes.flat_map(|(scene, rows)| rows.iter().map(|figures| row(figures, Some(scene.clone()))));
         let differences = self.protocol.iter().filter_map(|(aspect, there)| {
-            let (what, here) = aspect.of(runs);
+            let (what, here) = aspect.describe(runs);
             here.filter(|here| here != there).map(|here| format!("{what}: {here} here; {there} in the paper."))
         });
         Published {
@@ -87,7 +87,7 @@ fn row((variant, figures): (&String, &Figures), scene: Option<String>) -> Publis
 
 impl Aspect {
     /// Returns the heading of the aspect, and its description for `runs` (`None` if it is unknown before scenes are read).
-    fn of(self, runs: &[&RunPlan]) -> (&'static str, Option<String>) {
+    fn describe(self, runs: &[&RunPlan]) -> (&'static str, Option<String>) {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
         match self {
             Self::Scenes => {
@@ -169,7 +169,7 @@ mod tests {
         let text = "source = 'Table 1'\nnotes = ['n']\n[figures.nerf]\npsnr = [15.93, 1.06]\nlpips_vgg = 0.32\n\
                     [scenes.lego.nerf]\npsnr = 15.61\n[protocol]\nimages = '800 pixels'\nview_sets = '5'\n";
         let paper: Paper = toml::from_str(text).unwrap();
-        let published = paper.beside(&[]);
+        let published = paper.to_published(&[]);
         let psnr = (Quantity::PSNR, Summary { mean: 15.93, std: Some(1.06), n: 1 });
         assert!(published.rows[0].figures.contains(&psnr));
         assert_eq!((published.rows[0].figures.len(), published.rows[1].scene.as_deref()), (2, Some("lego")));
@@ -183,7 +183,7 @@ mod tests {
     fn other_training_views_than_the_papers_are_noted() {
         let noted = |set: &[&str]| {
             let plan = Experiment::plan("synthetic-4view", &selected(&[], &[], set)).unwrap();
-            let published = plan.about.paper.unwrap().beside(&plan.runs.iter().collect::<Vec<_>>());
+            let published = plan.about.paper.unwrap().to_published(&plan.runs.iter().collect::<Vec<_>>());
             published.footnotes.into_iter().find(|note| note.starts_with("Training views"))
         };
         assert_eq!(noted(&[]), None);

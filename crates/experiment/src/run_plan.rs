@@ -42,7 +42,7 @@ pub struct RunPlan {
 
 /// Contents of a run's `config.toml`: a complete experiment file with this run alone.
 #[derive(Serialize, Deserialize)]
-struct Complete {
+struct RunConfigFile {
     title: String,
     name: String,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -185,7 +185,7 @@ impl RunPlan {
         for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
             *path = absolute(path);
         }
-        let complete = Complete {
+        let file = RunConfigFile {
             title: self.label(),
             name: self.experiment.clone(),
             data: self.data.as_deref().map(absolute),
@@ -197,7 +197,7 @@ impl RunPlan {
             config: toml::to_string(&config)?.parse()?,
             variants: BTreeMap::from([(self.variant.clone(), Table::new())]),
         };
-        Ok(toml::to_string(&complete)?)
+        Ok(toml::to_string(&file)?)
     }
 
     /// Reads the `config.toml` of a run's folder.
@@ -218,25 +218,25 @@ impl RunPlan {
     /// # Errors
     /// If it is not of one run, or a key is unknown or out of range.
     pub fn from_toml(text: &str) -> Result<Self> {
-        let complete: Complete = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.message()))?;
-        let config = Config::from_table(complete.config)?;
+        let file: RunConfigFile = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.message()))?;
+        let config = Config::from_table(file.config)?;
         let (Some(scene), Some(&seed), Some(variant)) =
-            (complete.scenes.first(), complete.seeds.first(), complete.variants.keys().next())
+            (file.scenes.first(), file.seeds.first(), file.variants.keys().next())
         else {
             bail!("expected one scene, one seed and one variant");
         };
-        check_name("experiment", &complete.name)?;
+        check_name("experiment", &file.name)?;
         check_name("variant", variant)?;
-        let source = find_scenes(complete.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
+        let source = find_scenes(file.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
         Ok(Self {
-            experiment: complete.name,
+            experiment: file.name,
             scene: scene.clone(),
             source,
-            data: complete.data,
+            data: file.data,
             variant: variant.clone(),
             seed,
-            preset: complete.preset,
-            budget: complete.budget_seconds,
+            preset: file.preset,
+            budget: file.budget_seconds,
             config,
         })
     }

@@ -16,7 +16,7 @@ const FINEST: f32 = 1.0 / 2000.0;
 /// Share of the box's longest side at which distances are truncated.
 const TRUNCATION: f32 = 0.05;
 /// Ratio to the minimum error up to which densities count as equally good.
-const AS_GOOD: f32 = 1.02;
+const ERROR_RATIO: f32 = 1.02;
 
 /// Depths at which the light of a ray is absorbed.
 struct RayDepths {
@@ -65,7 +65,7 @@ pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, E
     let errors: Vec<f32> = densities.iter().map(error).collect();
     let least = errors.iter().copied().fold(f32::INFINITY, f32::min);
     let good: Vec<f32> =
-        densities.into_iter().zip(errors).filter(|(_, error)| *error <= AS_GOOD * least).map(|(d, _)| d).collect();
+        densities.into_iter().zip(errors).filter(|(_, error)| *error <= ERROR_RATIO * least).map(|(d, _)| d).collect();
     Ok(good[good.len() / 2])
 }
 

@@ -2,7 +2,7 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::shading::{endpoints, head_on};
+use crate::shading::{colors_along_normals, endpoints};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
@@ -18,7 +18,7 @@ pub struct Mesh {
 impl Mesh {
     /// Makes a mesh of `surface` with the colours of `volume`.
     pub fn new(surface: Surface, volume: &dyn Volume) -> Self {
-        let colors = head_on(&surface, &endpoints(&surface, volume), volume);
+        let colors = colors_along_normals(&surface, &endpoints(&surface, volume), volume);
         Self { surface, colors }
     }
 }

@@ -39,7 +39,7 @@ pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
 }
 
 /// Evaluates the colour of each vertex as seen along its normal from outside, at `endpoints`.
-pub(crate) fn head_on(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[f32; 3]> {
+pub(crate) fn colors_along_normals(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[f32; 3]> {
     let against: Vec<Vec3> = surface.normals.iter().map(|&normal| -normal).collect();
     let chunks = endpoints.chunks(CHUNK).zip(against.chunks(CHUNK));
     chunks.flat_map(|(points, directions)| volume.color(points, directions)).collect()

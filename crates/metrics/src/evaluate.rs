@@ -81,7 +81,7 @@ impl<'a> Evaluator<'a> {
         }
         for (network, features) in &mut self.features {
             if let (Ok(sets), Ok(view)) = (&mut *features, &view)
-                && let Err(reason) = describe(view, self.networks, network, sets)
+                && let Err(reason) = add_features(view, self.networks, network, sets)
             {
                 *features = Err(reason);
             }
@@ -158,7 +158,7 @@ fn view_value(
 }
 
 /// Adds the features of a view by the extractor `network` to the sets of renders and of truths.
-fn describe(
+fn add_features(
     view: &PreparedView<'_>,
     networks: &Networks,
     network: &'static str,

@@ -61,7 +61,7 @@ impl RayMasses {
     fn through_normalisation(
         &self,
         p: &[f64],
-        through: &[f64],
+        transmittance: &[f64],
         dp: impl Fn(usize) -> f64,
         background: f64,
         mut put: impl FnMut(usize, f64),
@@ -71,7 +71,7 @@ impl RayMasses {
         let mean = samples + self.background * (background - common);
         let scale = 1.0 / self.sum;
         for i in self.range.clone() {
-            put(i, (dp(i) - common - mean) * scale * through[i]);
+            put(i, (dp(i) - common - mean) * scale * transmittance[i]);
         }
     }
 
@@ -84,17 +84,17 @@ impl RayMasses {
         background: f64,
         mut put: impl FnMut(usize, f64),
     ) {
-        let mut trans: Vec<f64> = opacity.through[self.range.clone()]
+        let mut trans: Vec<f64> = opacity.transmittance[self.range.clone()]
             .iter()
-            .scan(1.0, |trans, through| {
-                *trans *= through;
+            .scan(1.0, |trans, transmittance| {
+                *trans *= transmittance;
                 Some(*trans)
             })
             .collect();
         let mut behind = background;
         for i in self.range.clone().rev() {
             put(i, trans.pop().unwrap_or(1.0) * (dp(i) - behind));
-            behind = opacity.alpha[i] * dp(i) + opacity.through[i] * behind;
+            behind = opacity.alpha[i] * dp(i) + opacity.transmittance[i] * behind;
         }
     }
 }
@@ -113,7 +113,7 @@ impl<'a> Distributions<'a> {
                         let mut trans = 1.0;
                         for i in range.clone() {
                             p[i] *= trans;
-                            trans *= opacity.through[i];
+                            trans *= opacity.transmittance[i];
                         }
                         trans
                     }
@@ -189,7 +189,7 @@ impl<'a> Distributions<'a> {
             if self.kind == RayDistribution::Termination {
                 ray.through_weights(self.opacity, |i| gradients[i], last, add);
             } else {
-                ray.through_normalisation(&self.p, &self.opacity.through, |i| gradients[i], last, add);
+                ray.through_normalisation(&self.p, &self.opacity.transmittance, |i| gradients[i], last, add);
             }
         }
     }
@@ -237,11 +237,11 @@ impl<'a> Distributions<'a> {
             let (grad, ray, near) = (f64::from(grad), &self.rays[place], &other.rays[place]);
             if let Some(dtau) = &mut dtau {
                 let put = |i: usize, g| dtau[i] = (grad * g) as f32;
-                ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], 0.0, put);
+                ray.through_normalisation(&self.p, &self.opacity.transmittance, |i| dp[i], 0.0, put);
             }
             if let Some(dnear) = &mut dnear {
                 let put = |i: usize, g| dnear[i] = (grad * g) as f32;
-                near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], 0.0, put);
+                near.through_normalisation(&other.p, &other.opacity.transmittance, |i| dq[i], 0.0, put);
             }
         }
     }

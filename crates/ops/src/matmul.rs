@@ -33,11 +33,11 @@ impl Matrix {
 
 /// Initial value of a product's sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Onto<'a> {
+pub enum InitialSum<'a> {
     /// 0
-    Nothing,
+    Zero,
     /// Previous value of the element.
-    Sum,
+    Previous,
     /// Bias of the column.
     Bias(&'a [f32]),
 }
@@ -53,19 +53,19 @@ pub(crate) const COLUMNS: usize = 16;
 /// If rows of y or b are not contiguous, rows of y overlap, or a matrix reaches beyond its slice.
 pub fn product(
     [m, n, k]: [usize; 3],
-    onto: Onto<'_>,
+    initial: InitialSum<'_>,
     (y, y_at): (&mut [f32], Matrix),
     (a, a_at): (&[f32], Matrix),
     (b, b_at): (&[f32], Matrix),
 ) {
     if m == 0 || n == 0 || k == 0 {
-        assert!(k > 0 || onto == Onto::Sum, "an empty sum is not written");
+        assert!(k > 0 || initial == InitialSum::Previous, "an empty sum is not written");
         return;
     }
     assert!(y_at.column == 1 && b_at.column == 1 && y_at.row >= n, "contiguous rows");
     assert!(y_at.fits(m, n, y.len()) && a_at.fits(m, k, a.len()) && b_at.fits(k, n, b.len()), "matrices within slices");
     let whole = n - n % COLUMNS;
-    simd::run(Product { sizes: [m, whole, k], onto, y: (y, y_at), a: (a, a_at), b: (b, b_at) });
+    simd::run(Product { sizes: [m, whole, k], initial, y: (y, y_at), a: (a, a_at), b: (b, b_at) });
     if whole == n {
         return;
     }
@@ -77,9 +77,9 @@ pub fn product(
     };
     let rows = Matrix::rows(0, COLUMNS);
     let (mut last, b) = (filled(y, y_at, m), filled(b, b_at, k));
-    let bias = if let Onto::Bias(bias) = onto { filled(bias, rows, 1) } else { Vec::new() };
-    let onto = if let Onto::Bias(_) = onto { Onto::Bias(&bias) } else { onto };
-    simd::run(Product { sizes: [m, COLUMNS, k], onto, y: (&mut last, rows), a: (a, a_at), b: (&b, rows) });
+    let bias = if let InitialSum::Bias(bias) = initial { filled(bias, rows, 1) } else { Vec::new() };
+    let initial = if let InitialSum::Bias(_) = initial { InitialSum::Bias(&bias) } else { initial };
+    simd::run(Product { sizes: [m, COLUMNS, k], initial, y: (&mut last, rows), a: (a, a_at), b: (&b, rows) });
     for (r, last) in last.chunks_exact(COLUMNS).enumerate() {
         y[y_at.start + r * y_at.row..][whole..n].copy_from_slice(&last[..n - whole]);
     }
@@ -91,7 +91,7 @@ const PACKED: usize = 96;
 /// Product whose matrices are known to lie within their slices.
 struct Product<'a> {
     sizes: [usize; 3],
-    onto: Onto<'a>,
+    initial: InitialSum<'a>,
     y: (&'a mut [f32], Matrix),
     a: (&'a [f32], Matrix),
     b: (&'a [f32], Matrix),
@@ -161,14 +161,14 @@ impl Product<'_> {
         let (a_start, b_start) = (a_at.start + row * a_at.row, b_at.start);
         let y = &mut y[y_at.start + row * y_at.row + column..];
         let mut sums = [[0f32; N]; R];
-        match self.onto {
-            Onto::Nothing => {}
-            Onto::Sum => {
+        match self.initial {
+            InitialSum::Zero => {}
+            InitialSum::Previous => {
                 for r in 0..R {
                     sums[r].copy_from_slice(&y[r * y_at.row..r * y_at.row + N]);
                 }
             }
-            Onto::Bias(bias) => {
+            InitialSum::Bias(bias) => {
                 for r in 0..R {
                     sums[r].copy_from_slice(&bias[column..column + N]);
                 }
@@ -205,19 +205,19 @@ mod tests {
             let (a, b, bias) = (numbers((m + 2) * (k + 3)), numbers(2 + k * (n + 5)), numbers(n));
             let b_at = Matrix::rows(2, n + 5);
             for a_at in [Matrix::rows(1, k + 3), Matrix::rows(1, m + 2).transposed()] {
-                for onto in [Onto::Nothing, Onto::Sum, Onto::Bias(&bias)] {
+                for initial in [InitialSum::Zero, InitialSum::Previous, InitialSum::Bias(&bias)] {
                     let mut y = vec![1.0; 3 + m * (n + 1)];
                     let at = |matrix: Matrix, r: usize, c: usize| matrix.start + r * matrix.row + c * matrix.column;
                     let y_at = Matrix::rows(3, n + 1);
-                    product([m, n, k], onto, (&mut y, y_at), (&a, a_at), (&b, b_at));
+                    product([m, n, k], initial, (&mut y, y_at), (&a, a_at), (&b, b_at));
                     for (r, c) in (0..m).flat_map(|r| (0..n).map(move |c| (r, c))) {
-                        let before = match onto {
-                            Onto::Nothing => 0.0,
-                            Onto::Sum => 1.0,
-                            Onto::Bias(bias) => bias[c],
+                        let before = match initial {
+                            InitialSum::Zero => 0.0,
+                            InitialSum::Previous => 1.0,
+                            InitialSum::Bias(bias) => bias[c],
                         };
                         let sum: f32 = (0..k).map(|i| a[at(a_at, r, i)] * b[at(b_at, i, c)]).sum();
-                        assert_eq!(y[at(y_at, r, c)], before + sum, "{m} {n} {k} {onto:?} at {r}, {c}");
+                        assert_eq!(y[at(y_at, r, c)], before + sum, "{m} {n} {k} {initial:?} at {r}, {c}");
                     }
                     assert!((0..m).all(|r| y[at(y_at, r, 0) - 1] == 1.0), "nothing next to it is written");
                 }
@@ -234,8 +234,13 @@ mod tests {
         for instructions in simd::Instructions::ALL.into_iter().filter(|instructions| instructions.present()) {
             let mut y = vec![f32::NAN; m * n];
             let [y_at, a_at, b_at] = [n, k, n].map(|row| Matrix::rows(0, row));
-            let whole =
-                Product { sizes: [m, n, k], onto: Onto::Nothing, y: (&mut y, y_at), a: (&a, a_at), b: (&b, b_at) };
+            let whole = Product {
+                sizes: [m, n, k],
+                initial: InitialSum::Zero,
+                y: (&mut y, y_at),
+                a: (&a, a_at),
+                b: (&b, b_at),
+            };
             instructions.run(whole);
             assert!((0..m * n).all(|i| y[i] == sum(i)), "{instructions:?}");
         }
@@ -245,6 +250,6 @@ mod tests {
     #[should_panic(expected = "matrices within slices")]
     fn matrices_beyond_their_slices_are_refused() {
         let at = Matrix::rows(0, 16);
-        product([2, 16, 2], Onto::Nothing, (&mut [0.0; 32], at), (&[0.0; 3], Matrix::rows(0, 2)), (&[0.0; 32], at));
+        product([2, 16, 2], InitialSum::Zero, (&mut [0.0; 32], at), (&[0.0; 3], Matrix::rows(0, 2)), (&[0.0; 32], at));
     }
 }

@@ -94,7 +94,7 @@ mod vector {
 
     /// Computes e^−|x| in `f32`, at least e^−87.
     #[inline(always)]
-    fn fading(x: f32) -> f32 {
+    fn exp_neg_abs(x: f32) -> f32 {
         const LN2_HIGH: f32 = 0.693_359_4;
         const LN2_LOW: f32 = -2.121_944_4e-4;
         const ROUND: f32 = 12_582_912.0 + 127.0;
@@ -113,7 +113,7 @@ mod vector {
     #[inline(always)]
     pub(crate) fn sigmoid(values: &mut [f32]) {
         for x in values {
-            let e = fading(*x);
+            let e = exp_neg_abs(*x);
             *x = if *x < 0.0 { e } else { 1.0 } / (1.0 + e);
         }
     }
@@ -122,7 +122,7 @@ mod vector {
     #[inline(always)]
     pub(crate) fn softplus(values: &mut [f32]) {
         for x in values {
-            let e = fading(*x);
+            let e = exp_neg_abs(*x);
             let z = e / (2.0 + e);
             // The first term left out is 1e-9 at e = 1.
             let series = [15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0];
@@ -136,15 +136,15 @@ mod vector {
         /// α = 1 − e^−τ.
         pub(crate) alpha: Vec<f64>,
         /// 1 − α = e^−τ.
-        pub(crate) through: Vec<f64>,
+        pub(crate) transmittance: Vec<f64>,
     }
 
     impl SampleOpacity {
         #[inline(always)]
         pub(crate) fn new<const FMA: bool>(tau: &[f32]) -> Self {
-            let mut opacity = Self { alpha: vec![0.0; tau.len()], through: vec![0.0; tau.len()] };
-            for ((alpha, through), &tau) in opacity.alpha.iter_mut().zip(&mut opacity.through).zip(tau) {
-                (*alpha, *through) = self::opacity::<FMA>(tau);
+            let mut opacity = Self { alpha: vec![0.0; tau.len()], transmittance: vec![0.0; tau.len()] };
+            for ((alpha, transmittance), &tau) in opacity.alpha.iter_mut().zip(&mut opacity.transmittance).zip(tau) {
+                (*alpha, *transmittance) = self::opacity::<FMA>(tau);
             }
             opacity
         }
@@ -182,18 +182,18 @@ mod vector {
         #[test]
         fn opacity_is_exact_at_every_depth() {
             for tau in exponents(-126..9).map(|tau| tau as f32) {
-                for (alpha, through) in [opacity::<false>(tau), opacity::<true>(tau)] {
+                for (alpha, transmittance) in [opacity::<false>(tau), opacity::<true>(tau)] {
                     close(alpha, -(-f64::from(tau)).exp_m1(), f64::from(tau));
-                    close(through, (-f64::from(tau)).exp(), f64::from(tau));
+                    close(transmittance, (-f64::from(tau)).exp(), f64::from(tau));
                 }
             }
             assert_eq!(opacity::<true>(0.0), (0.0, 1.0));
             for tau in [1e3, f32::MAX, f32::INFINITY] {
-                let (alpha, through) = opacity::<false>(tau);
-                assert!(alpha == 1.0 && (0.0..1e-300).contains(&through), "{tau}: {alpha}, {through}");
+                let (alpha, transmittance) = opacity::<false>(tau);
+                assert!(alpha == 1.0 && (0.0..1e-300).contains(&transmittance), "{tau}: {alpha}, {transmittance}");
             }
-            for (alpha, through) in [opacity::<false>(f32::NAN), opacity::<true>(f32::NAN)] {
-                assert!(alpha.is_nan() && through.is_nan(), "{alpha}, {through}");
+            for (alpha, transmittance) in [opacity::<false>(f32::NAN), opacity::<true>(f32::NAN)] {
+                assert!(alpha.is_nan() && transmittance.is_nan(), "{alpha}, {transmittance}");
             }
         }
 
@@ -203,9 +203,9 @@ mod vector {
                 let (mut densities, mut shares) = ([x], [x]);
                 softplus(&mut densities);
                 sigmoid(&mut shares);
-                let fading = (-f64::from(x).abs()).exp();
-                let density = f64::from(x).max(0.0) + fading.ln_1p();
-                let share = if x < 0.0 { fading } else { 1.0 } / (1.0 + fading);
+                let exp_neg_abs = (-f64::from(x).abs()).exp();
+                let density = f64::from(x).max(0.0) + exp_neg_abs.ln_1p();
+                let share = if x < 0.0 { exp_neg_abs } else { 1.0 } / (1.0 + exp_neg_abs);
                 for (got, want) in [(densities[0], density), (shares[0], share)] {
                     assert!((f64::from(got) - want).abs() <= 3e-7 * want + 2e-38, "{got:e} for {want:e}, of {x}");
                 }

@@ -33,9 +33,9 @@ impl Scratch {
 impl Drop for Scratch {
     fn drop(&mut self) {
         /// Number of buffers that an optimizer step holds at once, in addition to one per thread.
-        const OF_A_STEP: usize = 4;
+        const BUFFERS_PER_STEP: usize = 4;
         let mut pool = pool();
-        if pool.len() < OF_A_STEP + rayon::current_num_threads() {
+        if pool.len() < BUFFERS_PER_STEP + rayon::current_num_threads() {
             pool.push(std::mem::take(&mut self.0));
         }
     }

@@ -201,8 +201,8 @@ impl Builder {
     pub fn build(self, scale: f64, rise: f64) -> SceneModel {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
-        let is_clear = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
-        SceneModel { objects: self.objects, volumes: self.volumes, is_clear, bvh, scale, rise }
+        let is_translucent = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
+        SceneModel { objects: self.objects, volumes: self.volumes, is_translucent, bvh, scale, rise }
     }
 }
 
@@ -224,7 +224,7 @@ pub(super) struct SceneModel {
     objects: Vec<SceneObject>,
     pub volumes: Vec<Medium>,
     /// Whether anything is translucent.
-    pub is_clear: bool,
+    pub is_translucent: bool,
     bvh: Bvh,
     /// World units in one unit of the objects' coordinates.
     pub scale: f64,

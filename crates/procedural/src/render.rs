@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::convex::HalfLine;
 use super::model::SceneModel;
 use super::shade::{LIGHT_SAMPLES, encode};
-use super::through::{front, light};
+use super::through::{half_hidden_distance, light};
 
 /// Number of samples per pixel along each side.
 const GRID: usize = 2;
@@ -27,7 +27,7 @@ pub(super) fn render(model: &SceneModel, camera: &Camera) -> Rgba8 {
 /// unless it is transparent. The distance is `f32::INFINITY` where the opacity stays below.
 pub(super) fn fronts(model: &SceneModel, camera: &Camera) -> (Vec<f32>, Vec<bool>) {
     let front = |x, y| {
-        let found = front(model, &ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5));
+        let found = half_hidden_distance(model, &ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5));
         found.map_or((f32::INFINITY, false), |(t, subject)| ((t * model.scale) as f32, subject))
     };
     rows(camera, front).into_iter().unzip()

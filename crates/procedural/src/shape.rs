@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use super::convex::{Convex, HalfLine, Kind, LocalFrame};
 
 /// Min distance of a hit: nearer hits are on the surface from which the ray starts.
-const NEAREST: f64 = 1e-6;
+const MIN_DISTANCE: f64 = 1e-6;
 
 /// Intersection of a ray with a surface.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +94,7 @@ impl Shape {
 /// Returns the first point after the start where the line goes from outside `base − cuts` to its surface.
 fn carve(base: &Convex, cuts: &[Convex], line: &HalfLine, farthest: f64) -> Option<(f64, DVec3)> {
     let span = base.span(line)?;
-    if span.exit <= NEAREST || span.enter >= farthest {
+    if span.exit <= MIN_DISTANCE || span.enter >= farthest {
         return None;
     }
     let (mut t, mut normal) = (span.enter, span.enter_normal);
@@ -104,10 +104,10 @@ fn carve(base: &Convex, cuts: &[Convex], line: &HalfLine, farthest: f64) -> Opti
     for hole in &holes {
         if hole.enter > t {
             // Solid from t up to the hole: a front face at t, or the inside of its far wall.
-            if t > NEAREST {
+            if t > MIN_DISTANCE {
                 return Some((t, normal));
             }
-            if hole.enter > NEAREST && hole.enter < span.exit {
+            if hole.enter > MIN_DISTANCE && hole.enter < span.exit {
                 return Some((hole.enter, -hole.enter_normal));
             }
         }
@@ -118,7 +118,7 @@ fn carve(base: &Convex, cuts: &[Convex], line: &HalfLine, farthest: f64) -> Opti
             return None;
         }
     }
-    if t > NEAREST { Some((t, normal)) } else { Some((span.exit, span.exit_normal)) }
+    if t > MIN_DISTANCE { Some((t, normal)) } else { Some((span.exit, span.exit_normal)) }
 }
 
 /// Finds the hit of a torus by sphere tracing within the slab and the cylinder that hold the torus. The field is a true
@@ -132,13 +132,13 @@ fn ring(line: &HalfLine, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
     }
     let half = half2.sqrt();
     let end = (middle + half).min(farthest);
-    let mut t = (middle - half).max(NEAREST);
+    let mut t = (middle - half).max(MIN_DISTANCE);
     let distance = |p: DVec3| {
         let across = DVec2::new(p.x, p.y).length() - radius;
         DVec2::new(across, p.z).length() - tube
     };
     // Rays that start on the surface step off it first.
-    if t <= NEAREST && distance(line.at(t)) < 1e-4 {
+    if t <= MIN_DISTANCE && distance(line.at(t)) < 1e-4 {
         t += 1e-3;
     }
     for _ in 0..200 {

@@ -88,7 +88,7 @@ fn surface_points_are_what_the_training_cameras_see() {
         let p = p.as_dvec3();
         let outward = p.normalize();
         let line = model.line(p + 4.0 * outward, -outward);
-        let (t, _) = through::front(&model, &line).expect("the ray ends at the surface at the latest");
+        let (t, _) = through::half_hidden_distance(&model, &line).expect("the ray ends at the surface at the latest");
         t * model.scale <= 4.0 + 1e-3
     });
     assert_eq!(met.count(), points.len());
@@ -120,7 +120,7 @@ fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
 fn depth_is_consistent_between_views() {
     for name in NAMES {
         let model = model(name).unwrap();
-        if model.is_clear {
+        if model.is_translucent {
             // The depth of translucent matter depends on the direction of the ray.
             continue;
         }
@@ -137,7 +137,7 @@ fn depth_is_consistent_between_views() {
             // Trace b's own ray through exactly that point.
             let (origin, direction) = b.ray_f64(f64::from(pixel.x), f64::from(pixel.y));
             let line = model.line(origin, direction);
-            let seen = through::front(&model, &line).map_or(f64::INFINITY, |(t, _)| t * model.scale);
+            let seen = through::half_hidden_distance(&model, &line).map_or(f64::INFINITY, |(t, _)| t * model.scale);
             let distance = f64::from(p.distance(b.position()));
             // Grazing rays slide off the silhouette by rounding: leave those out.
             let towards = a.ray_f64((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5).1;
@@ -207,7 +207,7 @@ fn light_from_behind_passes_glass_and_water() {
     assert!((water.1 - (1.0 - (-1.8f64).exp())).abs() < 1e-9 && (water.0.x - water.1).abs() < 1e-9);
     assert_eq!(see(-5.0), (DVec3::ZERO, 0.0));
     // Depth is where half is hidden: the wall behind the pane, ln 2 / 0.9 deep in the water, nowhere on the pane.
-    let depth = |y: f64| through::front(&model, &line(y)).map(|(t, _)| t);
+    let depth = |y: f64| through::half_hidden_distance(&model, &line(y)).map(|(t, _)| t);
     assert!((depth(0.5).unwrap() - 3.9).abs() < 1e-9 && depth(-0.5).is_none());
     assert!((depth(-3.0).unwrap() - (2.0 + 2f64.ln() / 0.9)).abs() < 1e-9);
 }

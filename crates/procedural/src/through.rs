@@ -20,7 +20,7 @@ enum Encounter<'a> {
 }
 
 /// Calls `visit` for each encounter of the line from front to back, until it returns false or an opaque surface is met.
-fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encounter<'a>) -> bool) {
+fn for_each_encounter<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encounter<'a>) -> bool) {
     let mut start = 0.0;
     for _ in 0..MAX_SURFACES {
         let found = model.nearest(&HalfLine { origin: line.at(start), ..*line });
@@ -48,13 +48,13 @@ fn walk<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encoun
 /// Returns linear RGB seen along `line`, premultiplied by coverage, and the coverage: 1 at any opaque surface, 0 if nothing is
 /// met. `sample` chooses among the positions over the lamps.
 pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec3, f64) {
-    if !model.is_clear {
+    if !model.is_translucent {
         return model
             .nearest(line)
             .map_or((DVec3::ZERO, 0.0), |(hit, object)| surface(model, line, &hit, &object.material, sample, true));
     }
     let (mut colour, mut passes) = (DVec3::ZERO, 1.0);
-    walk(model, line, |part| {
+    for_each_encounter(model, line, |part| {
         let (light, hidden) = match part {
             Encounter::Surface(hit, object) => surface(model, line, &hit, &object.material, sample, true),
             Encounter::Matter(from, to, volume) => {
@@ -71,12 +71,12 @@ pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec
 
 /// Returns the distance at which half of the light from behind is hidden, and whether the subject hides it. In opaque
 /// scenes this is the first surface.
-pub(super) fn front(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
-    if !model.is_clear {
+pub(super) fn half_hidden_distance(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
+    if !model.is_translucent {
         return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));
     }
     let (mut passes, mut found) = (1.0, None);
-    walk(model, line, |part| {
+    for_each_encounter(model, line, |part| {
         match part {
             Encounter::Surface(hit, object) => {
                 passes *= 1.0 - cover(&object.material, hit.normal.dot(line.direction));

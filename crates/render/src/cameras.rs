@@ -72,7 +72,7 @@ impl CameraRefinement {
     }
 
     /// Creates the correction of one camera, such as a test view's, in a known frame: no mean is subtracted.
-    pub fn of_one(pivot: Pivot, device: &Device) -> Self {
+    pub fn single(pivot: Pivot, device: &Device) -> Self {
         Self { gauge: false, ..Self::new(1, pivot, Focal::Fixed, device) }
     }
 

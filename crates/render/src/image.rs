@@ -118,7 +118,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
             image.counts += counts;
             marched.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
         }
-        return image.before(renderer);
+        return image.over_backdrop(renderer);
     }
     for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
         let rays = renderer.rays(rays.to_vec(), &trained.model.fine.device());
@@ -131,7 +131,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
             image.push(*rgb, depth, acc);
         }
     }
-    image.before(renderer)
+    image.over_backdrop(renderer)
 }
 
 impl RenderedImage {
@@ -143,7 +143,7 @@ impl RenderedImage {
     }
 
     /// Returns the picture before the scene's backdrop. If that is unknown, transparent pixels show the colours around them.
-    fn before(mut self, renderer: &Renderer) -> Self {
+    fn over_backdrop(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop == Backdrop::Unknown {
             let background = Vec3::from(renderer.background);
             let own = |(rgb, acc): (&[f32; 3], &f32)| (Vec3::from(*rgb) - (1.0 - acc) * background).extend(*acc);

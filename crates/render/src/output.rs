@@ -33,7 +33,7 @@ impl Samples {
     /// positions, `[M, 3]`.
     pub(crate) fn packed(packed: PackedSamples, candidates: usize, device: &Device) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
-        let [distance, delta] = [distance, delta].map(|values| on(&values, device));
+        let [distance, delta] = [distance, delta].map(|values| with_autodiff_of(&values, device));
         let on_host = Arc::new(on_host.map_or_else(OnceLock::new, OnceLock::from));
         (Self { segments, distance, on_host, delta, candidates }, positions)
     }
@@ -45,7 +45,7 @@ impl Samples {
 }
 
 /// Converts `tensor` to `device`, which is its own device with or without autodiff.
-pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
+pub(crate) fn with_autodiff_of<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
     match (tensor.device().is_autodiff(), device.is_autodiff()) {
         (false, true) => tensor.clone().autodiff(),
         (true, false) => tensor.clone().inner(),

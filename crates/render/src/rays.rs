@@ -9,7 +9,7 @@ use infonerf_ops::{is_gpu, upload, upload_together};
 use infonerf_scene::{PixelAt, Ray};
 
 use crate::noise::{Noise, RandomStream};
-use crate::output::{Samples, on};
+use crate::output::{Samples, with_autodiff_of};
 use crate::warp::Warp;
 
 /// Batch of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
@@ -108,14 +108,15 @@ impl RayBatch {
     /// Returns the origins and directions in no graph, `[R, 3]` each.
     pub(crate) fn geometry(&self) -> [Tensor<2>; 2] {
         let device = self.radii.device();
-        [&self.origins, &self.directions].map(|rows| on(rows, &device))
+        [&self.origins, &self.directions].map(|rows| with_autodiff_of(rows, &device))
     }
 
     /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`. Only
     /// [`Self::points`] keeps gradients with respect to rays.
     pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
-        let [t, delta, radii] = [&samples.distance, &samples.delta, &self.radii].map(|values| on(values, device));
-        let [positions, directions] = [&positions, &self.geometry()[1]].map(|rows| on(rows, device));
+        let [t, delta, radii] =
+            [&samples.distance, &samples.delta, &self.radii].map(|values| with_autodiff_of(values, device));
+        let [positions, directions] = [&positions, &self.geometry()[1]].map(|rows| with_autodiff_of(rows, device));
         Points { positions, directions, segments: samples.segments.clone(), extent: Extent::Cones { t, delta, radii } }
     }
 
@@ -123,8 +124,8 @@ impl RayBatch {
     /// `device`. Differentiable in rays that are in an autodiff graph.
     pub(crate) fn points(&self, samples: &Samples, warp: &Warp, device: &Device) -> Points {
         if samples.segments.samples() > 0 && (self.is_tracked || is_gpu(device)) {
-            let [origins, directions] = [&self.origins, &self.directions].map(|rows| on(rows, device));
-            let t = on(&samples.distance, device);
+            let [origins, directions] = [&self.origins, &self.directions].map(|rows| with_autodiff_of(rows, device));
+            let t = with_autodiff_of(&samples.distance, device);
             let positions = warp.points(points_on_rays(origins, directions, t, &samples.segments));
             return self.points_at(positions, samples, device);
         }

@@ -9,7 +9,7 @@ use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
 use crate::occupancy::OccupancyGrid;
-use crate::output::{Samples, on};
+use crate::output::{Samples, with_autodiff_of};
 use crate::rays::RayBatch;
 use crate::renderer::Renderer;
 use crate::steps::UniformSteps;
@@ -112,7 +112,7 @@ impl Renderer {
     ) -> PassDistances {
         let PassDistances { t, ends } = coarse.clone();
         let tau = match kept {
-            None => on(tau, &t.device()),
+            None => with_autodiff_of(tau, &t.device()),
             Some(kept) => {
                 let [hits, columns] = t.dims();
                 let candidates = hits * (columns - usize::from(self.config.placement.spans_intervals()));
@@ -162,7 +162,7 @@ impl Renderer {
                 (pick(&distance), pick(&delta), Some(kept))
             }
         };
-        let [distance, delta] = [distance, delta].map(|values| on(&values, device));
+        let [distance, delta] = [distance, delta].map(|values| with_autodiff_of(&values, device));
         let samples = Samples::new(Segments::from_counts(counts), distance, delta, rays.len() * per_ray);
         let points = rays.points(&samples, &self.warp, device);
         PlacedSamples { samples, points, kept }

@@ -107,7 +107,7 @@ impl<'a> UniformSteps<'a> {
     }
 
     /// Returns how many steps, from the next one on, share a sample; `first` is the state of the next step's cell.
-    fn together(&mut self, grid: &OccupancyGrid, first: CellState) -> usize {
+    fn joined_steps(&mut self, grid: &OccupancyGrid, first: CellState) -> usize {
         let ([two, four], left) = (self.joined, self.last - self.next);
         let mut thin = |ahead: usize, most: CellState| self.look_up(grid, self.next + ahead).1 < most;
         match left {
@@ -134,7 +134,7 @@ impl Iterator for UniformSteps<'_> {
                 self.next += 1 + (f32::from(away) * self.steps_per_cell) as usize;
                 continue;
             }
-            let count = self.together(grid, state);
+            let count = self.joined_steps(grid, state);
             self.next += count;
             return Some(if count == 1 { step } else { self.step(at as f32 + 0.5 * (count - 1) as f32, count) });
         }

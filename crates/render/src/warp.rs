@@ -25,11 +25,11 @@ pub enum SpaceChoice {
 }
 
 /// Max coordinate `s` in warped space, about that of a bounded scene, so that densities have a similar scale.
-const REACH: f32 = 4.0;
+const MAX_COORDINATE: f32 = 4.0;
 /// Max distance, in units of the near depth (NDC) or of the radius (contraction).
 const HORIZON: f32 = 1e4;
 /// Share of the surface points that the ball of [`SpaceChoice::Content`] holds.
-const SHARE: f32 = 0.75;
+const CONTENT_SHARE: f32 = 0.75;
 
 /// A map from points of the world to points at which a field is evaluated, and from distances `t` along a ray to the
 /// coordinate `s` in which samples are evenly spaced.
@@ -170,9 +170,9 @@ impl Warp {
                 upload(t, [count], &device)
             }
             Self::Identity => s,
-            Self::Ndc { near, .. } => (s.neg() / REACH + 1.0).clamp_min(1.0 / HORIZON).recip() * *near,
+            Self::Ndc { near, .. } => (s.neg() / MAX_COORDINATE + 1.0).clamp_min(1.0 / HORIZON).recip() * *near,
             Self::Contraction { radius, .. } => {
-                let far = (s.clone().neg() + REACH).clamp_min(4.0 / HORIZON).recip() * 4.0;
+                let far = (s.clone().neg() + MAX_COORDINATE).clamp_min(4.0 / HORIZON).recip() * 4.0;
                 s.clone().mask_where(s.greater_elem(2.0), far) * *radius
             }
         }
@@ -230,10 +230,10 @@ impl Warp {
     pub fn coordinate(&self, t: f32) -> f32 {
         match self {
             Self::Identity => t,
-            Self::Ndc { near, .. } => REACH * (1.0 - near / t.max(1e-3 * near)),
+            Self::Ndc { near, .. } => MAX_COORDINATE * (1.0 - near / t.max(1e-3 * near)),
             Self::Contraction { radius, .. } => {
                 let u = t / radius;
-                if u <= 2.0 { u } else { REACH - 4.0 / u }
+                if u <= 2.0 { u } else { MAX_COORDINATE - 4.0 / u }
             }
         }
     }
@@ -242,7 +242,7 @@ impl Warp {
     pub fn rate(&self, t: f32) -> f32 {
         match self {
             Self::Identity => 1.0,
-            Self::Ndc { near, .. } => REACH * near / t.max(*near).powi(2),
+            Self::Ndc { near, .. } => MAX_COORDINATE * near / t.max(*near).powi(2),
             Self::Contraction { radius, .. } => {
                 let u = t / radius;
                 if u <= 2.0 { 1.0 / radius } else { 4.0 / (u * u * radius) }
@@ -254,9 +254,9 @@ impl Warp {
     pub fn distance(&self, s: f32) -> f32 {
         match self {
             Self::Identity => s,
-            Self::Ndc { near, .. } => near / (1.0 - s / REACH).max(1.0 / HORIZON),
+            Self::Ndc { near, .. } => near / (1.0 - s / MAX_COORDINATE).max(1.0 / HORIZON),
             Self::Contraction { radius, .. } => {
-                radius * if s <= 2.0 { s } else { 4.0 / (REACH - s).max(4.0 / HORIZON) }
+                radius * if s <= 2.0 { s } else { 4.0 / (MAX_COORDINATE - s).max(4.0 / HORIZON) }
             }
         }
     }
@@ -303,11 +303,12 @@ impl WarpedRay<'_> {
     }
 }
 
-/// Returns the radius of the ball that holds [`SHARE`] of the surface points, at most the cameras' radius; without points, that.
+/// Returns the radius of the ball that holds [`CONTENT_SHARE`] of the surface points, at most the cameras' radius; without
+/// points, that.
 fn content_radius(space: &infonerf_scene::Space) -> f32 {
     let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
     let Some(last) = distances.len().checked_sub(1) else { return space.radius };
-    let (_, distance, _) = distances.select_nth_unstable_by((SHARE * last as f32) as usize, f32::total_cmp);
+    let (_, distance, _) = distances.select_nth_unstable_by((CONTENT_SHARE * last as f32) as usize, f32::total_cmp);
     distance.clamp(1e-3 * space.radius, space.radius)
 }
 

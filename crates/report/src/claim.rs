@@ -217,7 +217,7 @@ impl Finding {
             }
         }
         let scenes = differences(comparison.is, sides.into_values().collect());
-        let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
+        let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_similar_scenes(&scenes));
         let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
         let difference = these.or(alike).or(single);
         let decimals = quantity.decimals;
@@ -227,7 +227,7 @@ impl Finding {
             Some(format!("{:+.decimals$}", differences(comparison.is, vec![vec![sides]])[0][0]))
         });
         let found = difference.map(|interval| {
-            let over = over(&scenes, if views.len() > scenes.len() { "view set" } else { "seed" });
+            let pairs = describe_pairs(&scenes, if views.len() > scenes.len() { "view set" } else { "seed" });
             let alike = these.and(alike).map_or(String::new(), |alike| {
                 format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
             });
@@ -237,7 +237,7 @@ impl Finding {
             };
             let collapsed = remark(collapsed, "with a collapsed run");
             let incomplete = remark(incomplete, "incomplete and left out");
-            format!("{interval:.decimals$} {over}{alike}{collapsed}{incomplete}")
+            format!("{interval:.decimals$} {pairs}{alike}{collapsed}{incomplete}")
         });
         Self {
             formula: formula(claim, comparison, records),
@@ -249,7 +249,7 @@ impl Finding {
 }
 
 /// Describes the number of pairs of each scene, such as `on these 4 scenes × 5 view sets`.
-fn over(scenes: &[Vec<f64>], repeat: &str) -> String {
+fn describe_pairs(scenes: &[Vec<f64>], repeat: &str) -> String {
     let (count, first, pairs) = (scenes.len(), scenes[0].len(), scenes.iter().map(Vec::len).sum());
     if count == 1 {
         format!("over {} of one scene", counted(pairs, repeat))

@@ -9,7 +9,7 @@ use crate::error::ReportError;
 use crate::events::Events;
 use crate::figures::{Figure, comparison_figures, curve_figures};
 use crate::files::write_atomically;
-use crate::gallery::{MAX_PICTURED, SceneGallery, pictured, png_bytes, slashed, spread};
+use crate::gallery::{MAX_PICTURED, SceneGallery, evenly_spaced, png_bytes, shown_variants, with_forward_slashes};
 use crate::input::ReportInput;
 use crate::panel::compose;
 use crate::protocol::protocol_lines;
@@ -60,12 +60,12 @@ impl<'a> ReportContents<'a> {
         let tables = Quantity::all().into_iter().filter(|quantity| several && measured(&records, *quantity));
         // The protocol is printed once, above all tables.
         let bare = |table: Table, title: String| Table { title, protocol: Vec::new(), ..table };
-        let pictured = pictured(&records);
-        if pictured.len() < groups(records.iter().copied()).len() {
+        let variants = shown_variants(&records);
+        if variants.len() < groups(records.iter().copied()).len() {
             missing.push(format!("images and curves of all but the {MAX_PICTURED} variants with the highest PSNR"));
         }
         // Images of a view: the truth, and the render, depth and error of each variant.
-        let of_a_view = 3 * pictured.len() + 1;
+        let of_a_view = 3 * variants.len() + 1;
         let most = (MAX_IMAGES / (of_a_view * names.len().max(1))).clamp(1, MAX_VIEWS);
         let mut left = MAX_IMAGES / of_a_view;
         let mut scenes = Vec::new();
@@ -75,7 +75,7 @@ impl<'a> ReportContents<'a> {
                 missing.push(format!("{name}: images of {} of {MAX_VIEWS} test views", MAX_VIEWS - views));
             }
             left -= views;
-            let gallery = SceneGallery::collect(&pictured, root, name, |all| spread(all, views), &mut missing);
+            let gallery = SceneGallery::collect(&variants, root, name, |all| evenly_spaced(all, views), &mut missing);
             scenes.push(SceneContents::gather(gallery, root, &mut missing)?);
         }
         let overview = |name: &str, quantities: &[Quantity]| {
@@ -119,7 +119,7 @@ impl<'a> SceneContents<'a> {
             let folder = record.directory();
             let page = folder.join(VIEWER_PAGE);
             if root.join(&page).is_file() {
-                viewers.push((label.clone(), slashed(&page)));
+                viewers.push((label.clone(), with_forward_slashes(&page)));
             }
             // A run that trained several fields shows the first one's events.
             let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));

@@ -44,7 +44,7 @@ pub(crate) struct GalleryImage {
 }
 
 /// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order.
-pub(crate) fn pictured<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
+pub(crate) fn shown_variants<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
     let scenes = distinct(records, |record| record.scene.clone());
     let groups = groups(records.iter().copied());
     let psnr = groups.iter().map(|group| group.mean(Quantity::PSNR, &scenes).unwrap_or(f64::NEG_INFINITY));
@@ -71,7 +71,7 @@ impl<'a> SceneGallery<'a> {
             let folder = record.directory().join("test");
             let own = picture_names(&root.join(&folder));
             if own.is_empty() {
-                missing.push(format!("{}: no images", slashed(&folder)));
+                missing.push(format!("{}: no images", with_forward_slashes(&folder)));
             }
             names.push(own);
         }
@@ -121,14 +121,14 @@ impl GalleryImage {
 /// Reads an image of a run, or returns the reason, in one line, why it cannot be read.
 fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<GalleryImage, String> {
     let path = record.directory().join(folder).join(format!("{name}.png"));
-    let described = |error: &dyn std::fmt::Display| format!("{}: {error}", slashed(&path));
+    let described = |error: &dyn std::fmt::Display| format!("{}: {error}", with_forward_slashes(&path));
     let mut png = fs::read(root.join(&path)).map_err(|error| described(&error))?;
     let mut shown = image::load_from_memory_with_format(&png, ImageFormat::Png).map_err(|error| described(&error))?;
     if shown.width().max(shown.height()) > MAX_SIDE {
         shown = shown.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
         png = png_bytes(&shown).map_err(|error| described(&error))?;
     }
-    Ok(GalleryImage { path: slashed(&path), png, width: shown.width(), height: shown.height() })
+    Ok(GalleryImage { path: with_forward_slashes(&path), png, width: shown.width(), height: shown.height() })
 }
 
 /// Lists the stems of the PNG files in a folder; empty if it cannot be read.
@@ -145,14 +145,14 @@ pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
 }
 
 /// Chooses `count` of the names: the middle one of each of `count` equal parts.
-pub(crate) fn spread(names: Vec<String>, count: usize) -> Vec<String> {
+pub(crate) fn evenly_spaced(names: Vec<String>, count: usize) -> Vec<String> {
     if names.len() <= count {
         return names;
     }
     (0..count).map(|i| names[(2 * i + 1) * names.len() / (2 * count)].clone()).collect()
 }
 
-pub(crate) fn slashed(path: &Path) -> String {
+pub(crate) fn with_forward_slashes(path: &Path) -> String {
     path.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }
 
@@ -163,8 +163,8 @@ mod tests {
     #[test]
     fn views_are_spread_evenly() {
         let names: Vec<String> = (0..10).map(|i| i.to_string()).collect();
-        assert_eq!(spread(names.clone(), 2), ["2", "7"]);
-        assert_eq!(spread(names, 20).len(), 10);
-        assert!(spread(vec!["a".into()], 0).is_empty());
+        assert_eq!(evenly_spaced(names.clone(), 2), ["2", "7"]);
+        assert_eq!(evenly_spaced(names, 20).len(), 10);
+        assert!(evenly_spaced(vec!["a".into()], 0).is_empty());
     }
 }

@@ -64,7 +64,7 @@ impl Interval {
     /// If all scenes have equally many pairs and differ more than their pairs do, this is Student's test of the scenes' means.
     ///
     /// Returns `None` for a single scene.
-    pub(crate) fn on_scenes_alike(scenes: &[Vec<f64>]) -> Option<Self> {
+    pub(crate) fn on_similar_scenes(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();
         let within: f64 = moments.iter().map(|[.., squares]| squares).sum();
@@ -167,7 +167,7 @@ mod tests {
         let cases: Vec<Case> = serde_json::from_str(include_str!("../tests/claim/reference.json")).unwrap();
         assert_eq!(cases.len(), 7);
         for Case { case, scenes, these, alike } in cases {
-            let found = [Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes)];
+            let found = [Interval::on_these_scenes(&scenes), Interval::on_similar_scenes(&scenes)];
             for (found, expected) in found.into_iter().zip([these, alike]) {
                 assert_eq!(found.is_some(), expected.is_some(), "{case}: {found:?}");
                 let (Some(Interval { mean, bounds }), Some(expected)) = (found, expected) else { continue };
@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn scenes_whose_pairs_agree_count_once() {
         let scenes = [vec![1.0; 4], vec![2.0; 4], vec![4.0; 2]];
-        assert_eq!(Interval::on_scenes_alike(&scenes), Interval::of(&[1.0, 2.0, 4.0]));
+        assert_eq!(Interval::on_similar_scenes(&scenes), Interval::of(&[1.0, 2.0, 4.0]));
         assert_eq!(Interval::of(&[4.0]), Some(Interval { mean: 4.0, bounds: None }));
         assert_eq!(Interval::of(&[]), None);
     }

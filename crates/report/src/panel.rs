@@ -7,7 +7,7 @@ use indexmap::IndexSet;
 
 use crate::chart::{LABEL, text_width, write_text};
 use crate::error::ReportError;
-use crate::gallery::{GalleryImage, GalleryView, SceneGallery, pictured, spread};
+use crate::gallery::{GalleryImage, GalleryView, SceneGallery, evenly_spaced, shown_variants};
 use crate::record::{Record, distinct};
 
 const HEIGHT: u32 = 240;
@@ -25,9 +25,9 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Rgb
     let records: Vec<&Record> = records.iter().collect();
     let choose = |all: Vec<String>| match view.map(|view| format!("{view:03}")) {
         Some(wanted) => all.into_iter().filter(|name| *name == wanted).collect(),
-        None => spread(all, 1),
+        None => evenly_spaced(all, 1),
     };
-    let variants = pictured(&records);
+    let variants = shown_variants(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
     let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());
     let galleries: Vec<SceneGallery> = scenes.map(gallery).collect();

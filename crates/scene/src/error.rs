@@ -103,10 +103,10 @@ impl SceneError {
 
 /// Returns the text of `value` with line breaks replaced and cut to a readable length.
 fn one_line(value: &impl Display) -> String {
-    const LONGEST: usize = 300;
+    const MAX_CHARACTERS: usize = 300;
     let mut line = value.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-    if line.chars().count() > LONGEST {
-        line = line.chars().take(LONGEST).collect::<String>() + "…";
+    if line.chars().count() > MAX_CHARACTERS {
+        line = line.chars().take(MAX_CHARACTERS).collect::<String>() + "…";
     }
     line
 }

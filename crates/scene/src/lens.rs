@@ -6,7 +6,7 @@ use std::fmt;
 use glam::{DMat2, DVec2, DVec3};
 
 /// Max tangent of the angle to the axis at which a radial-tangential lens is evaluated (88.9°).
-const WIDEST: f64 = 50.0;
+const MAX_TANGENT: f64 = 50.0;
 /// Number of steps of the search for the end of the invertible domain.
 const STEPS: usize = 4096;
 /// Max number of Newton steps for the tangential part; four suffice for any real lens.
@@ -72,7 +72,9 @@ impl Lens {
             LensModel::RadialTangential { k, q, p } if k.iter().chain(&q).chain(&p).all(|&c| c == 0.0) => {
                 Self::PERSPECTIVE
             }
-            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => Self { model, reach: model.reach(WIDEST) },
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
+                Self { model, reach: model.reach(MAX_TANGENT) }
+            }
             LensModel::Fisheye { .. } => Self { model, reach: model.reach(PI) },
         }
     }

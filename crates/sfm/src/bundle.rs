@@ -12,7 +12,7 @@ use crate::camera::{Pose, SimpleRadial};
 const LENS: usize = 2;
 const POSE: usize = 6;
 /// Residual of a point behind the camera, as a multiple of the robust scale.
-const LOST: f64 = 100.0;
+const MAX_RESIDUAL: f64 = 100.0;
 
 /// A point and the pixels at which cameras, by index, see it.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,8 +97,8 @@ impl Bundle {
     }
 
     fn cost(&self, how: &Adjustment) -> f64 {
-        let lost = LOST * how.scale;
-        let robust = |r: f64| how.scale.powi(2) * (1.0 + (r.min(lost) / how.scale).powi(2)).ln();
+        let max_residual = MAX_RESIDUAL * how.scale;
+        let robust = |r: f64| how.scale.powi(2) * (1.0 + (r.min(max_residual) / how.scale).powi(2)).ln();
         let seen = self.points.iter().flat_map(|point| point.seen.iter().map(move |seen| (point.position, seen)));
         let errors = seen.map(|(position, (camera, pixel))| {
             let projected = self.lens.project(self.poses[*camera].transform(position));

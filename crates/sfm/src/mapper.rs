@@ -15,7 +15,7 @@ pub(crate) const MIN_POINTS: usize = 15;
 const AGREEING: f64 = 0.25;
 const SAMPLES: usize = 5000;
 /// Min angle, in radians, between two rays to a point.
-const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
+const MIN_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// Max number of pairs of views from which a point is triangulated.
 const TRIED: usize = 30;
 /// Factors of the tolerance in successive adjustments of roughly known cameras.
@@ -49,22 +49,22 @@ impl<'a> Mapper<'a> {
     }
 
     pub(crate) fn run(mut self) -> SparseModel {
-        self.settle(2);
-        let mut settled = self.placed();
+        self.adjust_rounds(2);
+        let mut placed_before = self.placed();
         loop {
             let is_growing = self.place_next();
             let placed = self.placed();
-            if is_growing && (placed as f64) < GROWTH * settled as f64 {
+            if is_growing && (placed as f64) < GROWTH * placed_before as f64 {
                 self.triangulate();
-            } else if is_growing || settled < placed {
-                self.settle(1);
-                settled = placed;
+            } else if is_growing || placed_before < placed {
+                self.adjust_rounds(1);
+                placed_before = placed;
             } else {
                 break;
             }
         }
-        self.settle(5);
-        self.keep_certain()
+        self.adjust_rounds(5);
+        self.without_uncertain_poses()
     }
 
     /// Adjusts roughly known cameras; the tolerance of reprojection errors shrinks from wide to its normal value.
@@ -72,15 +72,15 @@ impl<'a> Mapper<'a> {
         let tolerance = self.tolerance;
         for times in WIDENED {
             self.tolerance = times * tolerance;
-            self.settle(2);
+            self.adjust_rounds(2);
         }
-        self.settle(5);
-        self.keep_certain()
+        self.adjust_rounds(5);
+        self.without_uncertain_poses()
     }
 
     /// Returns the map. Before, it removes the pose of the photograph that sees fewest points until each sees at least
     /// [`MIN_POINTS`]. Each removal also removes the points that only one placed photograph still sees.
-    fn keep_certain(mut self) -> SparseModel {
+    fn without_uncertain_poses(mut self) -> SparseModel {
         loop {
             let points: Vec<Point> = self.found().into_iter().map(|(_, point)| point).collect();
             let count =
@@ -133,7 +133,7 @@ impl<'a> Mapper<'a> {
     }
 
     /// Triangulates, adjusts, and removes points that then fit too few views, `rounds` times.
-    fn settle(&mut self, rounds: usize) {
+    fn adjust_rounds(&mut self, rounds: usize) {
         for _ in 0..rounds {
             self.triangulate();
             let (indices, points): (Vec<usize>, Vec<Point>) = self.found().into_iter().unzip();
@@ -155,10 +155,10 @@ impl<'a> Mapper<'a> {
         }
     }
 
-    /// Returns `position` if two views that agree on it see it under an angle of at least [`SMALLEST_ANGLE`].
+    /// Returns `position` if two views that agree on it see it under an angle of at least [`MIN_ANGLE`].
     fn kept(&self, track: usize, position: DVec3) -> Option<DVec3> {
         let centres: Vec<DVec3> = self.agreeing(track, position).map(|(_, pose, _)| pose.centre()).collect();
-        (angle(position, &centres) >= SMALLEST_ANGLE).then_some(position)
+        (angle(position, &centres) >= MIN_ANGLE).then_some(position)
     }
 
     /// Triangulates a track: from the pair of views whose point most views agree with, then anew from all views that
@@ -207,7 +207,7 @@ impl<'a> Mapper<'a> {
             projected.map_or(f64::INFINITY, |p| p.distance_squared(seen[i].0))
         };
         let solve = |sample: [usize; 3]| p3p(sample.map(|i| (self.lens.unproject(seen[i].0), seen[i].1)));
-        let ransac = Ransac { threshold: (2.0 * self.tolerance).powi(2), most: SAMPLES, seed: 0 };
+        let ransac = Ransac { threshold: (2.0 * self.tolerance).powi(2), max_samples: SAMPLES, seed: 0 };
         let needed = MIN_POINTS.max((AGREEING * seen.len() as f64).ceil() as usize);
         let (pose, inliers) = ransac.run(seen.len(), solve, error).unwrap_or((Pose::IDENTITY, Vec::new()));
         if inliers.len() < needed {

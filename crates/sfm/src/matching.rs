@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::sift::{Features, LENGTH};
 
 /// Min number of matches of a pair of photographs.
-pub(crate) const FEWEST: usize = 20;
+pub(crate) const MIN_MATCHES: usize = 20;
 /// Max ratio of a match's distance to the second best one's.
 const RATIO: f32 = 0.8;
 /// Number of photographs up to which all pairs are matched.
@@ -31,11 +31,11 @@ pub(crate) struct Matches {
     pub(crate) pairs: Vec<(usize, usize)>,
 }
 
-/// Returns the matches of each likely pair of photographs with at least [`FEWEST`] of them.
+/// Returns the matches of each likely pair of photographs with at least [`MIN_MATCHES`] of them.
 pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
     let pairs = likely_pairs(features).into_par_iter();
     let matched = pairs.map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) });
-    matched.filter(|matches| matches.pairs.len() >= FEWEST).collect()
+    matched.filter(|matches| matches.pairs.len() >= MIN_MATCHES).collect()
 }
 
 /// Returns the pairs of photographs that are matched: all pairs of few photographs. Otherwise each is matched with the

@@ -10,7 +10,7 @@ const CONFIDENCE: f64 = 0.9999;
 pub(crate) struct Ransac {
     /// Squared errors below this are inliers.
     pub(crate) threshold: f64,
-    pub(crate) most: usize,
+    pub(crate) max_samples: usize,
     pub(crate) seed: u64,
 }
 
@@ -26,7 +26,7 @@ impl Ransac {
             return None;
         }
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-        let (mut best, mut least, mut needed) = (None, f64::INFINITY, self.most as f64);
+        let (mut best, mut least, mut needed) = (None, f64::INFINITY, self.max_samples as f64);
         let mut drawn = 0.0;
         while drawn < needed {
             drawn += 1.0;
@@ -58,7 +58,7 @@ mod tests {
         let data: Vec<f64> =
             (0..60).map(|i| if i % 3 == 0 { f64::from(i * i % 17) - 90.0 } else { 2.0 * f64::from(i) }).collect();
         let line = |[a, b]: [usize; 2]| vec![(data[a] - data[b]) / (a as f64 - b as f64)];
-        let ransac = Ransac { threshold: 0.01, most: 500, seed: 1 };
+        let ransac = Ransac { threshold: 0.01, max_samples: 500, seed: 1 };
         let error = |m: &f64, i: usize| (m * i as f64 - data[i]).powi(2);
         let (m, inliers) = ransac.run(60, line, error).unwrap();
         assert!((m - 2.0).abs() < 1e-9 && inliers.len() == 40);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::bundle::{Point, Prior};
 use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
-use crate::matching::{FEWEST, Matches, matches_of_pairs, tracks};
+use crate::matching::{MIN_MATCHES, Matches, matches_of_pairs, tracks};
 use crate::sift::{Features, features};
 use crate::two_view::{TwoView, verified};
 use infonerf_scene::image::GreyImage;
@@ -23,10 +23,11 @@ const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.03;
 /// Usual focal length divided by the longer side, and the deviation of its logarithm among cameras.
-const USUAL: (f64, f64) = (0.85, 0.5);
+const USUAL_FOCAL: f64 = 0.85;
+const USUAL_DEVIATION: f64 = 0.5;
 /// Min ratio of a reconstruction's score to the best one's at which its focal length is a rival: rivals show how
 /// uncertain the focal length is.
-const RIVAL: f64 = 0.9;
+const MIN_RIVAL_RATIO: f64 = 0.9;
 /// Max difference between the logarithms of two focal lengths that place all photographs at which the search ends.
 const SAME_FOCAL: f64 = 0.02;
 /// Ratio between rival focal lengths above which the focal length is reported as uncertain.
@@ -38,7 +39,7 @@ const FEW: usize = 9;
 /// Number of pairs of photographs from which reconstructions start; the best one is kept.
 const STARTS: usize = 3;
 /// Max angle between rays, in radians, that counts in the choice of a starting pair.
-const WIDE: f64 = 0.2;
+const MAX_COUNTED_ANGLE: f64 = 0.2;
 
 /// Error of photographs that show no depth.
 pub const NO_DEPTH: &str = "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
@@ -101,7 +102,7 @@ pub fn reconstruct(
     progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
     let matched = matches_of_pairs(&features);
     let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
-    progress(&format!("{} pairs of photographs have {FEWEST} matches or more, {most} at most", matched.len()));
+    progress(&format!("{} pairs of photographs have {MIN_MATCHES} matches or more, {most} at most", matched.len()));
     let longer = size.max_element();
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
@@ -188,10 +189,10 @@ fn best_guess(
         }
     }
     let Some((score, found)) = best else {
-        let apart = format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose");
+        let apart = format!("no two of {count} photographs have {MIN_MATCHES} matches that agree on a relative pose");
         return Err(if flat { NO_DEPTH.to_owned() } else { apart });
     };
-    let rivals = tried.iter().filter(|(placed, value, _)| *placed == score.0 && *value >= RIVAL * score.1);
+    let rivals = tried.iter().filter(|(placed, value, _)| *placed == score.0 && *value >= MIN_RIVAL_RATIO * score.1);
     let rivals: Vec<f64> = rivals.map(|(_, _, to)| *to).collect();
     let (least, most) = rivals.iter().fold((f64::INFINITY, 0f64), |(a, b), &v| (a.min(v), b.max(v)));
     if most > UNCERTAIN * least {
@@ -206,7 +207,7 @@ fn best_guess(
 /// Returns the plausibility of a focal length, at most 1. If cameras stand in a row, a very long focal length explains
 /// more matches than the true one: from far away a point's depth is free, so that any match agrees.
 fn plausibility(focal: f64) -> f64 {
-    1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
+    1.0 / (1.0 + ((focal / USUAL_FOCAL).ln() / USUAL_DEVIATION).powi(2))
 }
 
 /// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.
@@ -221,12 +222,12 @@ fn map(
 ) -> Result<SparseModel, bool> {
     let mut agreed = verified(features, matched, &lens.0, tolerance);
     let tracks = tracks(features, agreed.iter().map(|(matches, _)| matches));
-    if !agreed.is_empty() && agreed.iter().all(|(_, view)| view.flat >= FLAT) {
+    if !agreed.is_empty() && agreed.iter().all(|(_, view)| view.homography_share >= FLAT) {
         return Err(true);
     }
     let worth = |view: &TwoView| {
-        let angles = view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
-        if view.flat >= FLAT { 1e-3 * angles } else { angles }
+        let angles = view.angles.iter().map(|a| a.min(MAX_COUNTED_ANGLE)).sum::<f64>();
+        if view.homography_share >= FLAT { 1e-3 * angles } else { angles }
     };
     agreed.sort_by(|(_, a), (_, b)| worth(b).total_cmp(&worth(a)));
     let start = |(matches, view): &(Matches, TwoView)| {

@@ -20,7 +20,7 @@ const CONTRAST: f32 = 0.005;
 /// Max ratio of principal curvatures; larger ones are edges.
 const EDGE: f32 = 10.0;
 /// Min side of an octave in pixels.
-const SMALLEST: usize = 16;
+const MIN_SIDE: usize = 16;
 /// Width, in pixels, of the border in which there are no features.
 const BORDER: usize = 5;
 /// Number of bins of the histogram of orientations.
@@ -38,12 +38,12 @@ pub(crate) struct Features {
     pub(crate) descriptors: Vec<f32>,
 }
 
-/// Finds the `most` features of `image` with highest contrast, at pixels that `mask` (row-major) allows.
-pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, most: usize) -> Features {
+/// Finds the `max_features` features of `image` with highest contrast, at pixels that `mask` (row-major) allows.
+pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, max_features: usize) -> Features {
     let counts = |pixel: DVec2| mask.is_none_or(|mask| mask[pixel.y as usize * image.width + pixel.x as usize]);
     let (mut base, mut spacing) = first_level(image);
     let mut found = Vec::new();
-    while base.width.min(base.height) >= SMALLEST {
+    while base.width.min(base.height) >= MIN_SIDE {
         let octave = Octave::new(base);
         for extremum in octave.extrema() {
             let pixel = (DVec2::new(extremum.x.into(), extremum.y.into())) * spacing + 0.5;
@@ -59,7 +59,7 @@ pub(crate) fn features(image: &GreyImage, mask: Option<&[bool]>, most: usize) ->
         spacing *= 2.0;
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(most);
+    found.truncate(max_features);
     let mut features = Features::default();
     for (_, pixel, descriptor) in found {
         features.pixels.push(pixel);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
 use crate::camera::{Pose, SimpleRadial, angle, triangulate};
 use crate::essential::{five_point, poses, sampson};
-use crate::matching::{FEWEST, Matches, matches_of_pairs};
+use crate::matching::{MIN_MATCHES, Matches, matches_of_pairs};
 use crate::ransac::Ransac;
 use crate::reconstruction::TOLERANCE;
 use crate::sift::{Features, features};
@@ -25,19 +25,19 @@ pub(crate) struct TwoView {
     /// Angles between both cameras' rays to each inlier's point, in radians.
     pub(crate) angles: Vec<f64>,
     /// Share of the inliers that one homography explains as well; high if the camera was only turned or the scene is flat.
-    pub(crate) flat: f64,
+    pub(crate) homography_share: f64,
 }
 
 /// Pairs of photographs with only those matches that agree on a relative pose.
 type Verified = Vec<(Matches, TwoView)>;
 
-/// Returns the pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose.
+/// Returns the pairs of photographs of which [`MIN_MATCHES`] matches or more agree on a relative pose.
 pub(crate) fn verified(features: &[Features], matched: &[Matches], lens: &SimpleRadial, tolerance: f64) -> Verified {
     let verified = |matches: &Matches| {
         let &Matches { a, b, ref pairs } = matches;
         let view = two_view(&pixels(features, matches), lens, tolerance, (a as u64) << 32 | b as u64)?;
         let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
-        (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
+        (pairs.len() >= MIN_MATCHES).then_some((Matches { a, b, pairs }, view))
     };
     matched.par_iter().filter_map(verified).collect()
 }
@@ -51,7 +51,7 @@ fn pixels(features: &[Features], Matches { a, b, pairs }: &Matches) -> Vec<(DVec
 pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, tolerance: f64, seed: u64) -> Option<TwoView> {
     let rays: Vec<(DVec2, DVec2)> = matches.iter().map(|(a, b)| (lens.unproject(*a), lens.unproject(*b))).collect();
     let threshold = (tolerance / lens.focal).powi(2);
-    let ransac = Ransac { threshold, most: SAMPLES, seed };
+    let ransac = Ransac { threshold, max_samples: SAMPLES, seed };
     let solve = |sample: [usize; 5]| five_point(sample.map(|i| rays[i]));
     let (essential, inliers) = ransac.run(rays.len(), solve, |e, i| sampson(e, rays[i]))?;
     let in_front = |pose: &Pose| inliers.iter().filter(|&&i| point(pose, rays[i]).is_some()).count();
@@ -74,13 +74,13 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
     };
     let (inliers, angles): (Vec<usize>, Vec<f64>) = (0..rays.len()).filter_map(agreeing).unzip();
     let agreed: Vec<(DVec2, DVec2)> = inliers.iter().map(|&i| rays[i]).collect();
-    Some(TwoView { pose, inliers, angles, flat: flatness(&agreed, threshold, seed) })
+    Some(TwoView { pose, inliers, angles, homography_share: homography_share(&agreed, threshold, seed) })
 }
 
 /// Returns the share of `rays` that the best homography maps from the first to the second camera, with squared errors
 /// below `threshold`.
-fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
-    let ransac = Ransac { threshold, most: HOMOGRAPHIES, seed };
+fn homography_share(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
+    let ransac = Ransac { threshold, max_samples: HOMOGRAPHIES, seed };
     let solve = |sample: [usize; 4]| homography(sample.map(|i| rays[i])).into_iter().collect();
     let error = |h: &DMat3, i: usize| {
         let (from, to) = rays[i];
@@ -142,10 +142,10 @@ pub struct ImageMatches {
 }
 
 /// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
-/// the matches alone. `focal` has the assumed focal lengths of the cameras in pixels. An image has at most `most`
+/// the matches alone. `focal` has the assumed focal lengths of the cameras in pixels. An image has at most `max_features`
 /// features.
-pub fn verified_matches(images: &[GreyImage], focal: &[f64], most: usize) -> Vec<ImageMatches> {
-    let found: Vec<Features> = images.par_iter().map(|image| features(image, None, most)).collect();
+pub fn verified_matches(images: &[GreyImage], focal: &[f64], max_features: usize) -> Vec<ImageMatches> {
+    let found: Vec<Features> = images.par_iter().map(|image| features(image, None, max_features)).collect();
     let verify = |matches: &Matches| {
         let &Matches { a, b, .. } = matches;
         let size = DVec2::new(images[a].width as f64, images[a].height as f64);
@@ -190,7 +190,7 @@ mod tests {
         let again = two_view(&matches, &all.lens, 2.0, 0).unwrap();
         assert_eq!((again.pose, &again.inliers), (found.pose, &found.inliers));
         assert!(two_view(&matches[..4], &all.lens, 2.0, 0).is_none());
-        assert!(found.flat < 0.5, "{}", found.flat);
+        assert!(found.homography_share < 0.5, "{}", found.homography_share);
     }
 
     #[test]
@@ -204,7 +204,7 @@ mod tests {
         };
         let moved = turned.moved(DVec3::ZERO, DVec3::X);
         let threshold = (2.0 / all.lens.focal).powi(2);
-        let [flat, deep] = [turned, moved].map(|second| flatness(&rays(&second), threshold, 0));
+        let [flat, deep] = [turned, moved].map(|second| homography_share(&rays(&second), threshold, 0));
         assert!(flat > 0.99 && deep < 0.5, "{flat} {deep}");
     }
 

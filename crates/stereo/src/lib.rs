@@ -58,19 +58,19 @@ const MIN_MATCHES: f32 = 0.01;
 /// and the second spends its planes on those.
 pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
     let small = StereoSettings { size: (settings.size / REDUCTION).max(1), ..settings.clone() };
-    let occurring = disparities(&search(scene, &small, Disparities::ALL)).unwrap_or(Disparities::ALL);
+    let occurring = disparity_range(&search(scene, &small, DisparityRange::ALL)).unwrap_or(DisparityRange::ALL);
     search(scene, settings, occurring)
 }
 
-fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) -> Vec<DepthMap> {
+fn search(scene: &Scene, settings: &StereoSettings, range: DisparityRange) -> Vec<DepthMap> {
     let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
     let resized = |(view, image): (&View, &GreyImage)| view.camera.resized(image.width as u32, image.height as u32);
     let cameras: Vec<Camera> = scene.train.iter().zip(&images).map(resized).collect();
-    let neighbours_of = |view| neighbours_of(scene, &cameras, view, settings.neighbours, disparities);
+    let neighbours_of = |view| neighbours_of(scene, &cameras, view, settings.neighbours, range);
     let neighbours: Vec<Vec<usize>> = (0..cameras.len()).map(neighbours_of).collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
-        let sweep = PlaneSweep::new(scene, &cameras[view], &others, disparities);
+        let sweep = PlaneSweep::new(scene, &cameras[view], &others, range);
         let costs = sweep.costs(&images[view], &others);
         let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes, &images[view]));
         let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());
@@ -78,7 +78,7 @@ fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) ->
         map
     };
     let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
-    agreed(&maps, &cameras, &neighbours)
+    cross_checked(&maps, &cameras, &neighbours)
 }
 
 /// Reduces a view to a grey image, NaN where a pixel is not valid: such pixels are matched neither in it nor in others.
@@ -93,25 +93,25 @@ fn valid_grey(view: &View, size: u32) -> GreyImage {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Disparities {
-    least: f32,
-    greatest: f32,
+struct DisparityRange {
+    min: f32,
+    max: f32,
 }
 
-impl Disparities {
-    const ALL: Self = Self { least: 0.0, greatest: f32::INFINITY };
+impl DisparityRange {
+    const ALL: Self = Self { min: 0.0, max: f32::INFINITY };
 
     /// Returns the min and max disparity along `ray` at which content of `scene` may lie.
     fn along(&self, scene: &Scene, ray: &Ray) -> Option<(f32, f32)> {
         let (near, far) = scene.interval(ray)?;
-        let (least, greatest) = ((1.0 / far).max(self.least), (1.0 / near.max(1e-3 * far)).min(self.greatest));
-        (least < greatest).then_some((least, greatest))
+        let (min, max) = ((1.0 / far).max(self.min), (1.0 / near.max(1e-3 * far)).min(self.max));
+        (min < max).then_some((min, max))
     }
 }
 
 /// Returns the range from the 1 % to the 99 % quantile of matched disparities, a quarter wider; `None` for too few
 /// matches.
-fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
+fn disparity_range(maps: &[DepthMap]) -> Option<DisparityRange> {
     let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
     let pixels: usize = maps.iter().map(|map| map.disparity.len()).sum();
     if found.is_empty() || (found.len() as f32) < MIN_MATCHES * pixels as f32 {
@@ -119,7 +119,7 @@ fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     }
     found.sort_by(f32::total_cmp);
     let margin = found.len() / 100;
-    Some(Disparities { least: 0.8 * found[margin], greatest: 1.25 * found[found.len() - 1 - margin] })
+    Some(DisparityRange { min: 0.8 * found[margin], max: 1.25 * found[found.len() - 1 - margin] })
 }
 
 /// Best angle between two lines of sight for depth: smaller ones show little depth, larger ones show different sides
@@ -129,7 +129,7 @@ const BEST_ANGLE_DEG: f32 = 5.0;
 const MAX_ANGLE_DEG: f32 = 45.0;
 
 /// Returns at most `count` cameras other than `view`, the best first.
-fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, within: Disparities) -> Vec<usize> {
+fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, within: DisparityRange) -> Vec<usize> {
     let camera = &cameras[view];
     let Some(point) = middle(scene, camera, within) else { return Vec::new() };
     let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
@@ -148,7 +148,7 @@ fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
 
 /// Returns the point that `camera` looks at, on its middle ray: as far away as the scene's centre if the cameras
 /// surround an object, else at the geometric mean of the min and max disparity.
-fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
+fn middle(scene: &Scene, camera: &Camera, within: DisparityRange) -> Option<Vec3> {
     let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
     let (far, near) = within.along(scene, &ray)?;
     let distance = match scene.space.layout {
@@ -201,7 +201,7 @@ const TOLERANCE: f32 = 1.5;
 
 /// Clears each pixel that no other view of `pairs` confirms. A view confirms it if its own map, at the pixel where it
 /// sees the surface point, has the point's disparity up to [`TOLERANCE`] steps.
-fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) -> Vec<DepthMap> {
+fn cross_checked(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) -> Vec<DepthMap> {
     let checked = |view: usize| {
         let (map, camera) = (&maps[view], &cameras[view]);
         let confirmed = |i: usize| {

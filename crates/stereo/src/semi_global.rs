@@ -21,12 +21,12 @@ pub(crate) fn labels(costs: &[f32], planes: usize, guide: &GreyImage) -> Vec<f32
         sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
         sum
     };
-    let gathered = DIRECTIONS.par_iter().map(|&direction| gathered(costs, planes, guide, direction));
-    let total = gathered.reduce_with(add).unwrap_or_default();
+    let aggregated = DIRECTIONS.par_iter().map(|&direction| aggregated(costs, planes, guide, direction));
+    let total = aggregated.reduce_with(add).unwrap_or_default();
     total.chunks_exact(planes).map(refined_minimum).collect()
 }
 
-fn gathered(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize, isize)) -> Vec<f32> {
+fn aggregated(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize, isize)) -> Vec<f32> {
     let (width, height) = (guide.width, guide.height);
     let mut total = vec![0.0; costs.len()];
     for j in 0..height {

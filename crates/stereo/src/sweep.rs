@@ -4,7 +4,7 @@ use infonerf_scene::{Camera, Ray, Scene};
 use rayon::prelude::*;
 
 use crate::correlation::Windows;
-use crate::{DepthMap, Disparities};
+use crate::{DepthMap, DisparityRange};
 
 /// Min and max number of candidate depths per ray.
 const MIN_PLANES: usize = 16;
@@ -26,7 +26,12 @@ pub(crate) struct PlaneSweep {
 }
 
 impl PlaneSweep {
-    pub(crate) fn new(scene: &Scene, camera: &Camera, others: &[(&GreyImage, &Camera)], within: Disparities) -> Self {
+    pub(crate) fn new(
+        scene: &Scene,
+        camera: &Camera,
+        others: &[(&GreyImage, &Camera)],
+        within: DisparityRange,
+    ) -> Self {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let ends = |i: usize| {
             let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);

@@ -13,7 +13,7 @@ const FLOAT: u64 = 4;
 /// Number of floats that a field keeps per parameter: itself and Adam's two moments.
 const KEPT: u64 = 3;
 /// Number of floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
-const OF_STEP: u64 = 2;
+const FLOATS_PER_STEP: u64 = 2;
 /// Number of floats of a loaded pixel: RGB and alpha.
 const LOADED: u64 = 4;
 /// Number of floats of a pixel from which batches are drawn: RGB.
@@ -40,7 +40,7 @@ impl MemoryPlan {
         let coarse = config.field.coarse().filter(|_| config.render.is_hierarchical());
         let parameters = parameters + coarse.map_or(0, |coarse| coarse.footprint().parameters);
         let averaged = u64::from(fields == 1 && config.train.weight_averaging > 0.0);
-        let copies = fields * (KEPT + averaged) + side_by_side * OF_STEP;
+        let copies = fields * (KEPT + averaged) + side_by_side * FLOATS_PER_STEP;
         let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
         let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
         let seen = if sees_images(&config.field) { SEEN } else { 0 };
@@ -107,11 +107,11 @@ pub fn available_memory() -> Option<u64> {
     });
     // A container may not see the path of its group, which is then at the root.
     let group = process.and_then(|process| process.cgroup_limits()).or_else(|| system.cgroup_limits());
-    least(system.available_memory(), group)
+    min_available(system.available_memory(), group)
 }
 
 /// Returns the minimum of what is free on the machine, 0 if unknown, and what its control group may still take.
-fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
+fn min_available(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
     let machine = Some(machine).filter(|&bytes| bytes > 0);
     let group = group.map(|group| group.total_memory.saturating_sub(group.rss));
     machine.into_iter().chain(group).min()
@@ -163,7 +163,7 @@ mod tests {
         let small = ["train.rays=10", "train.target_samples=5000", "render.samples={from=100,to=200}"];
         let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
-        let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 6;
+        let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 7;
         // Four training views: as loaded, RGB at full size and at half of it.
         let images = 64 * (4 * (4 + 3) + 4) * 4;
         let one = plan(&with(&[]), 1);
@@ -197,8 +197,14 @@ mod tests {
     #[test]
     fn control_group_limits_the_machine() {
         let group = |total_memory, rss| Some(CGroupLimits { total_memory, rss, ..CGroupLimits::default() });
-        assert_eq!([least(0, None), least(9, None), least(0, group(4, 1))], [None, Some(9), Some(3)]);
-        assert_eq!([least(9, group(4, 1)), least(2, group(4, 1)), least(9, group(4, 5))], [Some(3), Some(2), Some(0)]);
+        assert_eq!(
+            [min_available(0, None), min_available(9, None), min_available(0, group(4, 1))],
+            [None, Some(9), Some(3)]
+        );
+        assert_eq!(
+            [min_available(9, group(4, 1)), min_available(2, group(4, 1)), min_available(9, group(4, 5))],
+            [Some(3), Some(2), Some(0)]
+        );
         assert!(cfg!(not(target_os = "linux")) || available_memory().is_some_and(|bytes| bytes > 0));
     }
 

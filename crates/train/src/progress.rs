@@ -2,8 +2,9 @@ use infonerf_render::Counts;
 use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
-/// A field is empty if the mean opacity of seen rays is below `EMPTY` · foreground, and their share foreground above `EMPTY`.
-const EMPTY: f32 = 0.01;
+/// A field is empty if the mean opacity of seen rays is below `EMPTY_OPACITY_SHARE` · foreground, and their share foreground
+/// above `EMPTY_OPACITY_SHARE`.
+const EMPTY_OPACITY_SHARE: f32 = 0.01;
 /// Number of empty steps in a row after which the field has collapsed.
 const COLLAPSE: usize = 50;
 
@@ -40,7 +41,7 @@ impl Progress {
     /// Counts a step whose seen rays have mean opacity `acc`, while a share `foreground` of their pixels differs from the
     /// background. Returns whether the field has collapsed.
     pub(crate) fn count_opacity(&mut self, acc: f32, foreground: f32) -> bool {
-        let is_empty = acc < EMPTY * foreground && foreground > EMPTY;
+        let is_empty = acc < EMPTY_OPACITY_SHARE * foreground && foreground > EMPTY_OPACITY_SHARE;
         self.empty_steps = if is_empty { self.empty_steps + 1 } else { 0 };
         self.has_collapsed()
     }

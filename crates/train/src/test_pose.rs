@@ -30,7 +30,7 @@ pub fn fit_test_pose<F: Field>(
     let cameras = [start.clone()];
     let model = trained.model.clone().train().no_grad();
     let device = model.fine.device();
-    let mut refinement = CameraRefinement::of_one(pivot, &device);
+    let mut refinement = CameraRefinement::single(pivot, &device);
     let mut optimizer = ModuleOptimizer::from(Adam::default());
     let image = &view.image;
     let usable = |index: &usize| view.valid.as_ref().is_none_or(|valid| valid[*index]);

@@ -26,7 +26,7 @@ pub(crate) struct TrainingScene {
 impl TrainingScene {
     /// Prepares a scene for training; training views are kept as sources if the field `sees` images.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
-        checks::of_scene(config, &scene)?;
+        checks::check_scene(config, &scene)?;
         let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })?;
         Ok(Self {
             renderer: Renderer::new(&config.render, &scene),

@@ -29,7 +29,7 @@ impl<F: Field> Default for WeightAverage<F> {
 
 impl<F: Field> WeightAverage<F> {
     /// Returns whether a run that averages its last `share` includes the model after `step` steps, at the share `done`.
-    pub(crate) fn takes(share: f64, step: usize, done: f64) -> bool {
+    pub(crate) fn includes(share: f64, step: usize, done: f64) -> bool {
         share > 0.0 && done >= 1.0 - share && step.is_multiple_of(EVERY)
     }
 
@@ -45,24 +45,24 @@ impl<F: Field> WeightAverage<F> {
 
 /// Returns a + share · (b − a), weight by weight, for two models of one shape.
 fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
-    let mut towards = Towards { weights: VecDeque::new(), share };
-    b.visit(&mut towards);
-    a.map(&mut towards)
+    let mut blend = Blend { weights: VecDeque::new(), share };
+    b.visit(&mut blend);
+    a.map(&mut blend)
 }
 
-struct Towards {
+struct Blend {
     /// All weights of a model, each flattened, in the module's order.
     weights: VecDeque<Tensor<1>>,
     share: f32,
 }
 
-impl ModuleVisitor for Towards {
+impl ModuleVisitor for Blend {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         self.weights.push_back(param.val().flatten(0, D - 1));
     }
 }
 
-impl ModuleMapper for Towards {
+impl ModuleMapper for Blend {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let other = self.weights.pop_front().expect("models of one shape");
         param.map(|weight| {

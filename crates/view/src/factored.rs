@@ -23,7 +23,7 @@ const MAX_NETWORK: usize = 1 << 16;
 
 /// Returns whether a page evaluates fields of this kind exactly. Other fields are baked, which takes seconds to minutes, as is
 /// a factored field whose MLP does not fit into a shader's uniforms.
-pub fn holds(field: &FieldConfig) -> bool {
+pub fn is_exact(field: &FieldConfig) -> bool {
     matches!(field, FieldConfig::Factored(_))
 }
 

@@ -40,7 +40,7 @@ mod server;
 mod shader;
 mod tables;
 
-pub use factored::holds;
+pub use factored::is_exact;
 pub use server::{Server, TrainingControl};
 
 use std::path::Path;

@@ -80,7 +80,7 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
 
 /// Renders an image for browsers that cannot draw the field, as JPEG in a `data:` URL.
 pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
-    let side = if factored::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
+    let side = if factored::is_exact(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
     let camera = &run.scene().train[0].camera;
     let (width, height) = resized_dimensions(camera.width, camera.height, side.min(camera.width.max(camera.height)));
     let camera = camera.resized(width, height);

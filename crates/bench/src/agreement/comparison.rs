@@ -55,7 +55,7 @@ impl DeviceComparisons<'_> {
 }
 
 /// Returns the output, and the gradient of Σ uᵢ outᵢ with respect to each input, with random u in [−1, 1).
-pub(super) fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
+pub(super) fn value_and_gradients<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
     let out = out.flatten::<1>(0, D - 1);
     let count = out.dims()[0];
     let pull = TensorData::new(uniform(&mut Rng::with_seed(SEED), count, -1.0, 1.0), [count]);
@@ -68,11 +68,11 @@ pub(super) fn worst(got: &[Vec<f32>], want: &[Vec<f32>]) -> Option<f64> {
     if got.len() != want.len() || want.iter().flatten().all(|want| *want == 0.0) {
         return None;
     }
-    got.iter().zip(want).try_fold(0.0, |worst, (got, want)| Some(worse(worst, largest_difference(got, want)?)))
+    got.iter().zip(want).try_fold(0.0, |worst, (got, want)| Some(max_or_nan(worst, largest_difference(got, want)?)))
 }
 
 /// Returns the larger of two errors, or NaN if either is NaN, which `f64::max` would ignore.
-pub(super) fn worse(a: f64, b: f64) -> f64 {
+pub(super) fn max_or_nan(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
@@ -80,7 +80,7 @@ pub(super) fn worse(a: f64, b: f64) -> f64 {
 fn largest_difference(got: &[f32], want: &[f32]) -> Option<f64> {
     let largest = want.iter().map(|want| want.abs()).fold(f32::MIN_POSITIVE, f32::max);
     let differences = got.iter().zip(want).map(|(got, want)| f64::from(got - want).abs());
-    (got.len() == want.len() && !want.is_empty()).then(|| differences.fold(0.0, worse) / f64::from(largest))
+    (got.len() == want.len() && !want.is_empty()).then(|| differences.fold(0.0, max_or_nan) / f64::from(largest))
 }
 
 /// Computes mean |got − want|; `None` if the arrays differ in length or are empty.

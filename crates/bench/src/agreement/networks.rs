@@ -5,7 +5,7 @@ use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{Segments, from_host};
 
-use super::comparison::{DeviceComparisons, pulled};
+use super::comparison::{DeviceComparisons, value_and_gradients};
 use crate::values::{leaf, uniform};
 
 /// Outputs whose gradient is compared.
@@ -99,9 +99,9 @@ fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_
         });
         let inputs: Vec<&Tensor<1>> = std::iter::once(&encoded).chain(used.map(|(_, leaf)| leaf)).collect();
         match upstream {
-            GradientOf::Both => pulled(Tensor::cat(vec![density, color], 0), &inputs),
-            GradientOf::Density => pulled(density, &inputs),
-            GradientOf::Color => pulled(color, &inputs),
+            GradientOf::Both => value_and_gradients(Tensor::cat(vec![density, color], 0), &inputs),
+            GradientOf::Density => value_and_gradients(density, &inputs),
+            GradientOf::Color => value_and_gradients(color, &inputs),
         }
     });
 }
@@ -123,6 +123,6 @@ fn density(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let sigma = dense.pop().expect("there are layers");
         let network = RadianceMlp { trunk: dense, skip: 1, sigma, color: None, precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, WIDTHS[0] as i32]);
-        pulled(density_and_color(points, &network, Activation::Relu).0, &[&encoded])
+        value_and_gradients(density_and_color(points, &network, Activation::Relu).0, &[&encoded])
     });
 }

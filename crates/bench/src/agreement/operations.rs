@@ -19,7 +19,7 @@ use infonerf_ops::{
     ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
-use super::comparison::{DeviceComparisons, pulled};
+use super::comparison::{DeviceComparisons, value_and_gradients};
 use crate::values::{leaf, uniform};
 
 /// Maximum error of sines and cosines of phases up to 3·2¹⁶.
@@ -44,27 +44,27 @@ fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     compare.operation("compositing", |device| {
         let (tau, values) = (leaf(&tau, device), leaf(&values, device));
         let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
-        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
+        value_and_gradients(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
     });
     let (color, distances) = (uniform(rng, 3 * tau.len(), 0.0, 1.0), uniform(rng, tau.len(), 1.0, 5.0));
     compare.operation("compositing over a background", |device| {
         let [tau, color, distances] = [&tau, &color, &distances].map(|input| leaf(input, device));
         let out = composite_over(tau.clone(), Some(rows(&color)), distances, [0.2, 0.5, 1.0], &segments);
         let color_out = out.color.expect("colours were given").flatten::<1>(0, 1);
-        pulled(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
+        value_and_gradients(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
     });
     for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
         for epsilon in [0.0, 1e-10] {
             compare.operation(&format!("entropy of {of:?}, epsilon {epsilon:e}"), |device| {
                 let tau = leaf(&tau, device);
                 let out = ray_entropy(tau.clone(), &segments, of, epsilon);
-                pulled(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
+                value_and_gradients(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
             });
         }
     }
     compare.operation("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
-        pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
+        value_and_gradients(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
     });
 }
 
@@ -101,7 +101,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     compare.operation("points on rays", |device| {
         let [origins, directions] = rays.each_ref().map(|values| leaf(values, device));
         let out = points_on_rays(rows(&origins), rows(&directions), leaf(&t, device), &segments);
-        pulled(out, &[&origins, &directions])
+        value_and_gradients(out, &[&origins, &directions])
     });
 }
 
@@ -162,7 +162,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);
             let bits = ray_entropy(tau.clone(), &segments, RayDistribution::Alpha, 0.0).bits;
             let color = seen.color.expect("colours were given").flatten(0, 1);
-            let mut answers = pulled(Tensor::cat(vec![color, seen.acc, bits], 0), &[&tau]);
+            let mut answers = value_and_gradients(Tensor::cat(vec![color, seen.acc, bits], 0), &[&tau]);
             answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));
             answers
         });
@@ -175,7 +175,7 @@ fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let [a, b] = [&a, &b].map(|input| leaf(input, device));
         let [mean, sum] = [mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
         let both = weighted_sum(vec![(mean.clone(), 700.0), (sum.clone(), -0.5), (mean.clone(), 3.0)]);
-        pulled(Tensor::cat(vec![mean, sum, both.expect("there are terms")], 0), &[&a])
+        value_and_gradients(Tensor::cat(vec![mean, sum, both.expect("there are terms")], 0), &[&a])
     });
 }
 
@@ -199,12 +199,12 @@ fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 negligible: 0.0,
             };
             let out = factored_field(tables.clone(), weights.clone(), &layout, query);
-            pulled(out, &[&tables, &weights, &positions])
+            value_and_gradients(out, &[&tables, &weights, &positions])
         });
     }
     compare.operation("plane variation", |device| {
         let tables = leaf(&tables, device);
-        pulled(plane_variation(tables.clone(), &layout), &[&tables])
+        value_and_gradients(plane_variation(tables.clone(), &layout), &[&tables])
     });
 }
 
@@ -219,13 +219,16 @@ fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     for frequencies in [0, 1, 17] {
         compare.within(ENCODING, &format!("frequency encoding, {frequencies} octaves"), |device| {
             let points = leaf(&points, device);
-            pulled(frequency_encode(rows(&points), frequencies, &WINDOW), &[&points])
+            value_and_gradients(frequency_encode(rows(&points), frequencies, &WINDOW), &[&points])
         });
         // Without frequencies the integrated encoding is empty.
         if frequencies > 0 {
             compare.within(ENCODING, &format!("integrated encoding, {frequencies} octaves"), |device| {
                 let (means, variances) = (leaf(&points, device), leaf(&variances, device));
-                pulled(integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW), &[&means, &variances])
+                value_and_gradients(
+                    integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW),
+                    &[&means, &variances],
+                )
             });
         }
     }
@@ -253,7 +256,7 @@ fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let cut = values.clone().reshape([-1, (CHANNELS + BETWEEN) as i32]).narrow(1, 0, CHANNELS);
         let out = composite(tau.clone(), cut, &segments);
         let padding = Tensor::zeros([segments.rays(), BETWEEN], &out.acc.device());
-        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1), padding], 1), &[&tau, &values])
+        value_and_gradients(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1), padding], 1), &[&tau, &values])
     });
 }
 

@@ -10,7 +10,7 @@ use infonerf_experiment::RunPlan;
 use infonerf_ops::to_host;
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, evaluate_view};
 
-use super::comparison::worse;
+use super::comparison::max_or_nan;
 
 /// Minimum denominator of a loss's relative error.
 const MIN_LOSS: f64 = 0.01;
@@ -130,5 +130,5 @@ pub(super) fn loss_difference(got: &Course, want: &Course) -> Option<f64> {
         let (got, want) = (f64::from(*got), f64::from(*want));
         (got - want).abs() / want.abs().max(MIN_LOSS)
     };
-    Some(steps.flat_map(|(got, want)| got.values().zip(want.values())).map(error).fold(0.0, worse))
+    Some(steps.flat_map(|(got, want)| got.values().zip(want.values())).map(error).fold(0.0, max_or_nan))
 }

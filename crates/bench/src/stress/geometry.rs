@@ -18,7 +18,7 @@ use crate::values::wide;
 type Draw = fn(&mut Rng) -> ([f32; 3], [f32; 3]);
 
 /// Kinds of rays, in units of half the box's edge.
-pub(super) const WAYS: [(&str, Draw); 7] = [
+pub(super) const RAY_KINDS: [(&str, Draw); 7] = [
     ("from outside", |rng| (on_sphere(rng, 3.0), on_sphere(rng, 1.0))),
     ("missing the box", |rng| {
         let origin = on_sphere(rng, 3.0);

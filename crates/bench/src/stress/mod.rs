@@ -139,8 +139,8 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
     }
     let plan = &bench.plans[0];
     for scale in geometry::SCALES {
-        for (way, draw) in geometry::WAYS {
-            let case = format!("{way}, scale {scale:e}");
+        for (kind, draw) in geometry::RAY_KINDS {
+            let case = format!("{kind}, scale {scale:e}");
             rows.push(StressCase::new(name, "bounds", &case, few, geometry::bounds(draw, scale, few, rng)));
             let errors = geometry::rendered(plan, device, draw, scale, few / 4, rng)?;
             rows.push(StressCase::new(name, "render", &case, few / 4, errors));

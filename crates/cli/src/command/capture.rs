@@ -91,15 +91,15 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let experiment = plan(args, &dir, count)?;
     let plan = experiment.runs[0].clone();
     let folder = session.run_folder(&plan);
-    let mut doubts = Vec::new();
+    let mut warnings = Vec::new();
     if args.existing.existing() == Existing::Overwrite || !is_finished(&folder) {
         if is_posed {
             print_stages(args, count, 0);
         }
-        doubts = scene::print_doubts(&photographs)?;
+        warnings = scene::print_warnings(&photographs)?;
     }
     interrupt::install()?;
-    let Some((trained, report)) = train(experiment, &session, &doubts)? else {
+    let Some((trained, report)) = train(experiment, &session, &warnings)? else {
         outln!("stopped and saved; {} continues", args.existing.same_command());
         return Ok(interrupt::exit_code());
     };
@@ -190,7 +190,7 @@ fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<
                 }
                 trained = Some(*fields);
             }
-            PlanEvent::RunEnded(_, _, RunEnd::Kept(record)) => outln!("{} (finished before)", result(&record)),
+            PlanEvent::RunEnded(_, _, RunEnd::AlreadyDone(record)) => outln!("{} (finished before)", result(&record)),
             _ => {}
         }
         interrupt::control()

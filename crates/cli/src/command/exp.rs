@@ -105,7 +105,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
             outln!("{event}");
         }
         if let PlanEvent::RunEnded(_, plan, RunEnd::Trained(_, trained)) = &event
-            && infonerf_view::holds(&plan.config.field)
+            && infonerf_view::is_exact(&plan.config.field)
             && let Err(error) = write_viewer(trained, &folder.join(plan.directory()))
         {
             errln!("warning: {}: no page in 3D: {error:#}", plan.label());
@@ -118,7 +118,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     let executed = execute(std::slice::from_ref(sweep), &args.out, &Executor::InProcess(&session), &mut watch)?;
     let Executed::Ended { .. } = executed else { return Ok(interrupt::exit_code()) };
     if let Some(live) = &live {
-        live.keep(&folder, as_text);
+        live.serve_after_training(&folder, as_text);
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -87,7 +87,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
-        SceneCommand::Check { dir } => drop(print_doubts(dir)?),
+        SceneCommand::Check { dir } => drop(print_warnings(dir)?),
         SceneCommand::FromImages { dir, poses, focal } => {
             let focal = match focal {
                 Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
@@ -172,7 +172,7 @@ fn longest_side(dir: &Path) -> Result<u32> {
 }
 
 /// Prints the warnings about a capture, one per line, and returns them.
-pub(crate) fn print_doubts(dir: &Path) -> Result<Vec<String>> {
+pub(crate) fn print_warnings(dir: &Path) -> Result<Vec<String>> {
     let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");

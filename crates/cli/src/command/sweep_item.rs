@@ -49,7 +49,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     let mut progress = ProgressDisplay::new("");
     match run_item(&args.manifest, args.item, device, networks, &mut |event| progress.watch(event))? {
         Finished::Record(record, _) => outln!("{}", summary(&record)),
-        Finished::Kept(_) => outln!("finished before and kept"),
+        Finished::AlreadyDone(_) => outln!("finished before and kept"),
         Finished::Stopped => return Ok(interrupt::exit_code()),
     }
     Ok(ExitCode::SUCCESS)

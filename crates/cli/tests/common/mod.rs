@@ -73,15 +73,15 @@ impl Workplace {
 
 impl Invocation {
     /// Runs the command, asserts success, and returns standard output.
-    pub fn said(self) -> String {
+    pub fn stdout(self) -> String {
         text(&self.succeeds().stdout)
     }
 
     /// Runs the command, asserts success and that standard output contains each of `parts`, and returns standard output.
-    pub fn says(self, parts: &[&str]) -> String {
-        let said = self.said();
-        assert_has(&said, parts);
-        said
+    pub fn succeeds_with(self, parts: &[&str]) -> String {
+        let stdout = self.stdout();
+        assert_has(&stdout, parts);
+        stdout
     }
 
     /// Adds words, which spaces separate.

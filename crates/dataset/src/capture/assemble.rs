@@ -143,7 +143,7 @@ fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
 }
 
 pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<PixelCount, SceneError> {
-    let Capture { found, .. } = found.understood()?;
+    let Capture { found, .. } = found.prepared()?;
     let chosen = choose(&found, request)?;
     Ok(PixelCount::new(chosen.scale.canvas, chosen.train.len(), chosen.test.len()))
 }
@@ -152,7 +152,7 @@ pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<P
 ///
 /// Test views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning.
 pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
-    let Capture { mut found, mut space, origin } = found.understood()?;
+    let Capture { mut found, mut space, origin } = found.prepared()?;
     let mut warnings = std::mem::take(&mut found.warnings);
     let Chosen { train, test: chosen_test, cameras, scale, alpha, warnings: left_out } = choose(&found, request)?;
     check_memory(found.dir, scale.canvas, train.len() + chosen_test.len(), alpha)?;
@@ -164,7 +164,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
     let tested: &[&Frame] = if request.test == TestProtocol::Training { &[] } else { &chosen_test };
-    warnings.extend(of_many_sizes(&cameras[..train.len() + tested.len()], &scale));
+    warnings.extend(mixed_sizes_warning(&cameras[..train.len() + tested.len()], &scale));
     warnings.extend(check_valid(&train, &train_views, &mut test)?);
     if request.test != TestProtocol::Training {
         warnings.extend(leave_out_copies(&train_views, &mut test));
@@ -174,7 +174,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let base = scale.base_size();
     let stated = train.iter().zip(train_cameras).find(|(_, camera)| (camera.width, camera.height) == base);
     let stated = stated.and_then(|(frame, _)| frame.stated_size());
-    let all_train_cameras = others.map(|frame| scale.framed(&likely_camera(frame, base, stated))).collect();
+    let all_train_cameras = others.map(|frame| scale.framed(&assumed_camera(frame, base, stated))).collect();
     let is_known = train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border);
     let backdrop = if is_known { Backdrop::Colour } else { Backdrop::Unknown };
     space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
@@ -185,7 +185,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
 
 /// Returns the camera of a frame without opening its image. `stated` is the stated size of images whose stored size is
 /// `base`. Any other stated size is scaled by base.0 / stated.0; else the camera is for `base`.
-fn likely_camera(frame: &Frame, base: (u32, u32), stated: Option<(u32, u32)>) -> Camera {
+fn assumed_camera(frame: &Frame, base: (u32, u32), stated: Option<(u32, u32)>) -> Camera {
     let size = match (frame.stated_size(), stated) {
         (Some(own), Some(of_base)) if own != of_base => {
             let side = |side: u32| (f64::from(side) * f64::from(base.0) / f64::from(of_base.0)).round().max(1.0) as u32;
@@ -208,7 +208,7 @@ fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
     Some(format!("the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"))
 }
 
-fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
+fn mixed_sizes_warning(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
     let sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
     let is_first = |(i, size): &(usize, &(u32, u32))| !sizes[..*i].contains(size);
     let described = |(_, &size): (usize, &(u32, u32))| {

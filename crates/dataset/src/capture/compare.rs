@@ -25,9 +25,11 @@ const EXPLAINED: f64 = 0.5;
 /// Min share of matches that another convention must explain to be named.
 const CONVINCING: f64 = 0.7;
 /// Min share and min lead of another convention's explained matches at which poses above [`EXPLAINED`] are doubted too.
-const BETTER: (f64, f64) = (0.9, 0.12);
+const MIN_BETTER_SHARE: f64 = 0.9;
+const MIN_LEAD: f64 = 0.12;
 /// Min number of a photograph's matches to judge it alone, and share of explained ones below which its pose is doubted.
-const OF_ONE: (usize, f64) = (30, 0.3);
+const PHOTOGRAPH_MIN_MATCHES: usize = 30;
+const PHOTOGRAPH_EXPLAINED: f64 = 0.3;
 /// Plausible principal points divided by the image side (`CENTRAL`), and plausible ratios fy / fx (`SQUARE`).
 const CENTRAL: std::ops::RangeInclusive<f64> = 0.25..=0.75;
 const SQUARE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -78,9 +80,9 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     });
     let best = taken_as.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-    let is_better = best.as_ref().is_some_and(|(share, _)| *share >= BETTER.0 && *share >= given + BETTER.1);
+    let is_better = best.as_ref().is_some_and(|(share, _)| *share >= MIN_BETTER_SHARE && *share >= given + MIN_LEAD);
     if given >= EXPLAINED && !is_better {
-        for (image, explained, all) in wrong(&matches, &explained(&poses, 1.0), chosen.len()) {
+        for (image, explained, all) in unexplained_photographs(&matches, &explained(&poses, 1.0), chosen.len()) {
             let (name, share) = (names[image], percent(explained as f64 / all as f64));
             let text = format!("explains {share} of {all} matches with other photographs: is its pose right?");
             doubts.push(format!("the camera of {name} {text}"));
@@ -192,7 +194,7 @@ fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>
 
 /// Returns the photographs (of `count`) whose cameras explain few of their matches, worst first: index, number of
 /// `explained` matches, number of matches. Matches with a photograph that is already returned do not count.
-fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(usize, usize, usize)> {
+fn unexplained_photographs(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(usize, usize, usize)> {
     let mut found: Vec<(usize, usize, usize)> = Vec::new();
     loop {
         let is_known = |image: usize| found.iter().any(|(wrong, ..)| *wrong == image);
@@ -203,9 +205,9 @@ fn wrong(matches: &[ImageMatches], explained: &[usize], count: usize) -> Vec<(us
             counts.fold((image, 0, 0), |(_, sum, all), (explained, own)| (image, sum + explained, all + own))
         };
         let share = |(_, explained, all): &(usize, usize, usize)| *explained as f64 / *all as f64;
-        let judged = (0..count).map(of).filter(|(_, _, all)| *all >= OF_ONE.0);
+        let judged = (0..count).map(of).filter(|(_, _, all)| *all >= PHOTOGRAPH_MIN_MATCHES);
         let worst = judged.min_by(|a, b| share(a).total_cmp(&share(b)));
-        match worst.filter(|worst| share(worst) < OF_ONE.1) {
+        match worst.filter(|worst| share(worst) < PHOTOGRAPH_EXPLAINED) {
             Some(worst) => found.push(worst),
             None => return found,
         }
@@ -228,7 +230,7 @@ mod tests {
         };
         let stated: Vec<Camera> = (0..cameras.len()).map(stated).collect();
         let guard = photographs_of("table", &cameras, &stated, |i| format!("images/p{i}.png"));
-        compare(&crate::loaders::read(guard.path(), &SceneRequest::default()).unwrap().understood().unwrap()).unwrap()
+        compare(&crate::loaders::read(guard.path(), &SceneRequest::default()).unwrap().prepared().unwrap()).unwrap()
     }
 
     #[test]

@@ -39,7 +39,7 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
     let spread = robust_greatest(cameras.iter().map(|c| c.position().distance(mean)));
 
-    let seen = ascending(distances).or_else(|| visible_distances(cameras, &points));
+    let seen = plausible_distances(distances).or_else(|| visible_distances(cameras, &points));
     let (near, far) = match (&seen, layout) {
         (Some(seen), _) => (0.8 * quantile(seen, 0.005), 1.1 * quantile(seen, 0.995)),
         (None, Layout::Inside) => {
@@ -85,7 +85,7 @@ fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let distance = |camera: &Camera, p: Vec3| seen_at(camera, p).map(|_| p.distance(camera.position()));
     let distances = |camera| points.iter().step_by(step).filter_map(move |&p| distance(camera, p));
-    ascending(cameras.iter().flat_map(distances).collect())
+    plausible_distances(cameras.iter().flat_map(distances).collect())
 }
 
 /// Returns the pixel at which `camera` sees a point, if it lies within the image.
@@ -95,7 +95,7 @@ pub(crate) fn seen_at(camera: &Camera, point: Vec3) -> Option<Vec2> {
 }
 
 /// Sorts distances that are finite, positive and at most [`BEYOND`] medians; `None` for fewer than [`MIN_POINTS`].
-fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
+fn plausible_distances(mut distances: Vec<f32>) -> Option<Vec<f32>> {
     distances.retain(|d| d.is_finite() && *d > 0.0);
     let mut distances = sorted(distances.into_iter());
     let limit = BEYOND * quantile(&distances, 0.5);
@@ -202,7 +202,7 @@ fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
 }
 
 /// Joins names with commas; `…` replaces those after the first [`MAX_LISTED`].
-pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+pub(crate) fn join_names<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let listed = names.take(MAX_LISTED + 1).enumerate().map(|(i, name)| if i < MAX_LISTED { name } else { "…" });
     listed.collect::<Vec<_>>().join(", ")
 }
@@ -225,7 +225,7 @@ pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option
     if count == 0 || count as f64 > (MAX_SHARE * all as f64).max(1.0) {
         return None;
     }
-    let names = listed(far.iter().map(|frame| frame.name.as_str()));
+    let names = join_names(far.iter().map(|frame| frame.name.as_str()));
     let warning = format!(
         "{count} of {all} cameras are up to {first:.0} times farther out than the others and left out: {names}"
     );

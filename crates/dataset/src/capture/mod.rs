@@ -1,6 +1,6 @@
 //! Capture pipeline: from what a loader found in a folder to a [`Scene`](infonerf_scene::Scene).
 //!
-//! A capture is examined before anything is trained on it. [`Found::understood`] turns images and cameras as EXIF
+//! A capture is examined before anything is trained on it. [`Found::prepared`] turns images and cameras as EXIF
 //! states, finds masks, leaves out cameras that are far from all others, moves the middle of a distant world to the
 //! origin, and estimates where the content lies. [`assemble`] brings the chosen images to one scale, and [`compare`]
 //! checks the poses against matches between the photographs. Whatever is changed or doubtful is a line of the scene's
@@ -14,7 +14,7 @@ mod sizes;
 
 pub(crate) use assemble::{assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
-pub(crate) use extent::{capture_space, frusta_bounds, grid, listed, seen_at};
+pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, seen_at};
 pub(crate) use mask::{is_mask_name, mask_of, read_mask};
 
 use std::path::Path;
@@ -24,7 +24,7 @@ use infonerf_scene::image::{orientation, quarter_turns, stored_dimensions};
 use infonerf_scene::select::pool::Named;
 use infonerf_scene::{Aabb, Camera, Format, SceneError, Space, TestProtocol};
 
-use crate::frame::{Frame, Intrinsics, cameras_of, numbered, present};
+use crate::frame::{Frame, Intrinsics, cameras_of, numbered, with_images};
 
 /// One view in this many is held out for test, starting with the first.
 const HOLD_OUT: usize = 8;
@@ -83,14 +83,14 @@ impl<'a> Found<'a> {
     /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and
     /// every eighth of the others is held out for test.
     pub fn captured(dir: &'a Path, format: Format, frames: Vec<Frame>, test: &TestProtocol, known: Estimate) -> Self {
-        let (frames, warning) = present(frames);
+        let (frames, warning) = with_images(frames);
         let (train, test) = hold_out(frames, test);
         let found = Self::new(dir, format, numbered(train), numbered(test), StatedExtent::Estimated(known));
         Self { warnings: warning.into_iter().collect(), ..found }
     }
 
     /// Rotates frames by EXIF data, finds masks, removes outlier cameras, moves a distant origin, and derives the space.
-    pub fn understood(mut self) -> Result<Capture<'a>, SceneError> {
+    pub fn prepared(mut self) -> Result<Capture<'a>, SceneError> {
         self.turn();
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::{Camera, SceneError};
 
-use crate::files::{FARTHEST, make_folder, read_file, write_file};
+use crate::files::{MAX_COORDINATE, make_folder, read_file, write_file};
 use read::Values;
 
 /// Folders in a scene's folder that may contain reconstructions or numbered folders of them; the last is that folder.
@@ -144,8 +144,8 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     }
     let turned = DMat3::from_quat(rotation.normalize()).transpose();
     let position = -(turned * DVec3::from(translation));
-    if !position.is_finite() || position.abs().max_element() > FARTHEST {
-        return Err(fault(&format!("a position within {FARTHEST:e} of the origin"), position.to_string()));
+    if !position.is_finite() || position.abs().max_element() > MAX_COORDINATE {
+        return Err(fault(&format!("a position within {MAX_COORDINATE:e} of the origin"), position.to_string()));
     }
     Ok(opengl(turned, position))
 }

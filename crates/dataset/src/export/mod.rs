@@ -50,12 +50,12 @@ pub fn export(name: &str, size: u32, format: Format, dir: &Path) -> Result<(), S
         Format::Zju => photographs::write_zju,
         _ => return Err(SceneError::request("format", "Blender, LLFF, DTU or ZJU-MoCap", format)),
     };
-    claim(dir, format)?;
+    mark_folder(dir, format)?;
     write(name, size, dir)
 }
 
 /// Creates `dir` and marks it as an export. Returns an error if it has other files.
-fn claim(dir: &Path, format: Format) -> Result<(), SceneError> {
+fn mark_folder(dir: &Path, format: Format) -> Result<(), SceneError> {
     let path = dir.join(MARK);
     let mark = format!("{format}\n");
     let ours = fs::read_to_string(&path).is_ok_and(|found| found == mark);

@@ -28,7 +28,7 @@ pub(crate) fn read(path: &Path) -> Result<Value> {
 /// Python's `NaN` and `Infinity` become strings, which are no numbers.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&strict(bytes)));
+    let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&to_strict_json(bytes)));
     value.map_err(|e| SceneError::malformed(path, "JSON", e))
 }
 
@@ -127,7 +127,7 @@ pub(crate) fn pair<'n, 'a: 'n, T>(
 }
 
 /// Removes comments (`//` to the end of the line, `/* … */`), and makes strings of numbers that are not finite.
-fn strict(bytes: &[u8]) -> Vec<u8> {
+fn to_strict_json(bytes: &[u8]) -> Vec<u8> {
     // Strings are matched too, so that nothing within them is taken for a comment.
     let parts = Regex::new(r#"(?s-u)"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/|-?Infinity|NaN"#);
     let replaced = |part: &Captures<'_>| match part[0][0] {

@@ -10,7 +10,7 @@ use std::path::Path;
 use infonerf_scene::SceneError;
 
 /// Max absolute value of a coordinate, in scene units.
-pub(crate) const FARTHEST: f64 = 1e11;
+pub(crate) const MAX_COORDINATE: f64 = 1e11;
 
 /// Reads a file. One of more than `limit` bytes is refused unread.
 pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {

@@ -6,7 +6,7 @@ use glam::Vec3;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{assemble, compare, grid, listed, seen_at};
+use crate::capture::{assemble, compare, grid, join_names, seen_at};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -36,7 +36,7 @@ const CHECKED_SIZE: u32 = 512;
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
     let (train, test) = (ViewSelection::All, TestProtocol::All);
     let request = SceneRequest { train, test, image_size: Some(CHECKED_SIZE), ..SceneRequest::default() };
-    let doubts = compare(&loaders::read(dir, &request)?.understood()?)?;
+    let doubts = compare(&loaders::read(dir, &request)?.prepared()?)?;
     let scene = assemble(loaders::read(dir, &request)?, &request)?;
     let mut warnings = check(&scene);
     warnings.extend(doubts);
@@ -59,7 +59,7 @@ fn check(scene: &Scene) -> Vec<String> {
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
     warnings.extend(placed.into_iter().chain([tilted(scene, &cameras), baseline(scene)]).flatten());
     warnings.extend(images(scene));
-    warnings.extend(beyond(scene, &cameras));
+    warnings.extend(points_outside_range(scene, &cameras));
     warnings
 }
 
@@ -70,7 +70,7 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
     let others = scene.all_train_cameras.iter().filter(is_other).map(|camera| ("another view", camera));
     let all: Vec<(&str, &Camera)> = chosen().map(|view| (&*view.name, &view.camera)).chain(others).collect();
     let found: Vec<&str> = all.iter().filter(|(_, camera)| is_faulty(camera)).map(|(name, _)| *name).collect();
-    let names = listed(found.iter().copied());
+    let names = join_names(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }
 
@@ -171,7 +171,7 @@ fn spread(image: &Image) -> f32 {
 }
 
 /// Returns a warning if too many of the points in view lie outside near and far.
-fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+fn points_outside_range(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     let step = scene.space.points.len().div_ceil(2000).max(1);
     let is_within = |camera: &Camera, point: Vec3| {
         let (pixel, t) = (seen_at(camera, point)?, point.distance(camera.position()));

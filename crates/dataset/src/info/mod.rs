@@ -64,7 +64,7 @@ pub struct Info {
 /// # Errors
 /// Errors of [`crate::load`] about poses.
 pub fn info(path: &Path) -> Result<Info, SceneError> {
-    let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.understood()?;
+    let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.prepared()?;
     let frames = || found.train.iter().chain(&found.test);
     let first = frames().find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
@@ -149,7 +149,7 @@ impl SceneSource {
 /// # Errors
 /// Errors of [`crate::load`] about poses.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
-    let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.understood()?;
+    let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.prepared()?;
     let all_train_cameras = found.train.iter().map(Frame::nominal_camera).collect();
     let (name, format, warnings) = (scene_name(path), found.format, found.warnings);
     Ok(Scene { name, format, space, origin, all_train_cameras, warnings, ..Scene::default() })

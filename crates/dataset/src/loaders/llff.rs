@@ -9,7 +9,7 @@ use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
 use super::pose;
 use crate::capture::{Found, StatedExtent, hold_out, is_mask_name};
-use crate::files::FARTHEST;
+use crate::files::MAX_COORDINATE;
 use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
 use crate::frame::{Frame, numbered};
@@ -46,7 +46,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         return Err(SceneError::malformed(folder, expected, format!("it has {}", images.len())));
     }
     let (width, height) = images.first().map_or(Ok((1, 1)), |first| stored_dimensions(first))?;
-    let (poses, range) = placed(&path, &rows)?;
+    let (poses, range) = scaled_and_recentred(&path, &rows)?;
     let frame = |((row, pose), image): ((&PoseRow, DMat4), &PathBuf)| {
         let [rows, columns, focal] = row.size;
         let focal = [focal * f64::from(width) / columns, focal * f64::from(height) / rows];
@@ -107,7 +107,7 @@ fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<PoseRow, SceneErro
 }
 
 /// Scales and recentres the poses, and returns them with near and far.
-pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
+pub(crate) fn scaled_and_recentred(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
     let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
     let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
     let scale = 1.0 / (NEAREST * nearest);
@@ -117,7 +117,7 @@ pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32,
     if let Some(found) = poses.iter().find_map(pose::fault) {
         return Err(SceneError::malformed(path, EXPECTED, format!("scaled to its nearest depth {nearest:e}, {found}")));
     }
-    if far > FARTHEST {
+    if far > MAX_COORDINATE {
         return Err(SceneError::malformed(path, EXPECTED, format!("depths from {nearest:e} to {farthest:e}")));
     }
     Ok((poses, (MARGIN * (nearest * scale) as f32, far as f32)))

@@ -16,7 +16,7 @@ use std::path::Path;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use crate::capture::Found;
-use crate::photographs::unposed;
+use crate::photographs::missing_poses_error;
 
 type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>;
 
@@ -72,7 +72,7 @@ pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         return Err(faults.swap_remove(0).1);
     }
     let markers = asked.iter().map(|(_, marker, _)| *marker).collect::<Vec<_>>().join(", ");
-    Err(unposed(dir).unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
+    Err(missing_poses_error(dir).unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
 }
 
 #[cfg(test)]

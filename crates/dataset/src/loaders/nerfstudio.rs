@@ -7,7 +7,7 @@ use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::transforms::read_transforms;
 use crate::capture::{Estimate, Found, StatedExtent};
-use crate::frame::{Frame, numbered, present};
+use crate::frame::{Frame, numbered, with_images};
 
 pub(super) const MARKER: &str = "transforms.json";
 
@@ -26,7 +26,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     all.extend(transforms.lost);
     let mut found = match &transforms.split {
         Some((train, test, test_field)) => {
-            let (frames, warning) = present(transforms.frames);
+            let (frames, warning) = with_images(transforms.frames);
             // The frames with these names, in the order of the file.
             let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
                 if let Some(unknown) = names.iter().find(|name| !all.contains(*name)) {

@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use infonerf_scene::SceneError;
 
-use crate::files::FARTHEST;
+use crate::files::MAX_COORDINATE;
 use crate::files::json::Node;
 
 /// Max difference of `RᵀR` from the identity in any element for an exact rotation R: rounding to 4 digits passes, a
@@ -39,7 +39,7 @@ pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, 
     if fault(&given).is_none() {
         return Ok(Some((given, false)));
     }
-    let matrix = mended(&given).unwrap_or(given);
+    let matrix = orthonormalised(&given).unwrap_or(given);
     match fault(&matrix) {
         Some(found) => Err(node.fault(EXPECTED, found)),
         None => Ok(Some((matrix, true))),
@@ -47,7 +47,7 @@ pub(crate) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<(DMat4, 
 }
 
 /// Removes scale and slight shear from the rotation of `pose`; `None` if they are too large or the last row is not 0 0 0 1.
-fn mended(pose: &DMat4) -> Option<DMat4> {
+fn orthonormalised(pose: &DMat4) -> Option<DMat4> {
     if !pose.row(3).abs_diff_eq(glam::DVec4::W, TOLERANCE) {
         return None;
     }
@@ -77,8 +77,8 @@ pub(super) fn fault(pose: &DMat4) -> Option<String> {
         return Some(format!("last row {:?}", last.to_array()));
     }
     let position = pose.w_axis.truncate();
-    if position.abs().max_element() > FARTHEST {
-        return Some(format!("a position more than {FARTHEST:e} units from the origin"));
+    if position.abs().max_element() > MAX_COORDINATE {
+        return Some(format!("a position more than {MAX_COORDINATE:e} units from the origin"));
     }
     let rotation = DMat3::from_mat4(*pose);
     let determinant = rotation.determinant();
@@ -104,12 +104,12 @@ mod tests {
         let rigid = DMat4::from_rotation_translation(DQuat::from_rotation_y(0.7), DVec3::new(1.0, 2.0, 3.0));
         let scaled = |x: f64, y: f64, z: f64| rigid * DMat4::from_scale(DVec3::new(x, y, z));
         for pose in [scaled(1.002, 1.002, 1.002), scaled(0.01, 0.01, 0.01), scaled(1.0, 0.9, 1.0)] {
-            assert!(fault(&pose).is_some() && mended(&pose).unwrap().abs_diff_eq(rigid, 1e-12));
+            assert!(fault(&pose).is_some() && orthonormalised(&pose).unwrap().abs_diff_eq(rigid, 1e-12));
         }
         let mut sheared = rigid;
         sheared.x_axis += 0.1 * rigid.y_axis;
         for pose in [scaled(-1.0, 1.0, 1.0), scaled(2.0, 1.0, 1.0), scaled(0.0, 0.0, 0.0), sheared] {
-            assert!(mended(&pose).is_none());
+            assert!(orthonormalised(&pose).is_none());
         }
     }
 }

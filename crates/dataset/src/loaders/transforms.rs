@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::pose::read_pose;
 use crate::colmap::lens;
 use crate::files::json::{self, Node, PIXELS, pair};
-use crate::files::{FARTHEST, file_name};
+use crate::files::{MAX_COORDINATE, file_name};
 use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube.
@@ -100,7 +100,7 @@ fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Resu
 fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
     let Some((near, far)) = pair(|_| root, ["near", "far"], "a distance", Ok)? else { return Ok(None) };
     let n = near.within(0.0.., "a distance of at least 0")? as f32;
-    let f = far.within(..=FARTHEST, "a distance beyond `near`")? as f32;
+    let f = far.within(..=MAX_COORDINATE, "a distance beyond `near`")? as f32;
     if n >= f {
         return Err(far.error(format!("a distance beyond `near` = {n}")));
     }
@@ -114,7 +114,7 @@ fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
     };
     let corner = |n: &Node<'_>| n.numbers::<3>(expected).map(|v| Vec3::from(v.map(|c| c as f32)));
     let (min, max) = (corner(min)?, corner(max)?);
-    let inside = |corner: Vec3| f64::from(corner.abs().max_element()) <= FARTHEST;
+    let inside = |corner: Vec3| f64::from(corner.abs().max_element()) <= MAX_COORDINATE;
     if !min.cmplt(max).all() || !inside(min) || !inside(max) {
         return Err(node.fault(expected, format!("{min} and {max}")));
     }

@@ -16,7 +16,7 @@ use crate::frame::{Frame, MaskRole};
 pub(crate) const MARKER: &str = "annots.npy";
 const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
 /// Max size of a file in bytes.
-const LARGEST: u64 = 64 << 20;
+const MAX_BYTES: u64 = 64 << 20;
 /// Folders of masks; the first that exists is read.
 const MASKS: [&str; 2] = ["mask_cihp", "mask"];
 /// Folders of the body's vertices and of its fitted pose; the first pair that exists is read.
@@ -37,7 +37,7 @@ const CARVED: usize = 48;
 /// published training cameras' masks. Views have their cameras' numbers; all but 0, 6, 12, 18 are the test split.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
-    let bytes = read_file(&path, EXPECTED, LARGEST)?;
+    let bytes = read_file(&path, EXPECTED, MAX_BYTES)?;
     let Annotations { cameras, images, frames: count } = annotations(&path, &bytes, request.frame.unwrap_or(0))?;
     let size = images.first().map(|first| stored_dimensions(&dir.join(first))).transpose()?.unwrap_or((1, 1));
     let Some(folder) = MASKS.iter().map(|m| dir.join(m)).find(|m| m.is_dir()) else {
@@ -113,7 +113,7 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     }
     let Some(pose) = pose else { return Ok(Body::unposed(vertices)) };
     let expected = "a pickled dictionary with `Rh` and `Th`";
-    let pickle = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
+    let pickle = pickled(pose, &read_file(pose, expected, MAX_BYTES)?, expected)?;
     let vector = |key: &str| {
         let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
         if let Some(&[x, y, z]) = numbers.as_deref().filter(|found| found.iter().all(|v| v.abs() <= 1e6)) {

@@ -157,7 +157,7 @@ fn photograph_folder(dir: &Path) -> PathBuf {
 }
 
 /// Returns an error with advice on finding poses, if `dir` has photographs.
-pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
+pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     let folder = photograph_folder(dir);
     if list_images(&folder).ok()?.is_empty() {
         return first_unread(&folder);
@@ -201,7 +201,7 @@ mod tests {
         let text = fault(guard.path());
         let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
         assert!(text.contains(unread), "{text}");
-        assert_eq!(unposed(guard.path()).unwrap().to_string(), text);
+        assert_eq!(missing_poses_error(guard.path()).unwrap().to_string(), text);
         assert!(fault(&guard.path().join("none")).contains("not found"));
     }
 }

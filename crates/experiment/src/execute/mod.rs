@@ -10,7 +10,7 @@ use anyhow::Result;
 use infonerf_report::Record;
 
 pub use processes::{Runner, STOPPED, Workers};
-pub(crate) use slurm::refuse_under_way;
+pub(crate) use slurm::check_no_running_jobs;
 pub use slurm::{JobResources, Jobs, Slurm};
 
 use crate::device::DeviceName;
@@ -40,7 +40,7 @@ pub enum PlanEvent<'a> {
     /// The run of that index has ended.
     RunEnded(usize, &'a RunPlan, RunEnd),
     /// All runs of a sweep have ended, or the sweep was stopped.
-    Over,
+    Ended,
     /// The files of a sweep are written (`None` if no run is finished). The last field lists the labels of its unfinished runs.
     Written(&'a Sweep, Option<&'a SweepFiles>, Vec<String>),
 }
@@ -50,7 +50,7 @@ pub enum RunEnd {
     /// Trained and evaluated in this process: the record and the fields.
     Trained(Box<Record>, Box<Trained>),
     /// Finished by an earlier execution: the record.
-    Kept(Box<Record>),
+    AlreadyDone(Box<Record>),
     /// Finished in a process of its own: the last line that this process printed.
     Finished(String),
     /// Saved and stopped on request.
@@ -84,10 +84,10 @@ pub type PlanWatch<'a> = dyn FnMut(PlanEvent<'_>) -> Control + 'a;
 /// be read or written, or a run of this process fails.
 pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mut PlanWatch<'_>) -> Result<Executed> {
     let prepare = |sweep: &Sweep| match executor {
-        Executor::Merge(device) => sweep.look(out, *device),
+        Executor::Merge(device) => sweep.find_missing(out, *device),
         // Each run locks its folder itself, and removes earlier results only once its own training can start.
         Executor::InProcess(session) if session.existing == Existing::Overwrite => sweep.all_missing(out),
-        Executor::InProcess(session) => sweep.look(out, session.device.name),
+        Executor::InProcess(session) => sweep.find_missing(out, session.device.name),
         Executor::Processes(workers) => sweep.prepare(out, workers.runner.device),
         Executor::Slurm(slurm) => sweep.prepare(out, slurm.runner.device),
     };
@@ -110,7 +110,7 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
             Executor::Processes(workers) => workers.run(sweep, prepared, watch),
             Executor::Slurm(_) | Executor::Merge(_) => Some(prepared.missing.iter().copied().collect()),
         };
-        watch(PlanEvent::Over);
+        watch(PlanEvent::Ended);
         let Some(missing) = missing else { return Ok(Executed::Stopped) };
         let outcome = sweep.write_outcome(&prepared.folder, &missing)?;
         let labels = missing.iter().map(|&run| sweep.run(run).label()).collect();
@@ -130,7 +130,7 @@ fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Resu
                 save_record(&folder, &record)?;
                 RunEnd::Trained(record, trained)
             }
-            Finished::Kept(record) => RunEnd::Kept(record),
+            Finished::AlreadyDone(record) => RunEnd::AlreadyDone(record),
             Finished::Stopped => RunEnd::Stopped,
         };
         let is_stopped = matches!(ended, RunEnd::Stopped);

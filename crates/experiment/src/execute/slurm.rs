@@ -204,7 +204,7 @@ impl Jobs {
 }
 
 /// Returns an error if jobs of a launch still run items of the manifest in `folder`.
-pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
+pub(crate) fn check_no_running_jobs(folder: &Path) -> Result<()> {
     let path = folder.join(LAUNCH).join(JOBS);
     if !path.exists() {
         return Ok(());

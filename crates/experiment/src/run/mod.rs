@@ -113,7 +113,7 @@ pub enum Finished {
     /// The run is done: its record and its fields.
     Record(Box<Record>, Box<Trained>),
     /// The run was done before; its record.
-    Kept(Box<Record>),
+    AlreadyDone(Box<Record>),
     /// The run was stopped by its watcher, and can be continued.
     Stopped,
 }
@@ -181,7 +181,7 @@ impl Session {
         let record = plan.record_path(&run.folder);
         if run.continues && !run.has_grown && record.exists() {
             let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
-            return Ok(Finished::Kept(Box::new(record)));
+            return Ok(Finished::AlreadyDone(Box::new(record)));
         }
         let memory = PeakMemory::start();
         let Some(trainers) = self.train_members(plan, &run, watch)? else { return Ok(Finished::Stopped) };
@@ -209,7 +209,7 @@ impl Session {
             watch(RunEvent::Warning(warning));
         }
         let continues = self.existing == Existing::Continue && folder.join("config.toml").exists();
-        let has_grown = continues && identity.continues(&folder, &config)?;
+        let has_grown = continues && identity.check_continuation(&folder, &config)?;
         Ok(OpenRun { folder, identity, config, continues, has_grown, _lock: lock })
     }
 

@@ -52,7 +52,7 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(fields == 1 && !one.collapsed, "{fields} fields");
     assert_ne!(one.metrics["psnr"], both.metrics["psnr"]);
     assert_eq!(one.iterations, both.iterations);
-    assert!(one.notes.iter().any(|note| note.starts_with("1 of 2 fields went empty")), "{:?}", one.notes);
+    assert!(one.notes.iter().any(|note| note.starts_with("1 of 2 fields became empty")), "{:?}", one.notes);
     let trained = Trained::read(plan, &folder, &open(DeviceName::Flex).unwrap()).unwrap();
     assert!(trained.trainers.len() == 1 && trained.warnings.len() == 1, "{:?}", trained.warnings);
 }

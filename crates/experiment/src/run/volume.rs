@@ -65,7 +65,7 @@ impl Volume for TrainedVolume {
                 None => directions.to_vec(),
             };
             for (points, directions) in self.warped(model, points).chunks(CHUNK).zip(turned.chunks(CHUNK)) {
-                let FieldOutput { sigma, color } = self.ask(model, points, Some(directions));
+                let FieldOutput { sigma, color } = self.evaluate(model, points, Some(directions));
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
                     let weight = MIN_WEIGHT - (-sigma * self.step).exp_m1();
@@ -95,7 +95,7 @@ impl TrainedVolume {
         let mut densities = vec![0.0; warped.len()];
         for asked in open.chunks(CHUNK) {
             let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
-            let sigma = self.ask(model, &points, None).sigma;
+            let sigma = self.evaluate(model, &points, None).sigma;
             for (&index, sigma) in asked.iter().zip(to_host(sigma)) {
                 densities[index] = scale * sigma;
             }
@@ -104,7 +104,7 @@ impl TrainedVolume {
     }
 
     /// Evaluates a field at points that are not on rays, each as a ball of the variance of a step, `step²/12`.
-    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
+    fn evaluate(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
         let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
         let positions = points.iter().flat_map(|p| p.to_array()).collect();
         evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 
 use super::{Sweep, manifest};
 use crate::device::DeviceName;
-use crate::execute::refuse_under_way;
+use crate::execute::check_no_running_jobs;
 use crate::identity::Identity;
 use crate::records::{LIST, read_records};
 use crate::run::{Existing, clear, lock};
@@ -35,12 +35,12 @@ impl Sweep {
     ///
     /// # Errors
     /// If a run of another config is in the way, or a file cannot be read.
-    pub(crate) fn look(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
+    pub(crate) fn find_missing(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let mut prepared = Prepared { missing: Vec::new(), ..self.all_missing(out)? };
         for (index, plan) in self.runs().enumerate() {
             let run = prepared.folder.join(plan.directory());
             let is_begun = run.join("config.toml").exists();
-            let is_same = is_begun && !Identity::of(plan, device.name())?.continues(&run, &plan.to_toml()?)?;
+            let is_same = is_begun && !Identity::of(plan, device.name())?.check_continuation(&run, &plan.to_toml()?)?;
             if !is_same || !plan.record_path(&run).exists() {
                 prepared.missing.push(index);
             }
@@ -65,17 +65,18 @@ impl Sweep {
     /// other process can prepare the same sweep until the returned value is dropped.
     ///
     /// # Errors
-    /// As [`Self::look`], and if another process or a launch is at work on it, or a manifest of another version is there.
+    /// As [`Self::find_missing`], and if another process or a launch is at work on it, or a manifest of another version is
+    /// there.
     pub(crate) fn prepare(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let folder = self.folder(out);
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let (lock, warning) = lock(&folder, "sweep")?;
         manifest::refuse_another_version(&folder.join(manifest::NAME))?;
-        refuse_under_way(&folder)?;
+        check_no_running_jobs(&folder)?;
         if self.existing == Existing::Overwrite {
             self.remove_runs(&folder)?;
         }
-        let prepared = Prepared { warning, _lock: Some(lock), ..self.look(out, device)? };
+        let prepared = Prepared { warning, _lock: Some(lock), ..self.find_missing(out, device)? };
         manifest::write(&prepared.manifest(), self.runs())?;
         Ok(prepared)
     }

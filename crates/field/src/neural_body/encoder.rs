@@ -4,7 +4,7 @@ use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor};
 use infonerf_ops::upload;
 use rand::Rng;
 
-use super::sites::{REACH, Sites};
+use super::sites::{NEIGHBOURS, Sites};
 use crate::init::{parameter, uniform};
 
 /// ε of the batch normalisation.
@@ -27,7 +27,7 @@ struct SparseConvolution {
 
 impl SparseConvolution {
     fn new([inputs, outputs]: [usize; 2], rng: &mut impl Rng, device: &Device) -> Self {
-        let fan_in = REACH * inputs;
+        let fan_in = NEIGHBOURS * inputs;
         let weight = uniform(rng, fan_in * outputs, (1.0 / fan_in as f32).sqrt());
         let vector = |value: f32| parameter(vec![value; outputs], [outputs], device);
         Self { weight: parameter(weight, [fan_in, outputs], device), scale: vector(1.0), shift: vector(0.0) }
@@ -36,7 +36,7 @@ impl SparseConvolution {
     /// Maps `[sites, inputs]` to `[neighbours/27, outputs]`.
     fn forward(&self, features: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
         let weight = self.weight.val();
-        let by_site = [neighbours.dims()[0] / REACH, weight.dims()[0]];
+        let by_site = [neighbours.dims()[0] / NEIGHBOURS, weight.dims()[0]];
         let out = or_zero(features).select(0, neighbours).reshape(by_site).matmul(weight);
         let centred = out.clone() - out.mean_dim(0);
         let deviation = (centred.clone().square().mean_dim(0) + EPSILON).sqrt();
@@ -114,7 +114,7 @@ fn widths(code: usize, width: usize) -> Vec<usize> {
 pub(super) fn parameters(code: usize, width: usize) -> usize {
     let widths = widths(code, width);
     let into = |stage: usize| LAYERS[stage] * widths[stage] + if stage > 0 { widths[stage - 1] } else { 0 };
-    (0..LAYERS.len()).map(|stage| REACH * widths[stage] * into(stage)).sum()
+    (0..LAYERS.len()).map(|stage| NEIGHBOURS * widths[stage] * into(stage)).sum()
 }
 
 impl SparseEncoder {

@@ -13,7 +13,7 @@ use burn::nn::Linear;
 use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
@@ -220,7 +220,7 @@ impl NeuralBody {
         let places = self.grid.places(positions);
         let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
             let stretch = upload(self.grid.stretch(size).to_vec(), [1, 3], &device);
-            let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
+            let voxels = Voxels { grids: 1, size, padding: PaddingMode::Zero };
             trilinear(volume.clone(), places.clone() * stretch, voxels)
         };
         Tensor::cat(volumes.iter().zip(self.plan.sizes()).map(read).collect(), 1)

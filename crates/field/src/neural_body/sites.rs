@@ -1,5 +1,5 @@
 /// Number of neighbours of a site in each convolution, itself among them.
-pub(super) const REACH: usize = 27;
+pub(super) const NEIGHBOURS: usize = 27;
 
 /// The occupied cells of a grid, in the order of their numbers; x runs fastest, z slowest.
 #[derive(Clone, Debug)]
@@ -60,7 +60,7 @@ impl Sites {
             let inside = (0..3).all(|axis| place[axis] < self.size[axis]);
             if inside { self.row(place) } else { empty }
         };
-        out.cells.iter().flat_map(|&cell| (0..REACH).map(move |k| at(cell, k))).collect()
+        out.cells.iter().flat_map(|&cell| (0..NEIGHBOURS).map(move |k| at(cell, k))).collect()
     }
 }
 

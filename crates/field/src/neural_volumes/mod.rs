@@ -12,7 +12,7 @@ use std::fmt;
 use burn::module::Module;
 use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
@@ -178,7 +178,7 @@ impl Field for NeuralVolumes {
         // 1 in the open cube, else 0.
         let inside = cube.clone().abs().max_dim(1).lower_elem(1.0).float();
         let warped = trilinear(warp.clone(), in_voxels(cube, self.warp.grid()), self.warp.grid());
-        let template = Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Zero };
+        let template = Voxels { grids: 1, size: [self.resolution; 3], padding: PaddingMode::Zero };
         let voxels = if color { voxels.clone() } else { voxels.clone().narrow(1, 3, 1) };
         let read = trilinear(voxels, in_voxels(warped, template), template) * inside;
         let opacity = read.clone().narrow(1, if color { 3 } else { 0 }, 1).reshape([samples]);

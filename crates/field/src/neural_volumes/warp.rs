@@ -2,7 +2,7 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::activation::leaky_relu;
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
 use rand::Rng;
 
@@ -65,7 +65,7 @@ impl VolumeWarp {
     }
 
     pub(super) fn grid(&self) -> Voxels {
-        Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Border }
+        Voxels { grids: 1, size: [self.resolution; 3], padding: PaddingMode::Border }
     }
 
     /// Computes where the template is read for each voxel, by a code `[1, latent]`: `[resolution³, 3]` in [−1, 1]³, x fastest.

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::{Factor, GRAIN, product};
+use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::mlp::{Dense, RadianceMlp, first_layer};
@@ -46,7 +46,7 @@ struct MlpStage {
     weights: Vec<Piece>,
     biases: Vec<Piece>,
     /// Input of the network that is copied into this matrix, and its first column.
-    outside: Option<(Outside, usize)>,
+    network_input: Option<(NetworkInput, usize)>,
 }
 
 impl MlpStage {
@@ -56,7 +56,7 @@ impl MlpStage {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Outside {
+enum NetworkInput {
     Encoded = 0,
     Direction = 1,
 }
@@ -81,7 +81,7 @@ impl Piece {
 }
 
 fn filled(columns: usize) -> usize {
-    columns.next_multiple_of(GRAIN)
+    columns.next_multiple_of(SIZE_MULTIPLE)
 }
 
 /// Returns the pieces of the weights of `dense`, and of its biases. `inputs` are the widths of the parts of its input,
@@ -104,7 +104,8 @@ impl RoundedMlpKernel {
     pub(crate) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
         let trunk = network.trunk.len();
         let x = filled(width);
-        let mut stages = vec![MlpStage { columns: x, outside: Some((Outside::Encoded, 0)), ..MlpStage::default() }];
+        let mut stages =
+            vec![MlpStage { columns: x, network_input: Some((NetworkInput::Encoded, 0)), ..MlpStage::default() }];
         let mut inputs = vec![width];
         for (index, dense) in network.trunk.iter().enumerate() {
             let outputs = dense.bias.dims()[0];
@@ -112,27 +113,27 @@ impl RoundedMlpKernel {
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
             let stage = MlpStage::new((first, filled(outputs)), true, pieces(dense, index, &inputs, 0));
-            stages.push(MlpStage { outside: skip.then_some((Outside::Encoded, 0)), ..stage });
+            stages.push(MlpStage { network_input: skip.then_some((NetworkInput::Encoded, 0)), ..stage });
             inputs = if skip { vec![width, outputs] } else { vec![outputs] };
         }
         let sigma = trunk + if network.color.is_some() { 2 } else { 0 };
-        let mut heads = MlpStage::new((0, GRAIN), false, pieces(&network.sigma, sigma, &inputs, 0));
+        let mut heads = MlpStage::new((0, SIZE_MULTIPLE), false, pieces(&network.sigma, sigma, &inputs, 0));
         let (mut owners, mut directions, mut outputs) = (Vec::new(), 0, vec![(stages.len(), 1)]);
         if let Some(branch) = &network.color {
             let [features, views] = [&branch.feature, &branch.view].map(|dense| dense.bias.dims()[0]);
             directions = encoded_width(3, branch.frequencies);
             owners = branch.segments.host_owners();
             assert_eq!(owners.len(), samples, "a ray for every sample");
-            let (weights, bias) = pieces(&branch.feature, trunk, &inputs, GRAIN);
+            let (weights, bias) = pieces(&branch.feature, trunk, &inputs, SIZE_MULTIPLE);
             heads.weights.extend(weights);
             heads.biases.push(bias);
-            let made = GRAIN + filled(features);
+            let made = SIZE_MULTIPLE + filled(features);
             heads.made.1 = made;
-            heads.outside = Some((Outside::Direction, made));
+            heads.network_input = Some((NetworkInput::Direction, made));
             heads.columns = made + filled(directions);
             let view = pieces(&branch.view, trunk + 1, &[features, directions], 0);
-            let view = MlpStage { reads: GRAIN, ..MlpStage::new((0, filled(views)), true, view) };
-            let rgb = MlpStage::new((0, GRAIN), false, pieces(&branch.rgb, trunk + 3, &[views], 0));
+            let view = MlpStage { reads: SIZE_MULTIPLE, ..MlpStage::new((0, filled(views)), true, view) };
+            let rgb = MlpStage::new((0, SIZE_MULTIPLE), false, pieces(&branch.rgb, trunk + 3, &[views], 0));
             stages.extend([heads, view, rgb]);
             outputs.push((stages.len() - 1, 3));
         } else {
@@ -185,22 +186,22 @@ impl RoundedMlpKernel {
         let samples = rows.len();
         for (index, stage) in self.stages.iter().enumerate() {
             let ((first, made), columns) = (stage.made, stage.columns);
-            for strip in (0..samples).step_by(GRAIN) {
-                let y = &mut block.strip[..GRAIN * columns];
+            for strip in (0..samples).step_by(SIZE_MULTIPLE) {
+                let y = &mut block.strip[..SIZE_MULTIPLE * columns];
                 if let Some((weights, bias)) = index.checked_sub(1).map(|layer| &layers[layer]) {
                     let x = block.stages[index - 1].left(strip, stage.reads);
-                    let sizes = [GRAIN, made, self.inputs(index)];
+                    let sizes = [SIZE_MULTIPLE, made, self.inputs(index)];
                     product(sizes, false, (&mut y[first..], columns), x, weights.right(0, 0));
                     let signs = &mut block.signs[index];
                     simd::run(Finish { y, columns, first, bias, relu: stage.relu, strip, signs });
                 }
-                if let Some((outside, at)) = stage.outside {
-                    let width = self.widths[outside as usize];
+                if let Some((network_input, at)) = stage.network_input {
+                    let width = self.widths[network_input as usize];
                     y.chunks_exact_mut(columns).for_each(|y| y[at..at + filled(width)].fill(0.0));
                     for (sample, y) in rows.clone().skip(strip).zip(y.chunks_exact_mut(columns)) {
-                        let (from, row) = match outside {
-                            Outside::Encoded => (inputs[0], sample),
-                            Outside::Direction => (inputs[1], self.owners[sample] as usize),
+                        let (from, row) = match network_input {
+                            NetworkInput::Encoded => (inputs[0], sample),
+                            NetworkInput::Direction => (inputs[1], self.owners[sample] as usize),
                         };
                         y[at..at + width].copy_from_slice(&from[row * width..][..width]);
                     }
@@ -235,18 +236,18 @@ impl RoundedMlpKernel {
         for (index, stage) in self.stages.iter().enumerate().rev() {
             let [dy, dy_above] = &mut block.dy;
             let above = self.stages.get(index + 1).map(|above| (above, &layers[index].0, &*dy_above));
-            let x_wanted = matches!(stage.outside, Some((Outside::Encoded, _))) && sums.dencoded.is_some();
+            let x_wanted = matches!(stage.network_input, Some((NetworkInput::Encoded, _))) && sums.dencoded.is_some();
             let product_of = |column: usize, strip: &mut [f32]| match above {
                 Some((above, weights, dy)) if column >= above.reads => {
-                    let sizes = [GRAIN, samples, above.made.1];
+                    let sizes = [SIZE_MULTIPLE, samples, above.made.1];
                     product(sizes, false, (strip, samples), weights.left(column - above.reads, 0), dy.right(0, 0));
                 }
                 _ => strip.fill(0.0),
             };
-            let strip = &mut block.strip[..GRAIN * samples];
-            if let Some((Outside::Encoded, at)) = stage.outside.filter(|_| x_wanted) {
+            let strip = &mut block.strip[..SIZE_MULTIPLE * samples];
+            if let Some((NetworkInput::Encoded, at)) = stage.network_input.filter(|_| x_wanted) {
                 let width = self.widths[0];
-                for column in (0..width).step_by(GRAIN) {
+                for column in (0..width).step_by(SIZE_MULTIPLE) {
                     product_of(at + column, strip);
                     for (c, strip) in (column..width).zip(strip.chunks_exact(samples)) {
                         let dx = sums.dencoded.as_mut().expect("is wanted");
@@ -259,7 +260,7 @@ impl RoundedMlpKernel {
             }
             let (first, made) = stage.made;
             dy.columns = samples;
-            for column in (0..made).step_by(GRAIN) {
+            for column in (0..made).step_by(SIZE_MULTIPLE) {
                 product_of(first + column, strip);
                 let mut from = 0;
                 for &(output, count) in &self.outputs {
@@ -269,8 +270,8 @@ impl RoundedMlpKernel {
                     }
                     from += count;
                 }
-                let signs = stage.relu.then(|| &block.signs[index][column / GRAIN * BLOCK..][..samples]);
-                let db = &mut sums.biases[index - 1][column..column + GRAIN];
+                let signs = stage.relu.then(|| &block.signs[index][column / SIZE_MULTIPLE * BLOCK..][..samples]);
+                let db = &mut sums.biases[index - 1][column..column + SIZE_MULTIPLE];
                 simd::run(ReluGradient { dy: strip, samples, signs, db });
                 dy.set(column, strip);
             }
@@ -321,9 +322,10 @@ struct BlockBuffers {
 impl BlockBuffers {
     fn new(stages: &[MlpStage], backward: bool) -> Self {
         let widest = stages.iter().map(|stage| stage.columns).max().unwrap_or(0);
-        let signs = |stage: &MlpStage| vec![0; if backward && stage.relu { stage.made.1 / GRAIN * BLOCK } else { 0 }];
+        let signs =
+            |stage: &MlpStage| vec![0; if backward && stage.relu { stage.made.1 / SIZE_MULTIPLE * BLOCK } else { 0 }];
         Self {
-            strip: vec![0.0; GRAIN * widest.max(BLOCK)],
+            strip: vec![0.0; SIZE_MULTIPLE * widest.max(BLOCK)],
             stages: stages.iter().map(|stage| Factor::new(BLOCK, stage.columns, true, backward)).collect(),
             signs: stages.iter().map(signs).collect(),
             dy: [(); 2].map(|()| if backward { Factor::new(widest, BLOCK, true, true) } else { Factor::default() }),
@@ -356,15 +358,15 @@ impl Job for Finish<'_> {
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { y, columns, first, bias, relu, strip, signs } = self;
         for (r, y) in y.chunks_exact_mut(columns).enumerate() {
-            for (part, bias) in bias.chunks_exact(GRAIN).enumerate() {
-                let y = &mut y[first + GRAIN * part..][..GRAIN];
-                for i in 0..GRAIN {
+            for (part, bias) in bias.chunks_exact(SIZE_MULTIPLE).enumerate() {
+                let y = &mut y[first + SIZE_MULTIPLE * part..][..SIZE_MULTIPLE];
+                for i in 0..SIZE_MULTIPLE {
                     let sum = y[i] + bias[i];
                     // NaN stays NaN, and so does its gradient.
                     y[i] = if relu && sum < 0.0 { 0.0 } else { sum };
                 }
                 if let Some(signs) = signs.get_mut(part * BLOCK + strip + r) {
-                    *signs = (0..GRAIN).fold(0, |signs, i| signs | u32::from(y[i] > 0.0 || y[i].is_nan()) << i);
+                    *signs = (0..SIZE_MULTIPLE).fold(0, |signs, i| signs | u32::from(y[i] > 0.0 || y[i].is_nan()) << i);
                 }
             }
         }
@@ -384,16 +386,16 @@ impl Job for ReluGradient<'_> {
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { dy, samples, signs, db } = self;
         for (feature, (dy, db)) in dy.chunks_exact_mut(samples).zip(db).enumerate() {
-            let mut sums = [0f32; GRAIN];
-            for at in (0..samples).step_by(GRAIN) {
-                let dy = &mut dy[at..at + GRAIN];
+            let mut sums = [0f32; SIZE_MULTIPLE];
+            for at in (0..samples).step_by(SIZE_MULTIPLE) {
+                let dy = &mut dy[at..at + SIZE_MULTIPLE];
                 if let Some(signs) = signs {
-                    let signs = &signs[at..at + GRAIN];
-                    for i in 0..GRAIN {
+                    let signs = &signs[at..at + SIZE_MULTIPLE];
+                    for i in 0..SIZE_MULTIPLE {
                         dy[i] = if signs[i] >> feature & 1 == 1 { dy[i] } else { 0.0 };
                     }
                 }
-                for i in 0..GRAIN {
+                for i in 0..SIZE_MULTIPLE {
                     sums[i] += dy[i];
                 }
             }

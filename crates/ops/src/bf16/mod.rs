@@ -18,8 +18,8 @@ use std::sync::OnceLock;
 use crate::simd::{self, Job};
 
 /// Number that divides all sizes of matrices.
-pub(crate) const GRAIN: usize = 32;
-const HALF: usize = GRAIN / 2;
+pub(crate) const SIZE_MULTIPLE: usize = 32;
+const HALF: usize = SIZE_MULTIPLE / 2;
 
 /// Two bfloat16, the first in the low half.
 pub(crate) type Pair = u32;
@@ -51,7 +51,7 @@ pub(crate) struct Factor {
 
 const TILE: usize = HALF * HALF;
 /// Pairs of the two tiles that hold 32 × 32 elements.
-const BOTH: usize = 2 * TILE;
+const BLOCK_PAIRS: usize = 2 * TILE;
 
 impl Factor {
     pub(crate) fn new(rows: usize, columns: usize, left: bool, right: bool) -> Self {
@@ -61,8 +61,8 @@ impl Factor {
 
     pub(crate) fn of(matrix: &[f32], columns: usize, left: bool, right: bool) -> Self {
         let mut factor = Self::new(matrix.len() / columns, columns, left, right);
-        for (index, strip) in matrix.chunks_exact(GRAIN * columns).enumerate() {
-            factor.set(GRAIN * index, strip);
+        for (index, strip) in matrix.chunks_exact(SIZE_MULTIPLE * columns).enumerate() {
+            factor.set(SIZE_MULTIPLE * index, strip);
         }
         factor
     }
@@ -70,9 +70,9 @@ impl Factor {
     /// Rounds `strip` to the 32 rows from `row` on, which is a multiple of 32.
     pub(crate) fn set(&mut self, row: usize, strip: &[f32]) {
         let Self { columns, left, right } = self;
-        let pairs = row / 2 * *columns..(row + GRAIN) / 2 * *columns;
+        let pairs = row / 2 * *columns..(row + SIZE_MULTIPLE) / 2 * *columns;
         let [left, right] = [left, right].map(|side| side.get_mut(pairs.clone()).unwrap_or_default());
-        simd::run(RoundStrip { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
+        simd::run(RoundStrip { strip: &strip[..SIZE_MULTIPLE * *columns], columns: *columns, left, right });
     }
 
     /// Returns the left factor from element (`row`, `column`) on; both indices are multiples of 32.
@@ -86,7 +86,10 @@ impl Factor {
     }
 
     fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> FactorSide<'a> {
-        FactorSide { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
+        FactorSide {
+            pairs: &pairs[row / 2 * self.columns + column / SIZE_MULTIPLE * BLOCK_PAIRS..],
+            step: HALF * self.columns,
+        }
     }
 }
 
@@ -100,7 +103,7 @@ pub(crate) struct FactorSide<'a> {
 
 impl FactorSide<'_> {
     fn has(self, rows: usize, columns: usize) -> bool {
-        (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
+        (rows / SIZE_MULTIPLE - 1) * self.step + columns / SIZE_MULTIPLE * BLOCK_PAIRS <= self.pairs.len()
     }
 }
 
@@ -116,9 +119,9 @@ impl Job for RoundStrip<'_> {
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { strip, columns, left, right } = self;
         let row = |r: usize, column: usize| &strip[r * columns + column..][..HALF];
-        for (block, left) in left.chunks_exact_mut(BOTH).enumerate() {
+        for (block, left) in left.chunks_exact_mut(BLOCK_PAIRS).enumerate() {
             for (r, pairs) in left.chunks_exact_mut(HALF).enumerate() {
-                let (low, high) = (row(r, GRAIN * block), row(r, GRAIN * block + HALF));
+                let (low, high) = (row(r, SIZE_MULTIPLE * block), row(r, SIZE_MULTIPLE * block + HALF));
                 for i in 0..HALF {
                     pairs[i] = pair(low[i], high[i]);
                 }
@@ -170,7 +173,10 @@ impl PairInstructions {
 
     fn run(self, product: RoundedProduct<'_>) {
         let RoundedProduct { sizes: [m, n, k], y, a, b, .. } = &product;
-        assert!([m, n, k].iter().all(|size| size.is_multiple_of(GRAIN) && **size > 0), "multiples of {GRAIN}");
+        assert!(
+            [m, n, k].iter().all(|size| size.is_multiple_of(SIZE_MULTIPLE) && **size > 0),
+            "multiples of {SIZE_MULTIPLE}"
+        );
         assert!(y.1 >= *n && (m - 1) * y.1 + n <= y.0.len(), "the product within its slice");
         assert!(a.has(*m, *k) && b.has(*k, *n), "factors within slices");
         match self {
@@ -226,7 +232,8 @@ impl RoundedProduct<'_> {
                         (low[HALF * tile + c], high[HALF * tile + c]) = numbers(pairs[c]);
                     }
                 }
-                let pairs = &a.pairs[row / GRAIN * a.step + block * BOTH + row % GRAIN * HALF + within..];
+                let pairs = &a.pairs
+                    [row / SIZE_MULTIPLE * a.step + block * BLOCK_PAIRS + row % SIZE_MULTIPLE * HALF + within..];
                 for r in 0..R {
                     let (first, second) = numbers(pairs[HALF * r]);
                     for c in 0..N {
@@ -263,12 +270,13 @@ mod tests {
 
     /// Unpacks each side of `factor`, row by row.
     fn sides(factor: &Factor, rows: usize) -> [Vec<f32>; 2] {
-        let of = |pair: Pair, k: usize| if k % GRAIN < HALF { numbers(pair).0 } else { numbers(pair).1 };
+        let of = |pair: Pair, k: usize| if k % SIZE_MULTIPLE < HALF { numbers(pair).0 } else { numbers(pair).1 };
         let columns = factor.columns;
         let all = || (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
-        let block = |r: usize, c: usize| r / GRAIN * HALF * columns + c / GRAIN * BOTH;
-        let left = |(r, c)| of(factor.left[block(r, c) + r % GRAIN * HALF + c % HALF], c);
-        let right = |(r, c)| of(factor.right[block(r, c) + c % GRAIN / HALF * TILE + r % HALF * HALF + c % HALF], r);
+        let block = |r: usize, c: usize| r / SIZE_MULTIPLE * HALF * columns + c / SIZE_MULTIPLE * BLOCK_PAIRS;
+        let left = |(r, c)| of(factor.left[block(r, c) + r % SIZE_MULTIPLE * HALF + c % HALF], c);
+        let right =
+            |(r, c)| of(factor.right[block(r, c) + c % SIZE_MULTIPLE / HALF * TILE + r % HALF * HALF + c % HALF], r);
         [all().map(left).collect(), all().map(right).collect()]
     }
 
@@ -295,20 +303,20 @@ mod tests {
     fn products_agree_for_all_instruction_sets() {
         for [m, n, k] in [[32, 32, 32], [32, 96, 64], [64, 32, 320], [96, 160, 128]] {
             // Each matrix has one strip of 32 more in each direction, which must not be read.
-            let (wide_a, wide_b, wide_y) = (k + GRAIN, n + GRAIN, n + 5);
-            let a = Factor::of(&drawn((m + GRAIN) * wide_a, 1), wide_a, true, true);
-            let b = Factor::of(&drawn((k + GRAIN) * wide_b, 2), wide_b, true, true);
-            let [[a_left, a_right], [b_left, b_right]] = [sides(&a, m + GRAIN), sides(&b, k + GRAIN)];
+            let (wide_a, wide_b, wide_y) = (k + SIZE_MULTIPLE, n + SIZE_MULTIPLE, n + 5);
+            let a = Factor::of(&drawn((m + SIZE_MULTIPLE) * wide_a, 1), wide_a, true, true);
+            let b = Factor::of(&drawn((k + SIZE_MULTIPLE) * wide_b, 2), wide_b, true, true);
+            let [[a_left, a_right], [b_left, b_right]] = [sides(&a, m + SIZE_MULTIPLE), sides(&b, k + SIZE_MULTIPLE)];
             assert!(a_left == a_right && b_left == b_right, "both sides hold the same");
             for instructions in PairInstructions::ALL.into_iter().filter(|instructions| instructions.present()) {
                 for add in [false, true] {
                     let mut y = vec![0.5; m * wide_y];
-                    let (a, b) = (a.left(GRAIN, GRAIN), b.right(GRAIN, GRAIN));
+                    let (a, b) = (a.left(SIZE_MULTIPLE, SIZE_MULTIPLE), b.right(SIZE_MULTIPLE, SIZE_MULTIPLE));
                     instructions.run(RoundedProduct { sizes: [m, n, k], add, y: (&mut y, wide_y), a, b });
                     for (r, c) in (0..m).flat_map(|r| (0..wide_y).map(move |c| (r, c))) {
                         let term = |i: usize| {
-                            let a = a_left[(GRAIN + r) * wide_a + GRAIN + i];
-                            f64::from(a) * f64::from(b_left[(GRAIN + i) * wide_b + GRAIN + c])
+                            let a = a_left[(SIZE_MULTIPLE + r) * wide_a + SIZE_MULTIPLE + i];
+                            f64::from(a) * f64::from(b_left[(SIZE_MULTIPLE + i) * wide_b + SIZE_MULTIPLE + c])
                         };
                         let got = f64::from(y[r * wide_y + c]);
                         let (want, size) = if c < n {

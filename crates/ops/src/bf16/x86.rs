@@ -8,7 +8,7 @@ use std::mem::transmute;
 #[cfg(target_os = "linux")]
 use std::sync::LazyLock;
 
-use super::{BOTH, GRAIN, HALF, RoundedProduct, TILE};
+use super::{BLOCK_PAIRS, HALF, RoundedProduct, SIZE_MULTIPLE, TILE};
 
 /// Returns whether the processor has AMX tiles with products of bfloat16, and the system lets this process use them.
 pub(super) fn has_tiles() -> bool {
@@ -59,10 +59,13 @@ pub(super) fn tiles(product: RoundedProduct<'_>) {
     unsafe {
         std::arch::asm!("ldtilecfg [{}]", in(reg) &LAYOUT, options(nostack, readonly));
         let b_step = b.step;
-        for column in (0..n).step_by(GRAIN) {
-            for row in (0..m).step_by(GRAIN) {
+        for column in (0..n).step_by(SIZE_MULTIPLE) {
+            for row in (0..m).step_by(SIZE_MULTIPLE) {
                 let y = y.as_mut_ptr().add(row * y_row + column);
-                let (a, b) = (a.pairs.as_ptr().add(row / GRAIN * a.step), b.pairs.as_ptr().add(column / GRAIN * BOTH));
+                let (a, b) = (
+                    a.pairs.as_ptr().add(row / SIZE_MULTIPLE * a.step),
+                    b.pairs.as_ptr().add(column / SIZE_MULTIPLE * BLOCK_PAIRS),
+                );
                 std::arch::asm!(
                     "tilezero tmm0",
                     "tilezero tmm1",
@@ -99,7 +102,7 @@ pub(super) fn tiles(product: RoundedProduct<'_>) {
                     b = inout(reg) b => _,
                     b_step = in(reg) 4 * b_step,
                     line = in(reg) 64_usize,
-                    k = inout(reg) k / GRAIN => _,
+                    k = inout(reg) k / SIZE_MULTIPLE => _,
                     out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
                     out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
                     options(nostack),
@@ -116,7 +119,8 @@ pub(super) fn pairs(product: RoundedProduct<'_>) {
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn multiply(product: RoundedProduct<'_>) {
         let RoundedProduct { sizes: [m, n, k], add, y: (y, y_row), a, b } = product;
-        for (row, column) in (0..m).step_by(ROWS).flat_map(|row| (0..n).step_by(GRAIN).map(move |column| (row, column)))
+        for (row, column) in
+            (0..m).step_by(ROWS).flat_map(|row| (0..n).step_by(SIZE_MULTIPLE).map(move |column| (row, column)))
         {
             // SAFETY: rows below m and 32 columns from one below n, both multiples of 32, are within the slices: that is
             // asserted before. The transmuted types are the same bits.
@@ -129,8 +133,11 @@ pub(super) fn pairs(product: RoundedProduct<'_>) {
                 }
                 for j in 0..k / 2 {
                     let (block, within) = (j / HALF, j % HALF);
-                    let b = b.pairs.as_ptr().add(block * b.step + column / GRAIN * BOTH + HALF * within);
-                    let a = a.pairs.as_ptr().add(row / GRAIN * a.step + block * BOTH + row % GRAIN * HALF + within);
+                    let b = b.pairs.as_ptr().add(block * b.step + column / SIZE_MULTIPLE * BLOCK_PAIRS + HALF * within);
+                    let a = a
+                        .pairs
+                        .as_ptr()
+                        .add(row / SIZE_MULTIPLE * a.step + block * BLOCK_PAIRS + row % SIZE_MULTIPLE * HALF + within);
                     let b =
                         [0, TILE].map(|half| transmute::<__m512i, __m512bh>(_mm512_loadu_si512(b.add(half).cast())));
                     for (r, sums) in sums.iter_mut().enumerate() {

@@ -23,7 +23,7 @@ impl RayKernel<2> for CompositeKernel {
             let (mut trans, mut acc) = (1f64, 0f64);
             for i in range {
                 let w = trans * opacity.alpha[i];
-                trans *= opacity.through[i];
+                trans *= opacity.transmittance[i];
                 acc += w;
                 for (sum, &value) in sums.iter_mut().zip(&values[i * channels..]) {
                     *sum += w * f64::from(value);
@@ -54,7 +54,7 @@ impl RayKernel<2> for CompositeKernel {
             let mut trans = 1f64;
             for i in range.clone() {
                 let w = (trans * opacity.alpha[i]) as f32;
-                trans *= opacity.through[i];
+                trans *= opacity.transmittance[i];
                 trans_after[i] = trans;
                 let of_sample = i * channels..(i + 1) * channels;
                 let products = values[of_sample.clone()].iter().zip(integrated);
@@ -72,7 +72,7 @@ impl RayKernel<2> for CompositeKernel {
                 excess += dw[i] - behind;
                 behind = dw[i];
                 dtau[i] = (trans_after[i] * excess) as f32;
-                excess *= opacity.through[i];
+                excess *= opacity.transmittance[i];
             }
         }
     }

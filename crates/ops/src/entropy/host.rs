@@ -37,8 +37,8 @@ impl RayKernel<1> for EntropyKernel {
         let Some(dtau) = dtau else { return };
         let opacity = SampleOpacity::new::<FMA>(tau);
         for (range, row) in group.ranges().zip(grad.chunks_exact(COLUMNS)).filter(|(_, row)| row[1] != 0.0) {
-            for (dtau, through) in dtau[range.clone()].iter_mut().zip(&opacity.through[range]) {
-                *dtau = (f64::from(row[1]) * through) as f32;
+            for (dtau, transmittance) in dtau[range.clone()].iter_mut().zip(&opacity.transmittance[range]) {
+                *dtau = (f64::from(row[1]) * transmittance) as f32;
             }
         }
         let scale = |ray: usize| f64::from(grad[ray * COLUMNS]) * std::f64::consts::LOG2_E;

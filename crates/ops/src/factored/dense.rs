@@ -3,7 +3,7 @@
 //! A matrix has a row per sample, padded to whole vectors; the padding of a layer's output is 0.
 
 use super::layout::Layer;
-use crate::matmul::{COLUMNS, Matrix, Onto, product};
+use crate::matmul::{COLUMNS, InitialSum, Matrix, product};
 
 pub(super) const BLOCK: usize = 240;
 
@@ -51,7 +51,7 @@ pub(super) fn rows(parameters: &[f32], layer: &Layer, skipped: usize) -> Vec<f32
 #[inline(always)]
 pub(super) fn forward(packed: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], samples: usize, relu: bool) {
     let (width, x_width) = (padded(layer.outputs), padded(layer.inputs));
-    let bias = Onto::Bias(&packed[layer.inputs * width..]);
+    let bias = InitialSum::Bias(&packed[layer.inputs * width..]);
     let (y_at, x_at) = (Matrix::rows(0, width), Matrix::rows(0, x_width));
     product([samples, width, layer.inputs], bias, (y, y_at), (x, x_at), (packed, y_at));
     if relu {
@@ -67,7 +67,7 @@ pub(super) fn forward(packed: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], s
 pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x: &[f32], samples: usize) {
     let width = padded(layer.outputs);
     let (dy_at, x_at) = (Matrix::rows(0, width), Matrix::rows(0, padded(layer.inputs)).transposed());
-    product([layer.inputs, width, samples], Onto::Sum, (dpacked, dy_at), (x, x_at), (dy, dy_at));
+    product([layer.inputs, width, samples], InitialSum::Previous, (dpacked, dy_at), (x, x_at), (dy, dy_at));
     let bias = &mut dpacked[layer.inputs * width..];
     for dy in dy[..samples * width].chunks_exact(width) {
         for (db, dy) in bias.iter_mut().zip(dy) {
@@ -80,5 +80,5 @@ pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x:
 pub(super) fn input_gradient(rows: &[f32], layer: &Layer, used: usize, dy: &[f32], dx: &mut [f32], samples: usize) {
     let width = rows.len() / layer.outputs;
     let (dy_at, dx_at) = (Matrix::rows(0, padded(layer.outputs)), Matrix::rows(0, width));
-    product([samples, width, used], Onto::Nothing, (dx, dx_at), (dy, dy_at), (rows, dx_at));
+    product([samples, width, used], InitialSum::Zero, (dx, dx_at), (dy, dy_at), (rows, dx_at));
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
-use crate::matmul::{Matrix, Onto, product};
+use crate::matmul::{InitialSum, Matrix, product};
 use crate::parts::each_with_buffer;
 
 /// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
@@ -147,7 +147,7 @@ impl MlpKernel {
             let y = Columns { start: 0, ..layer.y };
             let sizes = [samples, layer.y.columns, layer.x.columns];
             let (x, w) = ((&*before, layer.x.matrix()), (*weights, Matrix::rows(0, layer.y.columns)));
-            product(sizes, Onto::Bias(bias), (after, y.matrix()), x, w);
+            product(sizes, InitialSum::Bias(bias), (after, y.matrix()), x, w);
             for s in (0..samples).filter(|_| layer.relu) {
                 for y in &mut after[y.row(s)] {
                     // Not `f32::max`, which would turn NaN into 0.
@@ -199,14 +199,14 @@ impl MlpKernel {
             let dy = (&*above, y.matrix());
             let x = (block, layer.x.matrix().transposed());
             let sizes = [layer.x.columns, layer.y.columns, samples];
-            product(sizes, Onto::Sum, (dweights, Matrix::rows(0, layer.y.columns)), x, dy);
+            product(sizes, InitialSum::Previous, (dweights, Matrix::rows(0, layer.y.columns)), x, dy);
             // x itself is rarely a parameter: its columns, the first that a layer reads, are then left out.
             let own = self.encoded.iter().any(|place| place.start == layer.x.start);
             let skipped = if own && dencoded.is_none() { self.encoded[0].columns } else { 0 };
             let dx = layer.x.part(skipped, layer.x.columns - skipped);
             let w = Matrix::rows(skipped, layer.x.columns);
-            let onto = if layer.shared { Onto::Sum } else { Onto::Nothing };
-            product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (transposed, w));
+            let initial = if layer.shared { InitialSum::Previous } else { InitialSum::Zero };
+            product([samples, dx.columns, layer.y.columns], initial, (below, dx.matrix()), dy, (transposed, w));
         }
         if let Some(dencoded) = dencoded {
             let width = self.encoded[0].columns;

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Beyond, Voxels};
+use super::{PaddingMode, Voxels};
 use crate::kernel::{Kernel, Pass};
 
 const CHUNK: usize = 1024;
@@ -22,11 +22,11 @@ struct GridAxis {
 }
 
 impl GridAxis {
-    fn new(at: f32, size: usize, beyond: Beyond) -> Self {
+    fn new(at: f32, size: usize, padding: PaddingMode) -> Self {
         let last = (size - 1) as f32;
-        let (least, largest) = match beyond {
-            Beyond::Border => (0.0, last),
-            Beyond::Zero => (-1.0, last + 1.0),
+        let (least, largest) = match padding {
+            PaddingMode::Border => (0.0, last),
+            PaddingMode::Zero => (-1.0, last + 1.0),
         };
         let within = at.clamp(least, largest);
         let below = within.floor();
@@ -44,8 +44,8 @@ struct VoxelCorner {
 impl TrilinearKernel {
     /// Iterates over those of the eight voxels around a place that lie within the grid.
     fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = VoxelCorner> {
-        let Voxels { grids, size, beyond } = self.voxels;
-        let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], beyond));
+        let Voxels { grids, size, padding } = self.voxels;
+        let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], padding));
         let grid = index % grids * (size[0] * size[1] * size[2]);
         (0..8).filter_map(move |corner: usize| {
             let sides = [corner & 1, corner >> 1 & 1, corner >> 2];

@@ -16,12 +16,12 @@ pub struct Voxels {
     /// Voxels along x, y and z.
     pub size: [usize; 3],
     /// Value beyond the outermost voxels' centres.
-    pub beyond: Beyond,
+    pub padding: PaddingMode,
 }
 
 /// Value beyond the centres of a grid's outermost voxels, as in PyTorch's `grid_sample`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Beyond {
+pub enum PaddingMode {
     /// Value of the nearest voxel of the border, with no gradient with respect to the place.
     Border,
     /// Linear decrease to 0 within one voxel.
@@ -48,10 +48,10 @@ impl Voxels {
 /// ```
 /// # #[cfg(feature = "flex")] {
 /// use burn::tensor::{Device, Tensor};
-/// use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+/// use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 ///
 /// let device = Device::flex();
-/// let voxels = Voxels { grids: 1, size: [2, 1, 1], beyond: Beyond::Border };
+/// let voxels = Voxels { grids: 1, size: [2, 1, 1], padding: PaddingMode::Border };
 /// let table = Tensor::<2>::from_floats([[1.0], [3.0]], &device);
 /// let read = trilinear(table, Tensor::from_floats([[0.25, 0.0, 0.0]], &device), voxels);
 /// assert_eq!(read.into_scalar::<f32>(), 1.5);
@@ -75,7 +75,7 @@ pub fn trilinear(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<
 pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
     let device = table.device();
     let [count, channels] = [places.dims()[0], table.dims()[1]];
-    let axes = [0, 1, 2].map(|axis| plain_axis(places.clone().narrow(1, axis, 1), voxels.size[axis], voxels.beyond));
+    let axes = [0, 1, 2].map(|axis| plain_axis(places.clone().narrow(1, axis, 1), voxels.size[axis], voxels.padding));
     let size = voxels.rows() / voxels.grids;
     // First row of the grid that each place reads.
     let grid = upload((0..count).map(|place| (place % voxels.grids * size) as i32).collect(), [count, 1], &device);
@@ -95,11 +95,11 @@ pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
 }
 
 /// Finds the voxels below and above each coordinate, and their weights, `[P, 1]` each.
-fn plain_axis(at: Tensor<2>, size: usize, beyond: Beyond) -> ([Tensor<2, Int>; 2], [Tensor<2>; 2]) {
+fn plain_axis(at: Tensor<2>, size: usize, padding: PaddingMode) -> ([Tensor<2, Int>; 2], [Tensor<2>; 2]) {
     let last = (size - 1) as f32;
-    let at = match beyond {
-        Beyond::Border => at.clamp(0.0, last),
-        Beyond::Zero => at.clamp(-1.0, last + 1.0),
+    let at = match padding {
+        PaddingMode::Border => at.clamp(0.0, last),
+        PaddingMode::Zero => at.clamp(-1.0, last + 1.0),
     };
     let below = at.clone().detach().floor();
     let fraction = at - below.clone();
@@ -121,8 +121,8 @@ mod tests {
 
     const CHANNELS: usize = 2;
 
-    fn voxels(beyond: Beyond) -> Voxels {
-        Voxels { grids: 2, size: [3, 2, 4], beyond }
+    fn voxels(padding: PaddingMode) -> Voxels {
+        Voxels { grids: 2, size: [3, 2, 4], padding }
     }
 
     /// Places within both grids, beyond each face, and far away.
@@ -138,13 +138,17 @@ mod tests {
     ];
 
     /// Returns the values read, and their gradients with respect to the table and the places.
-    fn run(read: fn(Tensor<2>, Tensor<2>, Voxels) -> Tensor<2>, device: &Device, beyond: Beyond) -> [Vec<f32>; 3] {
+    fn run(
+        read: fn(Tensor<2>, Tensor<2>, Voxels) -> Tensor<2>,
+        device: &Device,
+        padding: PaddingMode,
+    ) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
-        let rows = voxels(beyond).rows();
+        let rows = voxels(padding).rows();
         let values = (0..rows * CHANNELS).map(|i| (1.3 * i as f32).sin()).collect::<Vec<f32>>();
         let table = upload(values, [rows, CHANNELS], &device).require_grad();
         let places = Tensor::<2>::from_floats(PLACES, &device).require_grad();
-        let out = read(table.clone(), places.clone(), voxels(beyond));
+        let out = read(table.clone(), places.clone(), voxels(padding));
         let grads = (out.clone() * out.clone().sin()).sum().backward();
         let gradient = |tensor: &Tensor<2>| to_host(tensor.grad(&grads).expect("both are read"));
         [to_host(out), gradient(&table), gradient(&places)]
@@ -153,13 +157,13 @@ mod tests {
     #[test]
     #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
     fn bodies_agree_with_their_gradients() {
-        for beyond in [Beyond::Border, Beyond::Zero] {
-            let host = run(trilinear, &Device::flex(), beyond);
+        for padding in [PaddingMode::Border, PaddingMode::Zero] {
+            let host = run(trilinear, &Device::flex(), padding);
             for device in [Device::flex(), Device::ndarray()] {
-                for (host, plain) in host.iter().zip(run(plain, &device, beyond)) {
+                for (host, plain) in host.iter().zip(run(plain, &device, padding)) {
                     assert_eq!(host.len(), plain.len());
                     for (a, b) in host.iter().zip(plain) {
-                        assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{beyond:?}: {a} against {b}");
+                        assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{padding:?}: {a} against {b}");
                     }
                 }
             }
@@ -169,7 +173,7 @@ mod tests {
     #[test]
     fn gradient_between_voxels_is_their_difference() {
         let device = Device::flex().autodiff();
-        let voxels = Voxels { grids: 1, size: [2, 2, 2], beyond: Beyond::Zero };
+        let voxels = Voxels { grids: 1, size: [2, 2, 2], padding: PaddingMode::Zero };
         let table =
             Tensor::<2>::from_floats([[0.0], [1.0], [10.0], [11.0], [100.0], [101.0], [110.0], [111.0]], &device);
         let places = Tensor::<2>::from_floats([[0.25, 0.5, 0.75], [-0.25, 0.0, 0.0], [1.5, 1.0, 1.0]], &device);

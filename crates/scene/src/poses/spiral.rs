@@ -16,7 +16,7 @@ const FAR_SHARE: f64 = 0.75;
 /// Quantile of the cameras' offsets from the mean that is the radius of the spiral.
 const PERCENTILE: f64 = 0.9;
 /// Max radius of the spiral, divided by the distance to the point that it looks at.
-const WIDEST: f64 = 0.25;
+const MAX_RADIUS_RATIO: f64 = 0.25;
 
 /// Returns `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's videos of captures): two
 /// turns about the mean camera, swinging to and fro once, all looking at one point.
@@ -40,7 +40,7 @@ pub fn spiral(cameras: &[Camera], range: (f64, f64), n: usize) -> Vec<DMat4> {
     };
     let offsets = || cameras.iter().map(|camera| mean.inverse().transform_point3(camera.position_f64()).abs());
     let reach = DVec3::from_array([0, 1, 2].map(|axis| percentile(offsets().map(|offset| offset[axis]))));
-    let reach = reach.min(DVec3::splat(WIDEST * focus));
+    let reach = reach.min(DVec3::splat(MAX_RADIUS_RATIO * focus));
     let target = mean.transform_point3(DVec3::NEG_Z * focus);
     let up = mean.y_axis.truncate();
     (0..n)

@@ -12,7 +12,7 @@ use super::{Batch, Config, NeighbourSampling};
 ///
 /// # Errors
 /// The first key that is out of range.
-pub fn of_config(config: &Config) -> Result<(), Fault> {
+pub fn check_config(config: &Config) -> Result<(), Fault> {
     let Config { scene, field, render, loss, train, eval } = config;
     field.validate()?;
     render.validate()?;
@@ -55,7 +55,7 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
 ///
 /// # Errors
 /// The first key that needs more than the scene has.
-pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
+pub fn check_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let Config { field, render, .. } = config;
     if let SourceImages::First { key, count: images } = field.traits().sources {
         enough_views(key, images, scene.train.len())?;
@@ -82,7 +82,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
 ///
 /// # Errors
 /// The first key that applies to a single scene only.
-pub fn of_many(config: &Config) -> Result<(), Fault> {
+pub fn check_multi_scene(config: &Config) -> Result<(), Fault> {
     let Config { field, render, train, .. } = config;
     Fault::unless(
         field.traits().sources == SourceImages::Any,
@@ -159,7 +159,7 @@ mod tests {
             let field = "kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2";
             let settings = ["scene.views={kind='all'}", &format!("field={{{field},{encoder}}}")];
             let config = Config::of(Preset::Fast, settings).unwrap();
-            of_scene(&config, &scene).err().map(|fault| fault.to_string())
+            check_scene(&config, &scene).err().map(|fault| fault.to_string())
         };
         let views = scene.train.len();
         assert_eq!(fault(views), None);
@@ -176,13 +176,13 @@ mod tests {
         let views = scene.train.clone();
         scene.train = views[..1].to_vec();
         scene.all_train_cameras = vec![views[0].camera.clone()];
-        assert_eq!(of_scene(&config, &scene), Ok(()));
+        assert_eq!(check_scene(&config, &scene), Ok(()));
         // Two cameras back to back.
         let turned = glam::DMat4::from_rotation_y(std::f64::consts::PI);
         scene.train = vec![views[0].clone(), views[0].clone()];
         scene.train[1].camera.to_world = views[0].camera.to_world * turned;
         scene.all_train_cameras = training_cameras(&scene);
-        let message = of_scene(&config, &scene).unwrap_err().to_string();
+        let message = check_scene(&config, &scene).unwrap_err().to_string();
         assert!(message.contains("render.space") && message.contains("knot"), "{message}");
     }
 }

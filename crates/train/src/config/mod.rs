@@ -149,7 +149,7 @@ impl Config {
     /// # Errors
     /// The first key that is out of range.
     pub fn check(&self) -> Result<(), Fault> {
-        checks::of_config(self)
+        checks::check_config(self)
     }
 
     /// Describes the origin of the initial weights, if a reader of the results should know it.

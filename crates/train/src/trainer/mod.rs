@@ -90,7 +90,7 @@ impl Trainer {
     /// # Errors
     /// As [`Self::new`], and if there is no scene, or if the config is one of a single scene.
     pub fn on_scenes(config: &Config, scenes: Vec<Arc<Scene>>, seed: u64, device: &Device) -> Result<Self, TrainError> {
-        checks::of_many(config)?;
+        checks::check_multi_scene(config)?;
         let first = scenes.first().ok_or_else(|| Fault::new("scenes", "at least one", "none"))?;
         let builder = FieldBuilder::configured(config, first);
         Self::with_builder(config, scenes, seed, None, device, builder)

@@ -167,7 +167,7 @@ impl<F: Field> Trainer<F> {
         model.exposure = model.exposure.take().map(Exposure::centred);
         self.progress.step += 1;
         self.progress.at = at;
-        if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
+        if WeightAverage::<F>::includes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
         PendingStep {

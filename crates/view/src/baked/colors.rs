@@ -1,9 +1,9 @@
 //! Fit of colours that are linear in the direction of view.
 //!
 //! A point's colour is `a + b·d` along the unit direction d from the eye, kept within [0, [`MAX_COLOR`]]: spherical
-//! harmonics of degree 1. It is fitted to the field's colours seen from a few [`eyes`](FieldProbe::eyes): with means c̄
-//! and d̄, and eyes K, `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps derivatives
-//! small in directions in which the eyes do not differ.
+//! harmonics of degree 1. It is fitted to the field's colours seen from a few [`viewpoints`](FieldProbe::viewpoints): with means
+//! c̄ and d̄, and K viewpoints, `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps
+//! derivatives small in directions in which the viewpoints do not differ.
 //!
 //! A coefficient is `low + step · byte`. Steps are as coarse as possible without a visible difference, which halves the size of
 //! irregular fields such as fog; with many points they are coarser.
@@ -54,7 +54,7 @@ impl Colors {
         for points in points.chunks(CHUNK) {
             let positions: Vec<Vec3> = points.iter().map(|&point| lattice.position(point)).collect();
             let looks = probe.colors(&positions, lattice.voxel);
-            let fits: Vec<[[f32; 4]; 3]> = looks.par_chunks(probe.eyes.len()).map(fit).collect();
+            let fits: Vec<[[f32; 4]; 3]> = looks.par_chunks(probe.viewpoints.len()).map(fit).collect();
             for (channel, table) in tables.iter_mut().enumerate() {
                 table.extend(fits.iter().flat_map(|fit| fit[channel]));
             }

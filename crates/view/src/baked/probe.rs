@@ -11,7 +11,7 @@ use crate::package::Subjects;
 /// Number of points per query, which bounds the memory.
 const CHUNK: usize = 1 << 15;
 /// Maximum number of viewpoints from which colours are evaluated.
-const EYES: usize = 6;
+const MAX_VIEWPOINTS: usize = 6;
 /// Minimum distance of a training camera that is used, in radii of the scene.
 const MIN_DISTANCE: f32 = 1e-3;
 
@@ -21,7 +21,7 @@ pub(super) struct FieldProbe<'a> {
     warp: &'a Warp,
     /// Whether space is empty beyond the occupancy grid's box.
     closed: bool,
-    pub(super) eyes: Vec<Vec3>,
+    pub(super) viewpoints: Vec<Vec3>,
     cameras: Vec<Vec3>,
     /// Edge of a pixel's footprint at distance 1, the mean of the training cameras.
     pixel: f32,
@@ -40,7 +40,7 @@ impl<'a> FieldProbe<'a> {
             trained: subjects.trained,
             warp: subjects.renderer.warp(),
             closed: subjects.config.clip_to_bounds || !subjects.renderer.warp().is_identity(),
-            eyes: eyes(scene),
+            viewpoints: viewpoints(scene),
             cameras: scene.train.iter().map(|view| view.camera.position()).collect(),
             pixel: scene.train.iter().map(pixel).sum::<f32>() / scene.train.len().max(1) as f32,
             nearest: MIN_DISTANCE * scene.space.radius,
@@ -70,14 +70,14 @@ impl<'a> FieldProbe<'a> {
         grid.is_occupied(if self.closed { centre + (p - centre).clamp(-half, half) } else { p })
     }
 
-    /// Evaluates direction and colour of each point as seen from each viewpoint, `[points, eyes]`.
+    /// Evaluates direction and colour of each point as seen from each viewpoint, `[points, viewpoints]`.
     pub(super) fn colors(&self, points: &[Vec3], voxel: f32) -> Vec<(Vec3, Vec3)> {
-        let count = self.eyes.len();
+        let count = self.viewpoints.len();
         let of_chunk = |points: &[Vec3]| -> Vec<(Vec3, Vec3)> {
             let places: Vec<Vec3> = points.iter().flat_map(|&p| std::iter::repeat_n(p, count)).collect();
             let direction = |&p: &Vec3| {
                 let place = self.warp.world(p);
-                self.eyes.iter().map(move |&eye| (place - eye).normalize_or(Vec3::Z))
+                self.viewpoints.iter().map(move |&eye| (place - eye).normalize_or(Vec3::Z))
             };
             let directions: Vec<Vec3> = points.iter().flat_map(direction).collect();
             let color = self.evaluate(&places, &directions, voxel, true).color.expect("colour was requested");
@@ -108,20 +108,20 @@ impl<'a> FieldProbe<'a> {
 
 /// Chooses viewpoints far apart: from the first training camera on, each is the camera farthest from those before it;
 /// without cameras, six around the scene.
-fn eyes(scene: &Scene) -> Vec<Vec3> {
+fn viewpoints(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();
     let Some(&first) = places.first() else {
         let axes = Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
         return axes.map(|axis| scene.space.centre + scene.space.radius * axis).collect();
     };
-    let mut eyes = vec![first];
-    while eyes.len() < EYES {
-        let apart = |place: &Vec3| eyes.iter().map(|eye| eye.distance(*place)).fold(f32::INFINITY, f32::min);
+    let mut viewpoints = vec![first];
+    while viewpoints.len() < MAX_VIEWPOINTS {
+        let apart = |place: &Vec3| viewpoints.iter().map(|eye| eye.distance(*place)).fold(f32::INFINITY, f32::min);
         match places.iter().max_by(|a, b| apart(a).total_cmp(&apart(b))) {
-            Some(&farthest) if apart(&farthest) > 0.0 => eyes.push(farthest),
+            Some(&farthest) if apart(&farthest) > 0.0 => viewpoints.push(farthest),
             _ => break,
         }
     }
-    eyes
+    viewpoints
 }

@@ -12,7 +12,7 @@ use infonerf_report::write_atomically;
 use infonerf_scene::Scene;
 
 use super::runs::{first_field, stamp};
-use crate::factored::holds;
+use crate::factored::is_exact;
 use crate::page::VIEWER;
 use crate::shader::TEMPLATE;
 use crate::{baked, package};
@@ -63,7 +63,7 @@ impl Fields {
             return Ok(made.package.clone());
         }
         let file = first_field(run).join(FILE);
-        if let Some(package) = kept(&file, &version) {
+        if let Some(package) = read_cached(&file, &version) {
             return Ok(package);
         }
         let doing = |work| *locked(&entry.work) = work;
@@ -102,7 +102,7 @@ impl Fields {
         doing("Reading the field");
         let trained = Trained::on_scene(plan, scene.clone(), run, &self.device)?;
         let field = &trained.plan.config.field;
-        doing(if holds(field) { "Packing the field" } else { "Baking the field to voxels" });
+        doing(if is_exact(field) { "Packing the field" } else { "Baking the field to voxels" });
         let voxels = if version.finished { baked::resolution(field) } else { baked::live_resolution(field) };
         let package = package::of_run(&trained, run, &trained.fields().swap_remove(0), voxels)?;
         Ok(Made { version, scene, package: package.to_string().into() })
@@ -124,7 +124,7 @@ impl Version {
 }
 
 /// Reads the package in `file`, if it is of this version.
-fn kept(file: &Path, version: &Version) -> Option<Arc<str>> {
+fn read_cached(file: &Path, version: &Version) -> Option<Arc<str>> {
     let text = fs::read_to_string(file).ok()?;
     text.split_once('\n').filter(|(line, _)| *line == version.line()).map(|(_, package)| package.into())
 }

@@ -55,7 +55,7 @@ pub fn train(out: &Path, plan: &RunPlan, stop: Option<usize>) -> PathBuf {
     match session.run(plan, &mut watch).unwrap() {
         Finished::Record(record, _) => save_record(&folder, &record).unwrap(),
         Finished::Stopped => assert!(stop.is_some()),
-        Finished::Kept(_) => panic!("the run was finished before"),
+        Finished::AlreadyDone(_) => panic!("the run was finished before"),
     }
     folder.join(plan.directory())
 }

@@ -100,7 +100,7 @@ fn write_frames(
     let (scene, models, start) = (trained.scene(), trained.models_for_size(longest), Instant::now());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
-        if interrupt::asked() {
+        if interrupt::stop_requested() {
             bar.finish_and_clear();
             return Ok(None);
         }
