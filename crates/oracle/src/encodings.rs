@@ -1,6 +1,6 @@
 //! Positional encodings and their Gaussians.
 
-/// Computes (sin 2ˡx, cos 2ˡx) · window[l] · exp(−½ 4ˡσ²) for each frequency l: one coordinate's part of an encoding.
+/// Computes (sin 2ˡx, cos 2ˡx) · w_l · exp(−½ 4ˡσ²) for each frequency l: one coordinate's part of an encoding.
 pub fn waves(x: f64, variance: f64, window: &[f64]) -> Vec<[f64; 2]> {
     let wave = |(l, weight): (usize, &f64)| {
         let scale = 2f64.powi(l as i32);
