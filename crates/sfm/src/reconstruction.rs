@@ -22,6 +22,8 @@ const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
 const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.03;
+/// Max ratio between the EXIF focal lengths of one zoom.
+const SAME_ZOOM: f64 = 1.1;
 /// Usual focal length divided by the longer side, and the deviation of its logarithm among cameras.
 const USUAL_FOCAL: f64 = 0.85;
 const USUAL_DEVIATION: f64 = 0.5;
@@ -106,6 +108,9 @@ pub fn reconstruct(
     let longer = size.max_element();
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
+    if let (None, Some(warning)) = (focal, zoom_warning(&known)) {
+        progress(&warning);
+    }
     let (guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
         Some(known) => (vec![known], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
@@ -129,6 +134,16 @@ pub fn reconstruct(
         }
     }
     best_guess(&guesses, longer, count, |guess| mapped(guess, &matched), &mut progress)
+}
+
+/// Returns a warning if sorted focal lengths, divided by the longer side, are those of several zooms.
+fn zoom_warning(known: &[f64]) -> Option<String> {
+    let (shortest, longest) = (known.first()?, known.last()?);
+    (*longest > SAME_ZOOM * shortest).then(|| {
+        format!(
+            "EXIF focal lengths differ: {shortest:.2} to {longest:.2} of the longer side; all photographs are given one,              so leave out those of another zoom"
+        )
+    })
 }
 
 /// Chooses up to `most` photographs with many matches among them; returns their number and these matches.
@@ -250,6 +265,16 @@ mod tests {
         assert_eq!(found[0], 1.0);
         assert!((found[1] - found[2]).abs() < 0.1 && found[1] < 0.6 && found[3] < 0.2 && found[4] < 0.3, "{found:?}");
         assert!(found.iter().all(|value| *value > 0.0));
+    }
+
+    #[test]
+    fn several_zooms_are_named() {
+        assert_eq!((zoom_warning(&[]), zoom_warning(&[0.7, 0.72, 0.75])), (None, None));
+        assert!(
+            zoom_warning(&[0.7, 0.7, 1.4])
+                .unwrap()
+                .starts_with("EXIF focal lengths differ: 0.70 to 1.40 of the longer")
+        );
     }
 
     /// Photographs 0, 1, 2 and 5 have most matches in common; 3 and 4 have some with each other.

@@ -1,4 +1,4 @@
-//! Dense layers on GPUs: Burn's matrix product, then bias and activation in one launch.
+//! Dense layers on GPUs: a matrix product, then bias and activation in one launch.
 
 use burn::backend::ops::FloatTensorOps;
 use burn::cubecl::{self, prelude::*};
