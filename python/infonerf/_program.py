@@ -78,7 +78,7 @@ def run(experiment: str | Path, *, on_event: Callable[[Event], None] | None = No
                 if event["event"] == "record":
                     records.append(event["record"])
                 if event["event"] == "finished":
-                    folder = Path(event["numbers"]).parent
+                    folder = Path(event["results"]).parent
                 if on_event is not None:
                     on_event(event)
         except BaseException:

@@ -6,8 +6,7 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::{
-    RayDistribution, RayGaussians, from_host, frustum_gaussians, integrated_encode, ray_divergence, ray_entropy,
-    to_host,
+    RayGaussians, from_host, frustum_gaussians, integrated_encode, ray_divergence, ray_entropy, to_host,
 };
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Ray, Scene};
@@ -61,7 +60,7 @@ fn compare<A: Copy + Into<f64>>(got: &[A], want: &Value, what: &str) {
 /// Compares colour, depth, opacity and entropy of a ray with those of `want` that it has.
 fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value, what: &str) {
     compare(&to_host(output.color.clone().unwrap().narrow(0, ray, 1)), &want["color"], &format!("{what}, colour"));
-    let entropy = ray_entropy(output.tau.clone(), output.segments(), RayDistribution::Alpha, epsilon).bits;
+    let entropy = ray_entropy(output.tau.clone(), output.segments(), epsilon).bits;
     for (name, tensor) in [("depth", &output.depth), ("acc", &output.acc), ("entropy", &entropy)] {
         if let Some(want) = want.get(name) {
             compare(&to_host(tensor.clone().narrow(0, ray, 1)), want, &format!("{what}, {name}"));

@@ -1,13 +1,15 @@
 //! Context of a benchmark: runs to measure, device, machine and folder of results.
 
 use std::fmt;
+use std::hash::Hash;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use burn::tensor::Device;
+use indexmap::IndexSet;
 use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
 use infonerf_metrics::Networks;
-use infonerf_train::config::{TestViewChoice, Views};
+use infonerf_scene::ViewSelection;
 use serde::Serialize;
 
 /// Variant of benchmarks that measure one.
@@ -40,8 +42,8 @@ pub(crate) struct Conditions {
     variants: Vec<String>,
     seeds: Vec<u64>,
     image_size: u32,
-    train_views: Views,
-    test_views: TestViewChoice,
+    train_views: ViewSelection,
+    test_views: String,
 }
 
 impl Bench {
@@ -83,7 +85,7 @@ impl Bench {
             seeds: distinct(&plans, |plan| plan.seed),
             image_size: first.config.scene.size,
             train_views: first.config.scene.views.clone(),
-            test_views: first.config.eval.test.clone(),
+            test_views: first.config.eval.test.to_string(),
             benchmark: name,
         };
         let networks = match name {
@@ -109,14 +111,8 @@ fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&
 }
 
 /// Lists the values of `key`, each once, in order of appearance.
-pub(crate) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
-    let mut values = Vec::new();
-    for value in items.iter().map(key) {
-        if !values.contains(&value) {
-            values.push(value);
-        }
-    }
-    values
+pub(crate) fn distinct<I, T: Hash + Eq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
+    items.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
 fn cpu() -> Option<String> {

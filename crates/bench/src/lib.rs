@@ -8,7 +8,6 @@ mod agreement;
 mod context;
 mod output;
 mod pareto;
-mod published;
 mod render;
 mod skip;
 mod step;

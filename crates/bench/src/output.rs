@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use infonerf_report::TextTable;
 use serde::Serialize;
 use serde_json::Value;
+use statrs::statistics::{Data, Median};
 
 use crate::context::{Bench, Conditions};
 
@@ -43,14 +44,7 @@ pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
 
 /// Computes the median of `values`; 0 for none.
 pub(crate) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    match sorted.len() {
-        0 => 0.0,
-        n if n % 2 == 0 => 0.5 * (sorted[middle - 1] + sorted[middle]),
-        _ => sorted[middle],
-    }
+    if values.is_empty() { 0.0 } else { Data::new(values.to_vec()).median() }
 }
 
 #[cfg(test)]

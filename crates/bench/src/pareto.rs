@@ -1,4 +1,4 @@
-//! Quality against training time: every variant with every budget, each an independent run, next to published systems.
+//! Quality against training time: every variant with every budget, each an independent run.
 
 use std::time::Duration;
 
@@ -10,7 +10,6 @@ use serde_json::json;
 
 use crate::context::{Bench, distinct};
 use crate::output::number;
-use crate::published::PublishedFigures;
 use crate::trial::measured_with;
 
 /// Keys of the metrics that have a chart.
@@ -35,16 +34,7 @@ pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> 
     }
     let table = table(&records);
     print(&format!("\n{}\nfrontier: {}", table.to_text(Emphasis::Star), frontier(&table)));
-    let (scenes, views) = scenes_and_views(bench, &records);
-    PublishedFigures::read()?.lines(&scenes, &views).iter().for_each(|line| print(line));
     Ok(())
-}
-
-/// Lists scenes and numbers of training views that published figures must match. Procedural scenes have no published name.
-fn scenes_and_views(bench: &Bench, records: &[Record]) -> (Vec<String>, Vec<usize>) {
-    let published = bench.plans.iter().all(|plan| plan.data.is_some());
-    let scene = |record: &Record| if published { record.scene.clone() } else { String::new() };
-    (distinct(records, scene), distinct(records, |record| record.train_views.len()))
 }
 
 /// Makes the table of means over scenes and seeds.
@@ -76,7 +66,6 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
     bench.save_results(PROTOCOL, records, json!({}))?;
     let table = table(records);
     bench.save("pareto.csv", &table.to_csv())?;
-    let (published, (scenes, views)) = (PublishedFigures::read()?, scenes_and_views(bench, records));
     let all = distinct(records, |record| record.scene.clone()).join(", ");
     for quantity in CHARTS.into_iter().filter_map(Quantity::named) {
         let points = points(&table, quantity);
@@ -93,8 +82,7 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
             let own = points.iter().filter(|(row, _)| row.label == name);
             Series { points: own.map(|(_, point)| *point).collect(), name }
         };
-        let own = distinct(&points, |(row, _)| row.label.clone()).into_iter().map(series);
-        let series: Vec<Series> = own.chain(published.series(&scenes, &views, quantity.key())).collect();
+        let series: Vec<Series> = distinct(&points, |(row, _)| row.label.clone()).into_iter().map(series).collect();
         bench.save(&format!("pareto-{}.svg", quantity.key()), &standalone(&line_chart(&frame, &series)?))?;
     }
     Ok(())

@@ -1,12 +1,10 @@
 //! Time of a training step by phase.
 
-use std::path::Path;
-
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use infonerf_experiment::RunPlan;
 use infonerf_ops::Traffic;
 use infonerf_report::TextTable;
-use infonerf_train::{Checkpoint, Phase};
+use infonerf_train::Phase;
 use serde::Serialize;
 use serde_json::json;
 
@@ -36,31 +34,21 @@ struct PhaseTiming {
     share: f64,
 }
 
-/// Measures milliseconds per step by phase, from an untrained field or `from` a run. `steps` are `[warm-up, measured]`.
-pub fn run(bench: &Bench, steps: [u32; 2], from: Option<&Path>, print: &mut dyn FnMut(&str)) -> Result<()> {
+/// Measures milliseconds per step by phase, from an untrained field. `steps` are `[warm-up, measured]`.
+pub fn run(bench: &Bench, steps: [u32; 2], print: &mut dyn FnMut(&str)) -> Result<()> {
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let row = measure(bench, plan, from, steps.map(|count| count as usize))?;
+        let row = measure(bench, plan, steps.map(|count| count as usize))?;
         print(&text(&row));
         rows.push(row);
     }
     bench.save_results(PROTOCOL, &rows, json!({}))
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
-    let read = |run: &Path| {
-        let (checkpoint, _) = Checkpoint::load(run)?;
-        checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))
-    };
-    let checkpoint = from.map(read).transpose()?;
-    // A finished run takes more steps here.
-    let before = checkpoint.as_ref().map_or(0, |checkpoint| checkpoint.progress().step);
-    let iterations = plan.config.train.iterations.max(before + warmup + 2 * steps);
+fn measure(bench: &Bench, plan: &RunPlan, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
+    let iterations = plan.config.train.iterations.max(warmup + 2 * steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
-    if let Some(checkpoint) = &checkpoint {
-        trainer.resume(checkpoint)?;
-    }
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
     let before = trainer.profile().traffic();

@@ -12,11 +12,11 @@ use burn::module::Module;
 use burn::nn::{Linear, LinearConfig};
 use burn::tensor::Device;
 use burn::tensor::activation::{relu, sigmoid, softplus};
-use infonerf_experiment::save_png;
 use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_metrics::to_rgb8;
 use infonerf_ops::frequency_encode;
 use infonerf_procedural::load;
+use infonerf_report::save_png;
 use infonerf_scene::SceneRequest;
 use infonerf_schedule::Moment;
 use infonerf_train::{Config, Outcome, Preset, Trainer, evaluate_view};
@@ -71,5 +71,5 @@ fn main() -> anyhow::Result<()> {
     let seen = evaluate_view(trainer.renderer(), &[trainer.trained()], &trainer.scene().test[0])?;
     println!("{:.2} dB on a view that it was not trained on", seen.value("psnr").unwrap_or_default());
     let picture = to_rgb8(&seen.image.rgb, seen.image.width, seen.image.height)?;
-    save_png(&picture, Path::new("own_field.png"))
+    Ok(save_png(&picture, Path::new("own_field.png"))?)
 }

@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, reason = "an example shows what it computes")]
 
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::{RayDistribution, Segments, ray_divergence, ray_entropy};
+use infonerf_ops::{Segments, ray_divergence, ray_entropy};
 
 fn main() {
     // A renderer has densities σ at its samples and the lengths δ of their intervals. Rays may have different numbers of
@@ -22,7 +22,7 @@ fn main() {
     let neighbour = Tensor::<1>::from_floats([0.1, 6.0, 3.0, 0.4, 0.7], &device) * delta;
 
     // H(r) in bits (Eq. 5), which counts where a ray hits something (Eq. 6), and D(P(R) || P(R~)) in nats (Eq. 9).
-    let entropy = ray_entropy(tau.clone(), &rays, RayDistribution::Alpha, 0.0);
+    let entropy = ray_entropy(tau.clone(), &rays, 0.0);
     let hits = entropy.alpha_sum.clone().detach().greater_elem(0.1).float();
     let kl = ray_divergence(tau, neighbour, &rays, 1e-10);
     println!("H(r)    {} bits", entropy.bits.to_data());

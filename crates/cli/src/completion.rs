@@ -26,7 +26,8 @@ pub(crate) fn experiments() -> ArgValueCompleter {
 /// Completes the variants of the experiment that the command line names.
 pub(crate) fn variants() -> ArgValueCompleter {
     ArgValueCompleter::new(|current: &OsStr| {
-        let runs = experiment().and_then(|name| describe(&name).ok()).map_or_else(Vec::new, |described| described.runs);
+        let named = experiment().and_then(|name| describe(&name).ok());
+        let runs = named.map_or_else(Vec::new, |described| described.experiment.runs);
         let names: BTreeSet<String> = runs.into_iter().map(|run| run.variant).collect();
         beginning_with(current, names.into_iter().map(CompletionCandidate::new))
     })

@@ -41,7 +41,7 @@ impl JsonEvents {
             }
             PlanEvent::Ended => None,
             PlanEvent::Written(_, outcome, _) => outcome
-                .map(|outcome| json!({ "event": "finished", "report": outcome.report, "numbers": outcome.results })),
+                .map(|outcome| json!({ "event": "finished", "report": outcome.report, "results": outcome.results })),
         }
     }
 
@@ -49,7 +49,7 @@ impl JsonEvents {
         Some(match event {
             RunEvent::Loading => json!({ "event": "loading", "run": run }),
             RunEvent::Started { fields, of } => {
-                json!({ "event": "started", "run": run, "field": fields.start, "beside": fields.len(), "fields": of })
+                json!({ "event": "started", "run": run, "field": fields.start, "together": fields.len(), "fields": of })
             }
             RunEvent::Training { event: Event::Step { step, seconds, loss, psnr, .. }, trainer } => {
                 let now = Instant::now();

@@ -24,61 +24,25 @@ fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&
     fs::write(&path, whole).unwrap();
 }
 
-fn edited(place: &Workplace, file: &str, edit: impl FnOnce(&mut Value), parts: &[&str]) {
-    let change = |path: &Path| {
-        let mut json: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
-        edit(&mut json);
-        fs::write(path, json.to_string()).unwrap();
-    };
-    changed(place, file, change, parts);
-}
-
 #[test]
-fn images() {
+fn files_of_a_scene() {
     let place = with_scene();
     let halve = |path: &Path| {
         let bytes = fs::read(path).unwrap();
         fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
     };
-    for image in ["train/r_26.png", "test/r_1.png"] {
-        changed(&place, image, |path| fs::remove_file(path).unwrap(), &["not found"]);
-        changed(&place, image, halve, &["PNG"]);
-        changed(&place, image, |path| fs::write(path, "").unwrap(), &[]);
-        changed(&place, image, |path| fs::write(path, "a picture").unwrap(), &[]);
-    }
+    changed(&place, "train/r_26.png", halve, &["PNG"]);
+    changed(&place, "test/r_1.png", |path| fs::remove_file(path).unwrap(), &["not found"]);
     changed(&place, "test/r_0_depth.npy", halve, &[]);
-}
-
-#[test]
-fn poses() {
-    let place = with_scene();
     let train = "transforms_train.json";
+    changed(&place, train, |path| fs::write(path, "").unwrap(), &[]);
     for file in [train, "transforms_test.json"] {
-        // Without test views, every eighth training view is held out.
-        if file == train {
-            changed(&place, file, |path| fs::remove_file(path).unwrap(), &[]);
-            edited(&place, file, |json| json["frames"] = json!([]), &["frames"]);
-        }
-        changed(&place, file, |path| fs::write(path, "{\"frames\": [").unwrap(), &[]);
-        changed(&place, file, |path| fs::write(path, "").unwrap(), &[]);
-        let angle = "camera_angle_x";
-        edited(&place, file, |json| drop(json.as_object_mut().unwrap().remove(angle)), &[angle]);
-        edited(&place, file, |json| json[angle] = json!("wide"), &[angle]);
-        let pose = |edit: fn(&mut Value)| move |json: &mut Value| edit(&mut json["frames"][7]["transform_matrix"]);
-        let field = "frames[7].transform_matrix";
-        edited(&place, file, pose(|pose| *pose = json!([[1, 0, 0, 0]])), &[field, "1 rows"]);
-        edited(&place, file, pose(|pose| pose[0] = json!([0, 0, 0, 0])), &[field, "singular"]);
-        edited(&place, file, pose(|pose| pose[1][2] = json!("x")), &[field]);
-    }
-    // JSON has no such numbers, but programs write them.
-    for number in ["NaN", "Infinity", "1e999"] {
-        let change = |path: &Path| {
-            let text = fs::read_to_string(path).unwrap();
-            let (before, after) = text.split_once("\"camera_angle_x\":").unwrap();
-            let rest = after.split_once([',', '\n']).unwrap().1;
-            fs::write(path, format!("{before}\"camera_angle_x\": {number},{rest}")).unwrap();
+        let edit = |path: &Path| {
+            let mut json: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+            json["frames"][7]["transform_matrix"] = json!([[1, 0, 0, 0]]);
+            fs::write(path, json.to_string()).unwrap();
         };
-        changed(&place, train, change, &[]);
+        changed(&place, file, edit, &["frames[7].transform_matrix", "1 rows"]);
     }
 }
 
@@ -238,7 +202,6 @@ fn folders_that_are_no_run() {
     for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
         place.run(format!("eval {run} --scale {scale}")).fails_with(&["--scale", "1/64"]);
     }
-    place.run(format!("eval {run} --device vulkan")).fails_with(&["not built in"]);
     place.write("file", "");
     place.run(format!("render {run} --frames 1 --out file")).fails_with(&["file"]);
     place.run(format!("export {run} --format html --out file/below")).fails_with(&["file/below"]);

@@ -47,7 +47,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     assert!(training().starts_with(&first), "it goes on");
 }
 
-/// Poses are found once. Few photographs are all trained on, and no metrics on them are reported.
+/// Poses are found once, and again with another photograph. Few photographs are all trained on, without metrics on them.
 #[test]
 fn few_photographs_without_poses_are_learned_from() {
     let place = Workplace::new();
@@ -64,6 +64,12 @@ fn few_photographs_without_poses_are_learned_from() {
     let again = capture(&["(finished before)"]);
     assert!(!again.contains("placed"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &stdout));
+    room(&place.path("photos"), &[2]);
+    let command = "capture photos --budget 1s";
+    let remedy = "removed since: 02.png; --overwrite finds the poses again and trains anew";
+    place.tiny_without("eval.test", command).fails_with(&["runs/capture/photos/infonerf+/seed0", remedy]);
+    let run = place.tiny_without("eval.test", command).arg("--overwrite").env("PATH", place.path(""));
+    run.succeeds_with(&["finding poses again: ", "removed: 02.png", "finding the poses of 5 photographs", unmeasured]);
 }
 
 #[test]
@@ -77,6 +83,13 @@ fn what_is_no_folder_of_photographs_is_refused() {
     fs::create_dir(place.path("photos")).unwrap();
     Image::filled(8, 8, [0.5; 3]).write_png(&place.path("photos/a.png")).unwrap();
     place.run("capture photos").fails_with(&["photos: expected at least two photographs: it has 1"]);
+    // No poses can be found of two such photographs, and other faults are reported first.
+    fs::create_dir(place.path("a:b")).unwrap();
+    for file in ["photos/b.png", "a:b/a.png", "a:b/b.png"] {
+        fs::copy(place.path("photos/a.png"), place.path(file)).unwrap();
+    }
+    place.run("capture a:b").fails_with(&["--scene \"a:b\": expected a name that can be a folder's"]);
+    place.run("capture photos --set scene.sise=9").fails_with(&["sise"]);
 }
 
 /// The video has one sharp frame in every eight; the others are blurred.

@@ -128,7 +128,6 @@ fn impossible_exports_and_paths_are_refused() {
     export("--out file/below.ply").fails_with(&["file"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
-    export("--device vulkan").fails_with(&["not built in"]);
     // A field that has hardly been trained has no half-opaque ray, and so no surface.
     place.tiny("exp fast-losses --scene knot --variant factored --out begun").succeeds();
     let run = "begun/fast-losses/knot/factored/seed0";

@@ -7,11 +7,11 @@ use crate::common::{Workplace, assert_has, text};
 use glam::{DMat3, DMat4};
 use infonerf_dataset::colmap::Reconstruction;
 use infonerf_dataset::{SceneSource, load};
-use infonerf_scene::{Image, SceneRequest, TestProtocol, View, ViewSelection};
+use infonerf_scene::{Image, SceneRequest, TestProtocol, View, ViewSelection, rotation_angle_deg};
 
 /// Writes pictures of the built-in room to `dir`, and returns their views.
 pub(crate) fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
-    let train = ViewSelection::Ids(ids.to_vec());
+    let train = ViewSelection::Ids { ids: ids.to_vec() };
     let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..Default::default() };
     let views = load(&SceneSource::Procedural("room".into()), &request).unwrap().train;
     fs::create_dir_all(dir).unwrap();
@@ -38,8 +38,7 @@ fn poses_of_photographs_alone() {
     let relative = |all: &[DMat4], i: usize| DMat3::from_mat4(all[0]).transpose() * DMat3::from_mat4(all[i]);
     let apart = |all: &[DMat4], i: usize| all[i].w_axis.distance(all[0].w_axis) / all[1].w_axis.distance(all[0].w_axis);
     for i in 1..4 {
-        let turn = relative(&poses, i) * relative(&truth, i).transpose();
-        let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0).acos().to_degrees();
+        let angle = rotation_angle_deg(&relative(&poses, i), &relative(&truth, i));
         assert!(angle < 0.5, "{i}: {angle}°");
         assert!((apart(&poses, i) / apart(&truth, i) - 1.0).abs() < 0.05, "{i}");
     }
@@ -95,7 +94,7 @@ fn better_poses_of_two_solvers_are_kept() {
         let _ = fs::remove_dir_all(dir.join("sparse"));
         let path = format!("{}:{}", place.path("").display(), std::env::var("PATH").unwrap_or_default());
         let stdout = place.run(format!("scene from-images photos {arguments}")).env("PATH", path).stdout();
-        assert!(!dir.join("colmap.partial").exists());
+        assert!(!dir.join("poses.partial").exists());
         assert_eq!(Reconstruction::read(&dir).unwrap().images.len(), expected);
         stdout
     };

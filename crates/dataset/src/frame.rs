@@ -1,5 +1,6 @@
 //! Frame: an image that can be loaded, with its camera.
 
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DMat4;
@@ -47,7 +48,10 @@ impl Frame {
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let stated = self.stated_size().unwrap_or((width, height));
         let camera = match self.intrinsics {
-            Intrinsics::Fov(angle) => Camera::from_fov(stated.0, stated.1, angle, self.pose),
+            Intrinsics::Fov(x, y) => {
+                let camera = Camera::from_fov(stated.0, stated.1, x, self.pose);
+                Camera { fy: y.map_or(camera.fy, |y| Camera::from_fov(stated.1, 1, y, self.pose).fx), ..camera }
+            }
             Intrinsics::Pixels { focal, centre, .. } => {
                 let centre = centre.unwrap_or([stated.0, stated.1].map(|side| f64::from(side) / 2.0));
                 Camera::pinhole(stated, focal, centre, self.pose)
@@ -63,7 +67,7 @@ impl Frame {
             Intrinsics::Pixels { size: Some(size), .. } => size,
             Intrinsics::Pixels { centre: Some([x, y]), .. } => (side(2.0 * x), side(2.0 * y)),
             Intrinsics::Pixels { focal: [x, y], .. } => (side(x), side(y)),
-            Intrinsics::Fov(_) => (1, 1),
+            Intrinsics::Fov(..) => (1, 1),
         };
         self.camera(width, height)
     }
@@ -71,7 +75,7 @@ impl Frame {
     pub fn stated_size(&self) -> Option<(u32, u32)> {
         match self.intrinsics {
             Intrinsics::Pixels { size, .. } => size,
-            Intrinsics::Fov(_) => None,
+            Intrinsics::Fov(..) => None,
         }
     }
 }
@@ -79,8 +83,8 @@ impl Frame {
 /// Intrinsics before the image size is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Intrinsics {
-    /// Horizontal field of view in radians; square pixels, centred principal point.
-    Fov(f64),
+    /// Horizontal and vertical field of view in radians, without the latter for square pixels; centred principal point.
+    Fov(f64, Option<f64>),
     /// Focal lengths and principal point in pixels, and the image size that they hold for if it is stated.
     Pixels { focal: [f64; 2], centre: Option<[f64; 2]>, size: Option<(u32, u32)> },
 }
@@ -121,6 +125,20 @@ pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
 pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str) -> Option<(PathBuf, &'n str)> {
     let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
     starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)))
+}
+
+/// Gives frames for which one image was found under different names the paths that their file states: the image is at
+/// most one frame's, and the others are missing.
+pub(crate) fn keep_apart(frames: &mut [Frame], stated: &[PathBuf]) {
+    let mut names: HashMap<PathBuf, HashSet<&PathBuf>> = HashMap::new();
+    for (frame, path) in frames.iter().zip(stated) {
+        names.entry(frame.image.clone()).or_default().insert(path);
+    }
+    for (frame, path) in frames.iter_mut().zip(stated) {
+        if names[&frame.image].len() > 1 {
+            frame.image.clone_from(path);
+        }
+    }
 }
 
 /// Removes the extension of an image from a path.

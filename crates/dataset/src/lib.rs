@@ -33,6 +33,7 @@ mod source;
 pub use camera_path::CameraPath;
 pub use export::{export, transforms};
 pub use info::{Info, check_folder, info, info_page, outline};
-pub use photographs::{PoseSearch, PoseSolver, from_images, video_folder, video_frames};
+pub use infonerf_sfm::max_matched_pairs;
+pub use photographs::{PoseSearch, PoseSolver, changed_photographs, from_images, video_folder, video_frames};
 pub use refined_cameras::with_refined_cameras;
 pub use source::{SceneSource, count_pixels, load};

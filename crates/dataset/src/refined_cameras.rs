@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn cameras_without_matches_stay() {
-        let ids = ViewSelection::Ids(vec![0, 1]);
+        let ids = ViewSelection::Ids { ids: vec![0, 1] };
         let scene = scene(&SceneSource::Procedural("knot".into()), ids, 24).disturbed(2.0, 0.03, 0);
         let refined = with_refined_cameras(scene.clone(), false);
         assert_eq!(refined.given_cameras(), scene.given_cameras());

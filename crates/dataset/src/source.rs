@@ -75,7 +75,7 @@ mod tests {
         let sources = [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }];
         for source in sources {
             for image_size in [Some(6), None] {
-                let train = ViewSelection::Ids(vec![1, 3]);
+                let train = ViewSelection::Ids { ids: vec![1, 3] };
                 let request = SceneRequest { train, test: TestProtocol::First(3), image_size, ..Default::default() };
                 let counted = count_pixels(&source, &request).unwrap();
                 assert_eq!(counted, load(&source, &request).unwrap().pixels(), "{source:?}");

@@ -1,14 +1,12 @@
 //! Descriptions of experiments before they run: for `infonerf list NAME` and `infonerf config NAME`.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use toml::{Table, Value};
 
 use crate::file::{Layers, Start};
-use crate::plan::{About, Experiment, Selection, assign};
-use crate::run_plan::RunPlan;
+use crate::plan::{Experiment, Selection, assign};
 
 /// Keys that mark a table of a config as a single value: a schedule, a choice of views or a mask.
 const VALUE_TAGS: [&str; 4] = ["from", "steps", "kind", "rule"];
@@ -16,16 +14,10 @@ const VALUE_TAGS: [&str; 4] = ["from", "steps", "kind", "rule"];
 /// An experiment before it runs.
 #[derive(Clone, Debug)]
 pub struct Description {
-    /// Title: one line on what the experiment shows.
-    pub title: String,
+    /// Title, data and runs.
+    pub experiment: Experiment,
     /// Names of the experiments that this one is based on, the nearest first.
     pub bases: Vec<String>,
-    /// Folder of the scenes; `None` for built-in scenes.
-    pub data: Option<PathBuf>,
-    /// Mean wall-clock seconds of a run on two CPU cores, if the experiment says so.
-    pub seconds_per_run: Option<f64>,
-    /// Runs by scene, variant and seed.
-    pub runs: Vec<RunPlan>,
     /// Text of the experiment's file.
     pub text: String,
 }
@@ -36,10 +28,9 @@ pub struct Description {
 /// As [`Experiment::plan`].
 pub fn describe(name: &str) -> Result<Description> {
     let layers = Layers::read(name)?;
-    let Experiment { about, runs } = Experiment::plan(name, &Selection::default())?;
+    let experiment = Experiment::plan(name, &Selection::default())?;
     let bases = layers.bases().map(str::to_owned).collect();
-    let About { title, data, seconds_per_run, .. } = about;
-    Ok(Description { title, bases, data, seconds_per_run, runs, text: layers.text.clone() })
+    Ok(Description { experiment, bases, text: layers.text })
 }
 
 /// A key of a config, its value, and what set it.
@@ -90,7 +81,7 @@ pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
     let mut keys = BTreeSet::new();
     // The section `field` has a key `kind` as well, but is not a single value.
     let is_value = |key: &str, table: &Table| key != "field" && VALUE_TAGS.iter().any(|tag| table.contains_key(*tag));
-    for plan in describe(name)?.runs {
+    for plan in Experiment::plan(name, &Selection::default())?.runs {
         keys.extend(values(&Table::try_from(&plan.config)?, &is_value).into_iter().map(|(key, _)| key));
     }
     Ok(keys)

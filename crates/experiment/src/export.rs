@@ -123,7 +123,7 @@ impl RunPlan {
         let fields = several.then(|| format!("the first of {} fields alone", self.members()));
         let residuals = self.config.render.residuals.then(|| "without the residuals of the training views".to_owned());
         let parts: Vec<String> = fields.into_iter().chain(residuals).collect();
-        let held_out = self.config.eval.test.test() != TestProtocol::Training;
+        let held_out = self.config.eval.test != TestProtocol::Training;
         let records = read_records(&self.record_path(folder)).unwrap_or_default();
         let psnr = records.first().filter(|_| held_out).and_then(|record| Quantity::PSNR.value(record));
         let whole = psnr.map_or(String::new(), |psnr| {

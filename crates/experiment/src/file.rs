@@ -9,7 +9,7 @@ use infonerf_train::{Preset, config};
 use serde::Deserialize;
 use toml::{Spanned, Table, Value};
 
-use crate::published::Paper;
+use crate::published::{Aspect, Paper};
 use crate::sweep::figures::Plot;
 
 /// Defines `BUILT_IN` from the names of the files.
@@ -59,7 +59,9 @@ pub(crate) struct File {
     #[serde(default)]
     variants: BTreeMap<Spanned<String>, Value>,
     /// A paper's published figures, shown next to the results.
-    pub(crate) paper: Option<Paper>,
+    paper: Option<Paper>,
+    /// Aspects of the paper's protocol that experiments based on this one share; their own `[paper.protocol]` takes precedence.
+    paper_protocol: Option<BTreeMap<Aspect, String>>,
     /// Claims about the order of the variants, to be tested.
     pub(crate) claims: Option<Vec<Claim>>,
     pub(crate) plot: Option<Plot>,
@@ -110,6 +112,15 @@ impl Layers {
     /// Returns the value in the last file that has one.
     pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
         self.files.iter().rev().find_map(|(_, file)| pick(file))
+    }
+
+    /// Returns the paper of the last file that has one, with the shared aspects of its protocol.
+    pub(crate) fn paper(&self) -> Option<Paper> {
+        let mut paper = self.last(|file| file.paper.clone())?;
+        let mut protocol = self.last(|file| file.paper_protocol.clone()).unwrap_or_default();
+        protocol.append(&mut paper.protocol);
+        paper.protocol = protocol;
+        Some(paper)
     }
 
     /// Returns the preset with the config of every file laid over it.

@@ -172,13 +172,21 @@ fn folder_checksum(folder: &Path) -> Result<String> {
 /// Names of files that mark a folder as one of results, which is not part of a scene.
 const RESULT_FILES: [&str; 4] = ["lock", "identity.json", "results.json", "manifest.jsonl"];
 
-/// Collects the files below `folder` in the order of their names. Skips folders of results, which may lie inside a scene's
-/// folder, and folders that were visited before, to which links may lead back.
+/// Whether a path may be part of a scene: neither hidden, nor a file that Windows adds, nor a dangling link, nor a named pipe.
+fn may_matter(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let is_foreign = name.starts_with('.') || matches!(&*name, "Thumbs.db" | "desktop.ini");
+    !is_foreign && (path.is_dir() || path.is_file())
+}
+
+/// Collects the files below `folder` in the order of their names. Skips what cannot matter, folders of results, which may lie
+/// inside a scene's folder, and folders that were visited before, to which links may lead back.
 fn collect(folder: &Path, seen: &mut HashSet<PathBuf>, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
     if !seen.insert(folder.canonicalize()?) {
         return Ok(());
     }
     let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>()?;
+    paths.retain(|path| may_matter(path));
     paths.sort();
     for path in paths {
         match path.is_dir() {
@@ -259,8 +267,17 @@ mod tests {
             }
         });
         assert_eq!(same, with_results);
+        let foreign = [".DS_Store", "train/._r_0.png", "train/Thumbs.db", "desktop.ini", ".git/config"];
+        assert_eq!(same, scene_with(&|scene| foreign.iter().for_each(|file| write(scene, file, "foreign"))));
         #[cfg(unix)]
-        assert_eq!(same, scene_with(&|scene| std::os::unix::fs::symlink(scene, scene.join("train/above")).unwrap()));
+        let with_links_and_pipe = scene_with(&|scene| {
+            let link = |to: &str, name: &str| std::os::unix::fs::symlink(to, scene.join(name)).unwrap();
+            link("..", "train/above");
+            link("nowhere", "train/lost.png");
+            assert!(std::process::Command::new("mkfifo").arg(scene.join("pipe")).status().unwrap().success());
+        });
+        #[cfg(unix)]
+        assert_eq!(same, with_links_and_pipe);
     }
 
     fn write(scene: &Path, file: &str, text: &str) {

@@ -51,7 +51,6 @@ pub use pretrain::{Pretrained, pretrain};
 pub use records::{read_records, save_record};
 pub use run::{
     Control, Existing, Finished, RunEvent, Session, Trained, TrainedVolume, Watch, is_finished, picture_notes,
-    save_png, total_progress,
 };
 pub use run_plan::RunPlan;
 pub use scenes::parse_seeds;

@@ -266,7 +266,7 @@ impl About {
             name,
             data,
             seconds_per_run: layers.seconds_per_run(),
-            paper: layers.last(|file| file.paper.clone()),
+            paper: layers.paper(),
             claims: layers.last(|file| file.claims.clone()).unwrap_or_default(),
             plot: layers.last(|file| file.plot.clone()),
         }
@@ -293,8 +293,7 @@ impl About {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::described::describe;
-    use crate::described::leaves;
+    use crate::described::{Description, describe, leaves};
     use crate::file::list;
     use crate::testing::selected;
 
@@ -302,8 +301,8 @@ mod tests {
     #[test]
     fn every_built_in_experiment_is_valid() {
         for (name, title) in list().unwrap() {
-            let described = describe(name).unwrap();
-            assert!(described.title == title && !described.runs.is_empty() && !described.text.is_empty(), "{name}");
+            let Description { experiment, text, .. } = describe(name).unwrap();
+            assert!(experiment.about.title == title && !experiment.runs.is_empty() && !text.is_empty(), "{name}");
             for preset in Preset::ALL {
                 let selection = Selection { preset: Some(preset), ..Selection::default() };
                 for plan in Experiment::plan(name, &selection).unwrap().runs {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use infonerf_scene::PixelCount;
+use infonerf_scene::{PixelCount, TestProtocol};
 use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 
 use crate::identity::Identity;
@@ -41,7 +41,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     {
         return Ok(Pretrained { folder, progress, finished: true });
     }
-    let plans = experiment.runs.iter().map(with_one_test_view).collect::<Result<Vec<_>>>()?;
+    let plans: Vec<RunPlan> = experiment.runs.iter().map(with_one_test_view).collect();
     check_memory(&plans)?;
     run.begin(&folder)?;
     watch(RunEvent::Loading);
@@ -65,10 +65,10 @@ fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> 
 }
 
 /// Returns the plan with a single test view, the minimum, since pre-training uses none.
-fn with_one_test_view(plan: &RunPlan) -> Result<RunPlan> {
+fn with_one_test_view(plan: &RunPlan) -> RunPlan {
     let mut plan = plan.clone();
-    plan.config.eval.test = "first-1".parse().map_err(anyhow::Error::msg)?;
-    Ok(plan)
+    plan.config.eval.test = TestProtocol::First(1);
+    plan
 }
 
 /// Returns an error if the scenes would not fit into memory together, before any of them is loaded.

@@ -24,7 +24,7 @@ pub(crate) struct Paper {
     scenes: BTreeMap<String, BTreeMap<String, Figures>>,
     /// Description of each aspect of the paper's protocol. Aspects that are left out are not compared.
     #[serde(default)]
-    protocol: BTreeMap<Aspect, String>,
+    pub(crate) protocol: BTreeMap<Aspect, String>,
     /// Further remarks.
     #[serde(default)]
     notes: Vec<String>,
@@ -44,7 +44,7 @@ enum PublishedFigure {
 /// Aspect of a protocol that figures depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Aspect {
+pub(crate) enum Aspect {
     Scenes,
     Images,
     TrainViews,

@@ -121,30 +121,9 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
 fn parse_records(text: &str) -> Result<Vec<Record>> {
     let values: Vec<Value> = serde_json::from_str(text).map_err(|error| anyhow!("not a list of records: {error}"))?;
     let parse = |(index, value): (usize, Value)| {
-        serde_json::from_value(value.clone()).map_err(|error: serde_json::Error| {
-            let (field, reason) = offending_field(&value).unwrap_or_else(|| ("record".into(), error.to_string()));
-            anyhow!("record {index}: field `{field}`: {reason}")
-        })
+        serde_path_to_error::deserialize(value).map_err(|error| anyhow!("record {index}: {error}"))
     };
     values.into_iter().enumerate().map(parse).collect()
-}
-
-/// Returns the first required key that `value` lacks, or the first key whose value does not fit, with the reason.
-fn offending_field(value: &Value) -> Option<(String, String)> {
-    let given = value.as_object()?;
-    let default = serde_json::to_value(Record::default()).ok()?;
-    let missing = |key: &&String| !given.contains_key(*key) && default.get(*key).is_some_and(|value| !value.is_null());
-    if let Some(key) = default.as_object()?.keys().find(missing) {
-        return Some((key.clone(), "is missing".into()));
-    }
-    for (key, found) in given {
-        let mut probe = default.clone();
-        probe[key] = found.clone();
-        if let Err(error) = serde_json::from_value::<Record>(probe) {
-            return Some((key.clone(), error.to_string()));
-        }
-    }
-    None
 }
 
 #[cfg(test)]
@@ -222,10 +201,14 @@ mod tests {
         let mut value = serde_json::to_value([record("lego", "nerf", 0)]).unwrap();
         value[0]["psnr"] = "high".into();
         let error = fault(&value.to_string());
-        assert!(error.starts_with("record 0: field `psnr`: psnr: invalid type: string \"high\""), "{error}");
+        assert!(error.starts_with("record 0: psnr: invalid type: string \"high\""), "{error}");
         value[0]["psnr"] = Value::Null;
+        value[0]["test_views"]["count"] = "all".into();
+        let error = fault(&value.to_string());
+        assert!(error.starts_with("record 0: test_views.count: invalid type: string \"all\""), "{error}");
+        value[0]["test_views"]["count"] = 0.into();
         value[0].as_object_mut().unwrap().remove("device");
-        assert_eq!(fault(&value.to_string()), "record 0: field `device`: is missing");
+        assert_eq!(fault(&value.to_string()), "record 0: missing field `device`");
         assert!(fault("[{").starts_with("not a list of records: EOF"));
     }
 }

@@ -154,8 +154,8 @@ impl RunPlan {
     fn request(&self) -> SceneRequest {
         let scene = &self.config.scene;
         SceneRequest {
-            train: scene.views.select(self.seed),
-            test: self.config.eval.test.test(),
+            train: scene.views.clone().with_seed(self.seed),
+            test: self.config.eval.test.clone(),
             image_size: (scene.size > 0).then_some(scene.size),
             background: scene.background,
             frame: Some(scene.frame),

@@ -87,7 +87,9 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
         let (Some(parent), Some(name)) = (whole.parent(), whole.file_name()) else {
             bail!(expected);
         };
-        bail!("{expected}; if it is one scene: --data {} --scene {}", parent.display(), name.display());
+        let [parent, name] = [parent.as_os_str(), name].map(|part| part.display().to_string());
+        let [parent, name] = [shlex::try_quote(&parent)?, shlex::try_quote(&name)?];
+        bail!("{expected}; if it is one scene: --data {parent} --scene {name}");
     }
     // Folders of runs and images may lie next to scenes. If no folder is a scene, loading reports what a scene needs.
     let scenes: Vec<String> = names.iter().filter(|name| is_scene(&data.join(name))).cloned().collect();
@@ -114,13 +116,13 @@ mod tests {
     #[test]
     fn a_scene_itself_is_refused_with_what_to_type() {
         let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path().join("mine");
+        let dir = guard.path().join("my scene");
         std::fs::create_dir(&dir).unwrap();
         for file in ["a.jpg", "transforms.json"] {
             std::fs::write(dir.join(file), "").unwrap();
             let text = find_scenes(Some(&dir), None).unwrap_err().to_string();
             let parent = guard.path().canonicalize().unwrap();
-            assert!(text.ends_with(&format!("--data {} --scene mine", parent.display())), "{text}");
+            assert!(text.ends_with(&format!("--data {} --scene 'my scene'", parent.display())), "{text}");
             std::fs::create_dir_all(dir.join("images")).unwrap();
         }
     }

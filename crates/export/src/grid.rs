@@ -7,7 +7,7 @@ use crate::error::ExportError;
 use crate::volume::Volume;
 
 /// Range of voxels along the longest side of a grid. The largest grid takes 0.5 GB, its surface three times as much.
-pub const RESOLUTIONS: RangeInclusive<usize> = 2..=512;
+const RESOLUTIONS: RangeInclusive<usize> = 2..=512;
 
 /// Number of points per query of a volume, which bounds the memory.
 const CHUNK: usize = 1 << 18;
@@ -32,7 +32,7 @@ impl DensityGrid {
     /// others. Its surface has the density `level`, see [`surface_density`](crate::surface_density).
     ///
     /// # Errors
-    /// If the resolution is out of [`RESOLUTIONS`].
+    /// If the resolution is not from 2 to 512.
     pub fn sample(volume: &dyn Volume, resolution: usize, level: f32) -> Result<Self, ExportError> {
         let mut grid = Self::empty(volume.bounds(), resolution, level)?;
         let count = grid.count();

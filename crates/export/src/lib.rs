@@ -54,7 +54,7 @@ mod volume;
 pub use chamfer::{Chamfer, chamfer};
 pub use error::ExportError;
 pub use glb::glb;
-pub use grid::{DensityGrid, RESOLUTIONS};
+pub use grid::DensityGrid;
 pub use level::surface_density;
 pub use mesh::Mesh;
 pub use ply::{ply_mesh, ply_points};

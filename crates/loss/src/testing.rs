@@ -15,7 +15,7 @@ use crate::term::Term;
 pub fn config(settings: &str) -> LossConfig {
     let mut table: toml::Table = "
         rgb = { weight = 0, norm = 'mean', coarse = 1 }
-        entropy = { weight = 0, rays = 'all', neighbours = false, distribution = 'alpha', epsilon = 1e-10, \
+        entropy = { weight = 0, rays = 'all', neighbours = false, epsilon = 1e-10, \
                     mask = { rule = 'acc', threshold = 0.1 } }
         kl = { weight = 0, direction = 'paper', rays = 'all', epsilon = 1e-10 }
         semantic = { weight = 0, every = 10, size = 64, weights = '' }

@@ -3,7 +3,7 @@
     pip install scipy
     python distribution.py > distribution.json
 
-The features follow an integer rule, so that `distribution.rs` can make the same ones without storing them.
+The features follow an integer rule, so that `kid.rs` can make the same ones without storing them.
 """
 
 import json

@@ -7,42 +7,38 @@
 use std::ops::Range;
 
 use crate::composite::MIN_ALPHA_SUM;
-use crate::entropy::RayDistribution;
 use crate::numeric::{SampleOpacity, ln, log_ratio};
 use crate::ray_kernel::Group;
 
-/// Distributions of the rays of a group: probabilities of their samples, packed, and of the background.
+/// Distributions p = α/Σα of the rays of a group.
 pub(crate) struct Distributions<'a> {
     opacity: &'a SampleOpacity,
-    kind: RayDistribution,
-    /// Probability of each sample; 0 along a ray that hits nothing.
+    /// Probability of each packed sample; 0 along a ray that hits nothing.
     p: Vec<f64>,
     rays: Vec<RayMasses>,
 }
 
-/// Distribution along one ray. The *mass* of a sample is its probability before normalisation.
+/// Sums of the *masses* along one ray: the opacities, which are the probabilities before normalisation.
 struct RayMasses {
     range: Range<usize>,
-    /// Index of the sample with the largest mass; `None` if the background has it.
-    top: Option<usize>,
+    /// Index of the sample with the largest mass.
+    top: usize,
     /// Sum of all masses but the largest, kept separately: it may be below the last digit of `sum`.
     rest: f64,
     sum: f64,
-    background: f64,
 }
 
 impl RayMasses {
-    /// Sums the masses of the samples in `range` and the mass `background`.
+    /// Sums the masses of the samples in `range`.
     #[inline(always)]
-    fn new(range: Range<usize>, mass: &[f64], background: f64) -> Self {
-        let (mut top, mut most, mut rest) = (None, background, 0.0);
+    fn new(range: Range<usize>, mass: &[f64]) -> Self {
+        let (mut top, mut most, mut rest) = (range.start, 0.0, 0.0);
         for (i, &mass) in range.clone().zip(&mass[range.clone()]) {
             let above = mass > most;
             rest += if above { most } else { mass };
-            (top, most) = if above { (Some(i), mass) } else { (top, most) };
+            (top, most) = if above { (i, mass) } else { (top, most) };
         }
-        let sum = most + rest;
-        Self { range, top, rest, sum, background: if background > 0.0 { background / sum } else { 0.0 } }
+        Self { range, top, rest, sum: most + rest }
     }
 
     /// Returns whether the masses sum to at least [`MIN_ALPHA_SUM`]. A NaN counts as such a sum, so that it reaches the result.
@@ -63,107 +59,56 @@ impl RayMasses {
         p: &[f64],
         transmittance: &[f64],
         dp: impl Fn(usize) -> f64,
-        background: f64,
         mut put: impl FnMut(usize, f64),
     ) {
-        let common = self.top.map_or(background, &dp);
-        let samples: f64 = self.range.clone().map(|i| p[i] * (dp(i) - common)).sum();
-        let mean = samples + self.background * (background - common);
+        let common = dp(self.top);
+        let mean: f64 = self.range.clone().map(|i| p[i] * (dp(i) - common)).sum();
         let scale = 1.0 / self.sum;
         for i in self.range.clone() {
             put(i, (dp(i) - common - mean) * scale * transmittance[i]);
-        }
-    }
-
-    /// Calls `put(i, ∂L/∂τᵢ)` with ∂L/∂τᵢ = Tᵢ₊₁ (gᵢ − mean of g behind sample i), given gᵢ = ∂L/∂wᵢ.
-    #[inline(always)]
-    fn through_weights(
-        &self,
-        opacity: &SampleOpacity,
-        dp: impl Fn(usize) -> f64,
-        background: f64,
-        mut put: impl FnMut(usize, f64),
-    ) {
-        let mut trans: Vec<f64> = opacity.transmittance[self.range.clone()]
-            .iter()
-            .scan(1.0, |trans, transmittance| {
-                *trans *= transmittance;
-                Some(*trans)
-            })
-            .collect();
-        let mut behind = background;
-        for i in self.range.clone().rev() {
-            put(i, trans.pop().unwrap_or(1.0) * (dp(i) - behind));
-            behind = opacity.alpha[i] * dp(i) + opacity.transmittance[i] * behind;
         }
     }
 }
 
 impl<'a> Distributions<'a> {
     #[inline(always)]
-    pub(crate) fn new(opacity: &'a SampleOpacity, group: &Group<'_>, kind: RayDistribution) -> Self {
+    pub(crate) fn new(opacity: &'a SampleOpacity, group: &Group<'_>) -> Self {
+        let rays: Vec<RayMasses> = group.ranges().map(|range| RayMasses::new(range, &opacity.alpha)).collect();
         let mut p = opacity.alpha.clone();
-        let rays: Vec<RayMasses> = group
-            .ranges()
-            .map(|range| {
-                let background = match kind {
-                    RayDistribution::Alpha => 0.0,
-                    RayDistribution::AlphaBackground => 1.0,
-                    RayDistribution::Termination => {
-                        let mut trans = 1.0;
-                        for i in range.clone() {
-                            p[i] *= trans;
-                            trans *= opacity.transmittance[i];
-                        }
-                        trans
-                    }
-                };
-                let ray = RayMasses::new(range, &p, background);
-                let scale = if ray.hits() { 1.0 / ray.sum } else { 0.0 };
-                p[ray.range.clone()].iter_mut().for_each(|p| *p *= scale);
-                ray
-            })
-            .collect();
-        Self { opacity, kind, p, rays }
+        for masses in &rays {
+            let scale = if masses.hits() { 1.0 / masses.sum } else { 0.0 };
+            p[masses.range.clone()].iter_mut().for_each(|p| *p *= scale);
+        }
+        Self { opacity, p, rays }
     }
 
-    /// Computes ln(p + ε) of each sample, and of each ray's background. If ε is 0, a probability counts as at least the
-    /// smallest normal `f32` over the ray's sum, so that its gradient is finite.
+    /// Computes ln(p + ε) of each sample. If ε is 0, a probability counts as at least the smallest normal `f32` over the
+    /// ray's sum, so that its gradient is finite.
     #[inline(always)]
-    fn logs<const FMA: bool>(&self, epsilon: f64) -> (Vec<f64>, Vec<f64>) {
+    fn logs<const FMA: bool>(&self, epsilon: f64) -> Vec<f64> {
         let mut logs: Vec<f64> = self.p.iter().map(|p| p + epsilon).collect();
         if epsilon == 0.0 {
-            for ray in &self.rays {
-                let least = f64::from(f32::MIN_POSITIVE) / if ray.hits() { ray.sum } else { 1.0 };
-                logs[ray.range.clone()].iter_mut().for_each(|p| *p = p.max(least));
+            for masses in &self.rays {
+                let least = f64::from(f32::MIN_POSITIVE) / if masses.hits() { masses.sum } else { 1.0 };
+                logs[masses.range.clone()].iter_mut().for_each(|p| *p = p.max(least));
             }
         }
         for log in &mut logs {
             *log = ln::<FMA>(*log);
         }
-        let certain = |ray: &RayMasses| (epsilon - ray.rest / ray.sum).ln_1p();
-        let mut background = Vec::with_capacity(self.rays.len());
-        for ray in &self.rays {
-            let is_certain = ray.is_certain();
-            if let Some(top) = ray.top.filter(|_| is_certain) {
-                logs[top] = certain(ray);
-            }
-            background.push(match ray.top {
-                _ if ray.background == 0.0 => 0.0,
-                None if is_certain => certain(ray),
-                _ => (ray.background + epsilon).max(f64::from(f32::MIN_POSITIVE)).ln(),
-            });
+        for masses in self.rays.iter().filter(|masses| masses.is_certain()) {
+            logs[masses.top] = (epsilon - masses.rest / masses.sum).ln_1p();
         }
-        (logs, background)
+        logs
     }
 
-    /// Calls `put` with each ray's place and H = −Σ p ln(p + ε) in nats; 0 for a ray that hits nothing.
+    /// Calls `put` with each ray's index and H = −Σ p ln(p + ε) in nats; 0 for a ray that hits nothing.
     #[inline(always)]
     pub(crate) fn entropies<const FMA: bool>(&self, epsilon: f32, mut put: impl FnMut(usize, f64)) {
-        let (logs, background) = self.logs::<FMA>(f64::from(epsilon));
-        for (place, (ray, last)) in self.rays.iter().zip(background).enumerate() {
-            let terms = self.p[ray.range.clone()].iter().zip(&logs[ray.range.clone()]);
-            put(place, -terms.map(|(p, log)| p * log).sum::<f64>() - ray.background * last);
+        let logs = self.logs::<FMA>(f64::from(epsilon));
+        for (ray, masses) in self.rays.iter().enumerate() {
+            let terms = self.p[masses.range.clone()].iter().zip(&logs[masses.range.clone()]);
+            put(ray, -terms.map(|(p, log)| p * log).sum::<f64>());
         }
     }
 
@@ -178,25 +123,20 @@ impl<'a> Distributions<'a> {
         let epsilon = f64::from(epsilon);
         // ∂H/∂p + 1 = −ln(p + ε) − p/(p + ε) + 1. The constant cancels below.
         let dp = |p: f64, log: f64| if epsilon > 0.0 { epsilon / (p + epsilon) - log } else { -log };
-        let (mut gradients, background) = self.logs::<FMA>(epsilon);
+        let mut gradients = self.logs::<FMA>(epsilon);
         for (log, &p) in gradients.iter_mut().zip(&self.p) {
             *log = dp(p, *log);
         }
-        for (place, ray) in self.rays.iter().enumerate().filter(|(_, ray)| ray.hits()) {
-            let scale = scale(place);
+        for (ray, masses) in self.rays.iter().enumerate().filter(|(_, masses)| masses.hits()) {
+            let scale = scale(ray);
             let add = |i: usize, g| out[i] += (scale * g) as f32;
-            let last = dp(ray.background, background[place]);
-            if self.kind == RayDistribution::Termination {
-                ray.through_weights(self.opacity, |i| gradients[i], last, add);
-            } else {
-                ray.through_normalisation(&self.p, &self.opacity.transmittance, |i| gradients[i], last, add);
-            }
+            masses.through_normalisation(&self.p, &self.opacity.transmittance, |i| gradients[i], add);
         }
     }
 
-    /// Returns whether ray `place` hits something in both distributions.
-    fn both_hit(&self, other: &Self, place: usize) -> bool {
-        self.rays[place].hits() && other.rays[place].hits()
+    /// Returns whether `ray` hits something in both distributions.
+    fn both_hit(&self, other: &Self, ray: usize) -> bool {
+        self.rays[ray].hits() && other.rays[ray].hits()
     }
 
     /// Computes KL(p ‖ q) = Σ p ln((p + ε)/(q + ε)) of each pair of rays in nats; 0 if either hits nothing.
@@ -207,10 +147,10 @@ impl<'a> Distributions<'a> {
     pub(crate) fn divergences<const FMA: bool>(&self, other: &Self, epsilon: f32, out: &mut [f32]) {
         let epsilon = f64::from(epsilon);
         let logs = log_ratio::<FMA>(&self.p, &other.p, epsilon);
-        for (place, (ray, out)) in self.rays.iter().zip(out).enumerate() {
-            if self.both_hit(other, place) {
+        for (ray, (masses, out)) in self.rays.iter().zip(out).enumerate() {
+            if self.both_hit(other, ray) {
                 let term = |i: usize| ((self.p[i] + epsilon) * logs[i] - (self.p[i] - other.p[i])) - epsilon * logs[i];
-                *out = ray.range.clone().map(term).sum::<f64>() as f32;
+                *out = masses.range.clone().map(term).sum::<f64>() as f32;
             }
         }
     }
@@ -233,15 +173,15 @@ impl<'a> Distributions<'a> {
             *dp -= epsilon / (p + epsilon);
             *dq = (epsilon - (p - q)) / (q + epsilon);
         }
-        for (place, &grad) in grad.iter().enumerate().filter(|(place, _)| self.both_hit(other, *place)) {
-            let (grad, ray, near) = (f64::from(grad), &self.rays[place], &other.rays[place]);
+        for (ray, &grad) in grad.iter().enumerate().filter(|(ray, _)| self.both_hit(other, *ray)) {
+            let (grad, masses, near) = (f64::from(grad), &self.rays[ray], &other.rays[ray]);
             if let Some(dtau) = &mut dtau {
                 let put = |i: usize, g| dtau[i] = (grad * g) as f32;
-                ray.through_normalisation(&self.p, &self.opacity.transmittance, |i| dp[i], 0.0, put);
+                masses.through_normalisation(&self.p, &self.opacity.transmittance, |i| dp[i], put);
             }
             if let Some(dnear) = &mut dnear {
                 let put = |i: usize, g| dnear[i] = (grad * g) as f32;
-                near.through_normalisation(&other.p, &other.opacity.transmittance, |i| dq[i], 0.0, put);
+                near.through_normalisation(&other.p, &other.opacity.transmittance, |i| dq[i], put);
             }
         }
     }

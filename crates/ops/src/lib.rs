@@ -5,7 +5,7 @@
 //!
 //! | body | device | purpose |
 //! |---|---|---|
-//! | host kernel ([`kernel::Kernel`], `host.rs`) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
+//! | host kernel (`Kernel`, `host.rs`) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
 //! | CubeCL kernel (`gpu.rs`, with the feature `cube`) | GPUs | few launches |
 //! | plain tensors (`plain`) | every backend | portability, and a reference for the kernels |
 //!
@@ -21,7 +21,7 @@
 //! ```
 //! # #[cfg(feature = "flex")] {
 //! use burn::tensor::{Device, Tensor, TensorData};
-//! use infonerf_ops::{RayDistribution, Segments, composite, ray_entropy, to_host};
+//! use infonerf_ops::{Segments, composite, ray_entropy, to_host};
 //!
 //! // Two rays, with two samples and one: optical depths, and red, green and blue of each sample.
 //! let device = Device::flex().autodiff();
@@ -30,7 +30,7 @@
 //! let rgb = Tensor::<2>::from_floats([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], &device);
 //!
 //! let rendered = composite(tau.clone(), rgb, &rays);
-//! let entropy = ray_entropy(tau.clone(), &rays, RayDistribution::Alpha, 0.0);
+//! let entropy = ray_entropy(tau.clone(), &rays, 0.0);
 //! let gradients = (rendered.values.sum() + entropy.bits.mean()).backward();
 //! assert_eq!(to_host(rendered.acc), [1.0, 0.0]);
 //! assert_eq!(tau.grad(&gradients).map(to_host).map(|gradient| gradient.len()), Some(3));
@@ -56,8 +56,9 @@ pub mod frustum;
 #[cfg(any(feature = "flex", feature = "cube"))]
 mod graph;
 #[cfg(feature = "flex")]
-pub mod kernel;
-pub mod matmul;
+mod kernel;
+#[cfg(feature = "flex")]
+mod matmul;
 pub mod means;
 pub mod mlp;
 pub mod numeric;
@@ -71,7 +72,8 @@ pub mod sampling;
 #[cfg(feature = "flex")]
 mod scratch;
 mod segments;
-pub mod simd;
+#[cfg(feature = "flex")]
+mod simd;
 mod traffic;
 pub mod trilinear;
 pub mod unit_box;
@@ -81,7 +83,7 @@ pub use bilinear::bilinear;
 pub use composite::{Composite, CompositeOver, composite, composite_over};
 pub use dispatch::{has_host_kernels, is_gpu};
 pub use divergence::ray_divergence;
-pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
+pub use entropy::{RayEntropy, ray_entropy};
 pub use factored::{HostField, factored_field, plane_variation};
 pub use frequency::{frequency_encode, integrated_encode};
 pub use frustum::{RayGaussians, frustum_gaussians};

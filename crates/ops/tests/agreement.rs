@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use burn::tensor::Tensor;
-use infonerf_ops::{RayDistribution, Segments, composite, composite_over, from_host, has_host_kernels};
+use infonerf_ops::{Segments, composite, composite_over, from_host, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
-use crate::common::{DISTRIBUTIONS, Draws, RayImplementation, Rays, floats, vector, wide};
+use crate::common::{Draws, RayImplementation, Rays, floats, vector, wide};
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
 const UNIT: f64 = 3e-6;
@@ -38,14 +38,6 @@ fn condition(tau: &[f64], epsilon: f64) -> f64 {
     let floor = if epsilon > 0.0 { epsilon } else { f64::from(f32::MIN_POSITIVE) };
     let largest = p.iter().map(|p| -(p + floor).ln()).fold(0.0, f64::max);
     (1.0 + largest) / oracle::alpha_sum(tau)
-}
-
-/// [`condition`] of the entropy of a distribution: those with a background are normalised by a sum of at least 1.
-fn entropy_condition(tau: &[f64], of: RayDistribution, epsilon: f64) -> f64 {
-    match of {
-        RayDistribution::Alpha => condition(tau, epsilon),
-        _ => 1.0 - epsilon.max(f64::from(f32::MIN_POSITIVE)).ln(),
-    }
 }
 
 /// Results of the oracle for one ray, given a weight for each output.
@@ -173,23 +165,21 @@ fn check_composite_over(body: RayImplementation, Rays { segments, tau }: &Rays, 
 }
 
 fn check_entropy(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
-    let alpha_sum = |[tau]: [Tensor<1>; 1]| vec![body.entropy(tau, segments, RayDistribution::Alpha, 0.0).alpha_sum];
+    let alpha_sum = |[tau]: [Tensor<1>; 1]| vec![body.entropy(tau, segments, 0.0).alpha_sum];
     compare(body, segments, [tau], draws, alpha_sum, |[tau], u| {
         let sum = oracle::alpha_sum(&tau);
         Expected::new(vec![(sum, SUM * sum + 1e-45)], vec![tau.iter().map(|tau| u[0] * (-tau).exp()).collect()])
     });
-    for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| EPSILONS.map(|epsilon| (of, epsilon))) {
-        let bits = |[tau]: [Tensor<1>; 1]| vec![body.entropy(tau, segments, of, epsilon).bits];
+    for epsilon in EPSILONS {
+        let bits = |[tau]: [Tensor<1>; 1]| vec![body.entropy(tau, segments, epsilon).bits];
         let epsilon = f64::from(epsilon);
         compare(body, segments, [tau], draws, bits, |[tau], u| {
-            let want = oracle::entropy(&tau, of, epsilon);
-            let gradient = scaled(&oracle::entropy_gradient(&tau, of, epsilon), u[0]);
-            let w = oracle::weights(&tau);
-            let least = |i: usize| if of == RayDistribution::Termination { w[i].min(tau[i]) } else { tau[i] };
-            let infinite = |i: usize| epsilon == 0.0 && least(i) < f64::from(f32::MIN_POSITIVE);
+            let want = oracle::entropy(&tau, epsilon);
+            let gradient = scaled(&oracle::entropy_gradient(&tau, epsilon), u[0]);
+            let infinite = |tau: &f64| epsilon == 0.0 && *tau < f64::from(f32::MIN_POSITIVE);
             Expected {
-                condition: entropy_condition(&tau, of, epsilon),
-                infinite: (0..tau.len()).map(infinite).collect(),
+                condition: condition(&tau, epsilon),
+                infinite: tau.iter().map(infinite).collect(),
                 ..Expected::new(vec![(want, INFORMATION * (1.0 + want))], vec![gradient])
             }
         });
@@ -244,24 +234,6 @@ fn flex_alone_has_host_kernels() {
     }
 }
 
-/// Checks entropies of distributions with a background, which the values of arbitrary precision lack.
-#[test]
-fn entropies_with_a_background_by_hand() {
-    use RayDistribution::{AlphaBackground, Termination};
-    let (half, wall) = (std::f64::consts::LN_2, 1e10);
-    for (of, tau, bits) in [
-        (AlphaBackground, vec![0.0; 5], 0.0),
-        (AlphaBackground, vec![wall; 3], 2.0),
-        (AlphaBackground, vec![half, half], 1.5),
-        (Termination, vec![0.0; 5], 0.0),
-        (Termination, vec![wall, half, 0.1], 0.0),
-        (Termination, vec![0.0, half], 1.0),
-        (Termination, vec![half, half], 1.5),
-    ] {
-        close(oracle::entropy(&tau, of, 0.0), bits, EXACT, format_args!("{of:?} {tau:?}"));
-    }
-}
-
 #[test]
 fn bodies_agree_with_the_oracle() {
     // A moderate sample behind an opaque one, and in front of one: its digits must survive in the sum of depths.
@@ -287,10 +259,10 @@ fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
         let t = || vector(&tau, &device);
         let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
         let composited = body.composite(t(), from_host(&[0.5; 5], 1, &device), &segments);
-        let entropies = DISTRIBUTIONS.map(|of| EPSILONS.map(|epsilon| body.entropy(t(), &segments, of, epsilon).bits));
+        let entropies = EPSILONS.map(|epsilon| body.entropy(t(), &segments, epsilon).bits);
         let divergences = [(t(), sane()), (sane(), t())].map(|(p, q)| body.divergence(p, q, &segments, 1e-10));
         let others = [composited.values.squeeze_dim(1), composited.acc];
-        let columns = entropies.into_iter().flatten().chain(divergences).chain(others);
+        let columns = entropies.into_iter().chain(divergences).chain(others);
         for (place, column) in columns.map(floats).enumerate() {
             assert!(column[0].is_nan() && column[1].is_finite(), "{body:?}, {place}: {column:?}");
         }
@@ -307,10 +279,10 @@ fn no_rays_and_rays_without_samples() {
             let values = from_host(&[], 2, &device);
             let out = body.composite(empty(), values, &segments);
             assert_eq!(out.values.dims(), [rays, 2], "{body:?}");
-            let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
+            let entropy = body.entropy(empty(), &segments, 0.0).bits;
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
             assert_eq!(body.additive_depth(empty(), &segments).dims(), [0], "{body:?}");
-            for column in entropies.into_iter().chain([out.acc, divergence]) {
+            for column in [entropy, out.acc, divergence] {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }
         }
@@ -364,9 +336,9 @@ fn gradients_of_the_oracle_are_those_of_differences() {
         agree(&oracle::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
         let additive = |tau: &[f64]| dot(&oracle::additive_weights(tau), &u);
         agree(&oracle::additive_weights_vjp(&tau, &u), &differences(&tau, additive), "additive weights");
-        for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
-            let want = differences(&tau, |tau| oracle::entropy(tau, of, epsilon));
-            agree(&oracle::entropy_gradient(&tau, of, epsilon), &want, "entropy");
+        for epsilon in [0.0, 1e-10, 1e-3] {
+            let want = differences(&tau, |tau| oracle::entropy(tau, epsilon));
+            agree(&oracle::entropy_gradient(&tau, epsilon), &want, "entropy");
         }
         for epsilon in [1e-10, 1e-3] {
             let (dp, dq) = oracle::divergence_gradient(&tau, &near, epsilon);
@@ -418,14 +390,14 @@ fn the_oracle_against_arbitrary_precision() {
         compare(&oracle::transmittance(tau)[..tau.len()], &numbers(&ray["trans"]));
         compare(&w, &numbers(&ray["w"]));
         compare(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()]);
-        let entropy = oracle::entropy(tau, RayDistribution::Alpha, 0.0);
+        let entropy = oracle::entropy(tau, 0.0);
         if !hits(tau) {
             assert_eq!(entropy, 0.0, "{name}");
             continue;
         }
         close(entropy, ray["entropy"].as_f64().unwrap(), EXACT, name);
         // The tolerance of gradients is relative to the terms that cancel in them.
-        let gradient = oracle::entropy_gradient(tau, RayDistribution::Alpha, 0.0);
+        let gradient = oracle::entropy_gradient(tau, 0.0);
         agree(&gradient, &numbers(&ray["dentropy_dtau"]), EXACT * condition(tau, 0.0), name);
     }
     for pair in fixture["pairs"].as_array().unwrap() {
@@ -468,9 +440,9 @@ fn the_oracle_where_rays_cancel() {
         value(oracle::opacity(tau), ray, "opacity");
         gradients(&oracle::weights_vjp(tau, &vec![1.0; tau.len()]), ray, "opacity_gradient");
         if hits(tau) {
-            value(oracle::entropy(tau, RayDistribution::Alpha, epsilon), ray, "entropy");
-            gradients(&oracle::entropy_gradient(tau, RayDistribution::Alpha, epsilon), ray, "entropy_gradient");
-            value(oracle::entropy(tau, RayDistribution::Alpha, 0.0), ray, "entropy_exact");
+            value(oracle::entropy(tau, epsilon), ray, "entropy");
+            gradients(&oracle::entropy_gradient(tau, epsilon), ray, "entropy_gradient");
+            value(oracle::entropy(tau, 0.0), ray, "entropy_exact");
         }
     }
     for pair in fixture["pairs"].as_array().unwrap() {

@@ -9,7 +9,6 @@ mod encodings;
 pub mod factored;
 
 pub use encodings::{frustum_moments, waves, waves_gradient};
-use infonerf_ops::RayDistribution;
 use infonerf_ops::composite::MIN_ALPHA_SUM;
 
 /// Computes α = 1 − e^−τ.
@@ -85,61 +84,33 @@ pub fn alpha_sum(tau: &[f64]) -> f64 {
     tau.iter().map(|&tau| alpha(tau)).sum()
 }
 
-/// Returns the masses, which are probabilities before normalisation: of the samples, then of the background if the
-/// distribution has one. The second value is their sum, exactly 1 for [`RayDistribution::Termination`].
-fn masses(tau: &[f64], distribution: RayDistribution) -> (Vec<f64>, f64) {
-    let alphas = || tau.iter().map(|&tau| alpha(tau));
-    match distribution {
-        RayDistribution::Alpha => (alphas().collect(), alpha_sum(tau)),
-        RayDistribution::AlphaBackground => (alphas().chain([1.0]).collect(), alpha_sum(tau) + 1.0),
-        RayDistribution::Termination => {
-            let background = transmittance(tau)[tau.len()];
-            (weights(tau).into_iter().chain([background]).collect(), 1.0)
-        }
-    }
-}
-
-/// Computes ln(p + ε). If ε is 0, a mass counts as at least the smallest normal `f32`.
-fn ln_density(masses: &[f64], sum: f64, epsilon: f64) -> Vec<f64> {
-    let floor = f64::from(f32::MIN_POSITIVE);
-    // A mass above half of the sum: p = 1 − (sum of all others)/sum keeps all digits.
-    let others = |i: usize| (0..masses.len()).filter(|&j| j != i).map(|j| masses[j]).sum::<f64>();
-    let ln = |(i, &mass): (usize, &f64)| match mass {
-        mass if mass > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
-        mass if epsilon > 0.0 => (mass / sum + epsilon).ln(),
-        mass => (mass.max(floor) / sum).ln(),
+/// Computes ln(p + ε) of p = α/`sum`. If ε is 0, α counts as at least the smallest normal `f32`.
+fn ln_density(p: &[f64], sum: f64, epsilon: f64) -> Vec<f64> {
+    let least = f64::from(f32::MIN_POSITIVE) / sum;
+    // A p above ½ is 1 − (sum of all others), which keeps all digits.
+    let others = |i: usize| (0..p.len()).filter(|&j| j != i).map(|j| p[j]).sum::<f64>();
+    let ln = |(i, &p): (usize, &f64)| match p {
+        p if p > 0.5 => (epsilon - others(i)).ln_1p(),
+        p if epsilon > 0.0 => (p + epsilon).ln(),
+        p => p.max(least).ln(),
     };
-    masses.iter().enumerate().map(ln).collect()
+    p.iter().enumerate().map(ln).collect()
 }
 
 /// Computes H = −Σ p log₂(p + ε) in bits; 0 for a ray that hits nothing.
-pub fn entropy(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> f64 {
-    let (masses, sum) = masses(tau, distribution);
-    if sum < f64::from(MIN_ALPHA_SUM) {
-        return 0.0;
-    }
-    let ln = ln_density(&masses, sum, epsilon);
-    -masses.iter().zip(ln).map(|(mass, ln)| mass / sum * ln).sum::<f64>() * std::f64::consts::LOG2_E
+pub fn entropy(tau: &[f64], epsilon: f64) -> f64 {
+    let Some(p) = ray_density(tau) else { return 0.0 };
+    let ln = ln_density(&p, alpha_sum(tau), epsilon);
+    -p.iter().zip(ln).map(|(p, ln)| p * ln).sum::<f64>() * std::f64::consts::LOG2_E
 }
 
 /// Computes ∂H/∂τ.
-pub fn entropy_gradient(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> Vec<f64> {
-    let (masses, sum) = masses(tau, distribution);
-    if sum < f64::from(MIN_ALPHA_SUM) {
-        return vec![0.0; tau.len()];
-    }
+pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
+    let Some(p) = ray_density(tau) else { return vec![0.0; tau.len()] };
     // ∂H/∂p + 1 = −ln(p + ε) − p/(p + ε) + 1. The constant cancels below.
-    let dp = |(mass, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (mass / sum + epsilon) - ln } else { -ln };
-    let gradients: Vec<f64> = masses.iter().zip(ln_density(&masses, sum, epsilon)).map(dp).collect();
-    let gradient = match distribution {
-        RayDistribution::Termination => {
-            // The background's probability is 1 − Σw, so its gradient is subtracted from the gradient of each weight.
-            let background = gradients[tau.len()];
-            weights_vjp(tau, &gradients[..tau.len()].iter().map(|gradient| gradient - background).collect::<Vec<_>>())
-        }
-        _ => through_normalisation(tau, &masses, sum, &gradients),
-    };
-    gradient.into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
+    let dp = |(p, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (p + epsilon) - ln } else { -ln };
+    let gradients: Vec<f64> = p.iter().zip(ln_density(&p, alpha_sum(tau), epsilon)).map(dp).collect();
+    through_normalisation(tau, &p, &gradients).into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
 }
 
 /// Computes ln((p + ε)/(q + ε)) of each pair of samples.
@@ -174,14 +145,14 @@ pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>
     let lost = |p: f64| if epsilon > 0.0 { epsilon / (p + epsilon) } else { 0.0 };
     let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln - lost(p)).collect();
     let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| (epsilon - (p - q)) / (q + epsilon)).collect();
-    (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
+    (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
 }
 
-/// Computes ∂L/∂τ from gᵢ = ∂L/∂pᵢ, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As
-/// Σ p = 1, a constant in all gᵢ cancels; it is subtracted first.
-fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, gradients: &[f64]) -> Vec<f64> {
-    let total: f64 = masses.iter().sum();
-    let most = (0..masses.len()).max_by(|&i, &j| masses[i].total_cmp(&masses[j])).map_or(0.0, |i| gradients[i]);
-    let mean: f64 = masses.iter().zip(gradients).map(|(mass, g)| mass / total * (g - most)).sum();
+/// Computes ∂L/∂τ from gᵢ = ∂L/∂pᵢ and p = α/Σα: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/Σα and ∂α/∂τ = e^−τ. As Σ p = 1, a constant in
+/// all gᵢ cancels; it is subtracted first.
+fn through_normalisation(tau: &[f64], p: &[f64], gradients: &[f64]) -> Vec<f64> {
+    let sum = alpha_sum(tau);
+    let most = (0..p.len()).max_by(|&i, &j| p[i].total_cmp(&p[j])).map_or(0.0, |i| gradients[i]);
+    let mean: f64 = p.iter().zip(gradients).map(|(p, g)| p * (g - most)).sum();
     tau.iter().zip(gradients).map(|(&tau, g)| (g - most - mean) / sum * (-tau).exp()).collect()
 }

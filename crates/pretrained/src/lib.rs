@@ -27,7 +27,7 @@ mod lpips;
 mod weights;
 
 pub use clip::{ClipConfig, ClipVision};
-pub use file::{TensorShape, WeightFile};
+pub use file::{TensorShape, WeightFile, normalisation};
 pub use inception::{Inception, InceptionConfig};
 pub use lpips::{Lpips, LpipsConfig};
 #[cfg(feature = "fetch")]

@@ -57,10 +57,6 @@ fn sets_of_views_have_a_fid_and_a_kid() {
 #[test]
 fn batches_and_single_images_agree() {
     let inception = inception(InceptionConfig::NARROW, &Device::flex());
-    let pictures: Vec<_> = (0..9).map(|index| picture(index, 20 + index, 30)).collect();
-    let all: Vec<_> = pictures.iter().collect();
-    let together = inception.features(&all);
-    for (picture, together) in all.into_iter().zip(together) {
-        assert_eq!(inception.features(&[picture])[0], together);
-    }
+    let [x, y] = [0, 1].map(|index| picture(index, 20 + index, 30));
+    assert_eq!(inception.features(&[&x, &y]), [&x, &y].map(|picture| inception.features(&[picture]).remove(0)));
 }

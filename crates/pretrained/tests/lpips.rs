@@ -29,16 +29,16 @@ fn narrow(config: LpipsConfig, device: &Device) -> Lpips {
 fn agrees_with_pytorch_on_every_device() {
     let cases: Vec<Value> = serde_json::from_str(include_str!("lpips.json")).unwrap();
     assert_eq!(cases.len(), 3);
+    let same = picture(0, 40, 40);
     for device in devices().into_iter().chain([Device::flex().autodiff()]) {
+        assert_eq!(narrow(LpipsConfig::alex(), &device).distance(&same, &same, LpipsInput::Signed), Ok(0.0));
         for (name, config) in [("alex", LpipsConfig::alex()), ("vgg", LpipsConfig::vgg())] {
             let lpips = narrow(config, &device);
-            let side = |case: &Value, key: &str| case[key].as_u64().unwrap() as usize;
-            let two = |case| [0, 1].map(|index| picture(index, side(case, "height"), side(case, "width")));
-            let pictures: Vec<[Picture; 2]> = cases.iter().map(two).collect();
-            let pairs: Vec<(&Picture, &Picture)> = pictures.iter().map(|[x, y]| (x, y)).collect();
-            for (suffix, input) in [("", LpipsInput::Signed), ("_unsigned", LpipsInput::Unsigned)] {
-                let found = lpips.distances(&pairs, input).unwrap();
-                for (found, case) in found.into_iter().zip(&cases) {
+            for case in &cases {
+                let side = |key: &str| case[key].as_u64().unwrap() as usize;
+                let [x, y] = [0, 1].map(|index| picture(index, side("height"), side("width")));
+                for (suffix, input) in [("", LpipsInput::Signed), ("_unsigned", LpipsInput::Unsigned)] {
+                    let found = lpips.distance(&x, &y, input).unwrap();
                     assert_relative_eq!(found, case[format!("{name}{suffix}")].as_f64().unwrap(), max_relative = 1e-5);
                 }
             }
@@ -47,28 +47,12 @@ fn agrees_with_pytorch_on_every_device() {
 }
 
 #[test]
-fn batches_and_single_pairs_agree() {
-    let (a, b, c) = (picture(0, 40, 40), picture(1, 40, 40), picture(2, 40, 40));
-    for device in devices() {
-        let lpips = narrow(LpipsConfig::alex(), &device);
-        let pairs = [(&a, &b), (&b, &c), (&a, &a)];
-        let together = lpips.distances(&pairs, LpipsInput::Signed).unwrap();
-        for ((x, y), together) in pairs.into_iter().zip(together) {
-            let alone = lpips.distances(&[(x, y)], LpipsInput::Signed).unwrap();
-            assert_relative_eq!(alone[0], together, max_relative = 1e-5);
-        }
-        assert_eq!(lpips.distances(&[(&a, &a)], LpipsInput::Signed), Ok(vec![0.0]));
-    }
-}
-
-#[test]
 fn unsuitable_sizes_are_refused() {
     let lpips = narrow(LpipsConfig::alex(), &Device::flex());
     let (small, tall, wide) = (picture(0, 30, 64), picture(0, 64, 40), picture(0, 40, 64));
-    let error = |a, b| lpips.distances(&[(a, b)], LpipsInput::Signed).unwrap_err();
+    let error = |a, b| lpips.distance(a, b, LpipsInput::Signed).unwrap_err();
     assert_eq!(error(&small, &small), "64×30 pixels are too few for its convolutions");
     assert_eq!(error(&tall, &wide), "images of [40, 64] and [64, 40] pixels cannot be compared");
-    assert_eq!(lpips.distances(&[], LpipsInput::Signed), Ok(vec![]));
 }
 
 #[test]
@@ -107,8 +91,8 @@ fn published_distances_are_reproduced() {
         [("alex", LpipsConfig::alex(), [0.72188, 0.13757]), ("vgg", LpipsConfig::vgg(), [0.56861, 0.42166])]
     {
         let (lpips, [reference, first, second]) = published(name, config);
-        let found = lpips.distances(&[(&reference, &first), (&reference, &second)], LpipsInput::Signed).unwrap();
-        for (found, expected) in found.into_iter().zip(expected) {
+        for (picture, expected) in [first, second].iter().zip(expected) {
+            let found = lpips.distance(&reference, picture, LpipsInput::Signed).unwrap();
             approx::assert_abs_diff_eq!(found, expected, epsilon = 1e-5);
         }
     }

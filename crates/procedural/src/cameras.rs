@@ -12,9 +12,9 @@ use rand_chacha::ChaCha8Rng;
 use super::{BOUNDS, CAPTURES, CLASSICS, FAR, NEAR};
 
 /// Number of training views of a procedural scene.
-pub const TRAIN_VIEWS: usize = 100;
+pub(super) const TRAIN_VIEWS: usize = 100;
 /// Number of test views of a procedural scene.
-pub const TEST_VIEWS: usize = 200;
+const TEST_VIEWS: usize = 200;
 /// Distance of every camera from the origin, scene units.
 pub(super) const RADIUS: f64 = 4.031_128_874;
 /// Horizontal field of view, radians.
@@ -28,7 +28,7 @@ const CAPTURED: usize = 40;
 /// some set has two views from nearly the same direction.
 const SEED: u64 = 1590;
 
-/// Returns the [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
+/// Returns the 100 training cameras for `size`² images: at random on the upper hemisphere
 /// (elevations 3° to 80°, uniform by area, from a fixed seed), looking at the origin.
 ///
 /// They are the cameras of castle, crane, knot, orrery and `random-<seed>`; see [`super::cameras()`] for all scenes.
@@ -48,7 +48,7 @@ fn hemisphere(seed: u64, size: u32) -> Vec<Camera> {
         .collect()
 }
 
-/// Returns the [`TEST_VIEWS`] test cameras for `size`² images: once around, while the elevation swings
+/// Returns the 200 test cameras for `size`² images: once around, while the elevation swings
 /// between 10° and 60°, looking at the origin.
 pub fn test_cameras(size: u32) -> Vec<Camera> {
     (0..TEST_VIEWS)

@@ -28,7 +28,7 @@ mod shape;
 mod texture;
 mod through;
 
-pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, field_of_view, photographs, test_cameras, train_cameras};
+pub use cameras::{field_of_view, photographs, test_cameras, train_cameras};
 
 use glam::Vec3;
 use infonerf_scene::select::{pool, published};

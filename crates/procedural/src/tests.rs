@@ -1,6 +1,7 @@
 use infonerf_scene::{TestProtocol, ViewSelection};
 
 use super::*;
+use crate::cameras::TRAIN_VIEWS;
 
 fn request(size: u32) -> SceneRequest {
     SceneRequest {

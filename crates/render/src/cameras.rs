@@ -16,11 +16,9 @@ pub enum Focal {
     Fixed,
     /// One factor for all views, which one camera took.
     Shared,
-    /// A factor for each view.
-    Each,
 }
 
-/// Rigid motion of each training view's camera and, if requested, a factor of its focal length.
+/// Rigid motion of each training view's camera and, if requested, one factor of all focal lengths.
 ///
 /// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, where
 /// `Q = exp([ω]×)`. (ω, τ) ∈ ℝ⁶ are the view's parameters minus their mean over all views, p is the scene's centre, and s the
@@ -32,7 +30,7 @@ pub enum Focal {
 pub struct CameraRefinement {
     /// (ω, τ), `[V, 6]`.
     poses: Param<Tensor<2>>,
-    /// φ, `[V]`, or `[1]` if it is shared.
+    /// φ, `[1]`, if it is learned.
     focal: Option<Param<Tensor<1>>>,
     #[module(skip)]
     pivot: Pivot,
@@ -61,13 +59,9 @@ impl Pivot {
 impl CameraRefinement {
     /// Creates corrections of `views` cameras, all 0.
     pub fn new(views: usize, pivot: Pivot, focal: Focal, device: &Device) -> Self {
-        let factors = match focal {
-            Focal::Fixed => None,
-            Focal::Shared => Some(1),
-            Focal::Each => Some(views),
-        };
         let poses = Param::from_data(TensorData::zeros::<f32, _>([views, 6]), device);
-        let focal = factors.map(|count| Param::from_data(TensorData::zeros::<f32, _>([count]), device));
+        let phi = || Param::from_data(TensorData::zeros::<f32, _>([1]), device);
+        let focal = (focal == Focal::Shared).then(phi);
         Self { poses, focal, pivot, gauge: true }
     }
 
@@ -110,8 +104,8 @@ impl CameraRefinement {
 
     fn refocused(&self, cameras: &[Camera]) -> Vec<Camera> {
         let Some(focal) = &self.focal else { return cameras.to_vec() };
-        let logarithms = to_host(focal.val()).into_iter().cycle().map(f64::from);
-        cameras.iter().zip(logarithms).map(|(camera, phi)| zoomed(camera, phi)).collect()
+        let phi = f64::from(to_host(focal.val())[0]);
+        cameras.iter().map(|camera| zoomed(camera, phi)).collect()
     }
 
     /// Returns the origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`,
@@ -135,8 +129,7 @@ impl CameraRefinement {
                 let [more, less] = [STEP, -STEP].map(|by| direction(&zoomed(&cameras[pixel.view], by), pixel));
                 (more - less) / (2.0 * STEP)
             });
-            let focal = focal.val();
-            let focal = if focal.dims()[0] == 1 { focal.expand([at.len()]) } else { focal.select(0, views.clone()) };
+            let focal = focal.val().expand([at.len()]);
             let change = focal.clone() - focal.detach();
             directions = directions + derivative * change.unsqueeze_dim(1);
         }
@@ -168,10 +161,10 @@ mod tests {
         at.map(|p| camera(p).with_lens(lens)).to_vec()
     }
 
-    fn refinement(poses: &[f32], focal: &[f32]) -> CameraRefinement {
+    fn refinement(poses: &[f32], phi: f32) -> CameraRefinement {
         let device = Device::flex().autodiff();
-        let start = CameraRefinement::new(3, PIVOT, Focal::Each, &device);
-        let focal = Tensor::from_data(TensorData::new(focal.to_vec(), [3]), &device);
+        let start = CameraRefinement::new(3, PIVOT, Focal::Shared, &device);
+        let focal = Tensor::from_floats([phi], &device);
         CameraRefinement {
             poses: start.poses.map(|_| from_host(poses, 6, &device).require_grad()),
             focal: start.focal.map(|param| param.map(|_| focal.require_grad())),
@@ -194,11 +187,11 @@ mod tests {
             let at = [(0, 3.0, 4.0), (1, 35.5, 20.0), (2, 20.0, 28.0), (0, 30.0, 9.5)];
             let at = at.map(|(view, x, y)| PixelAt { view, x, y });
             for size in [0.0, 0.1] {
-                let (poses, focal) = (numbers(18, size), numbers(3, size));
-                let learned = refinement(&poses, &focal);
+                let (poses, phi) = (numbers(18, size), 0.5 * size);
+                let learned = refinement(&poses, phi);
                 let weights = numbers(24, 1.0);
-                let loss = |poses: &[f32], focal: &[f32]| -> f64 {
-                    let corrected = refinement(poses, focal).apply(&cameras);
+                let loss = |poses: &[f32], phi: f32| -> f64 {
+                    let corrected = refinement(poses, phi).apply(&cameras);
                     let rays = at.iter().map(|p| corrected[p.view].ray_f64(p.x.into(), p.y.into()));
                     let numbers = rays.flat_map(|(o, d)| [o.to_array(), d.to_array()].concat());
                     numbers.zip(&weights).map(|(x, weight)| x * f64::from(*weight)).sum()
@@ -206,15 +199,15 @@ mod tests {
                 let all = Tensor::cat(learned.rays(&cameras, &at).to_vec(), 1);
                 let total = (all * from_host(&weights, 6, &Device::flex().autodiff())).sum();
                 let value = f64::from(total.clone().into_scalar::<f32>());
-                approx::assert_abs_diff_eq!(value, loss(&poses, &focal), epsilon = 1e-5);
+                approx::assert_abs_diff_eq!(value, loss(&poses, phi), epsilon = 1e-5);
                 let gradients = total.backward();
                 let of_poses = to_host(learned.poses.val().grad(&gradients).unwrap());
                 let of_focal = to_host(learned.focal.as_ref().unwrap().val().grad(&gradients).unwrap());
                 for (index, found) in of_poses.into_iter().chain(of_focal).enumerate() {
                     let nudged = |by: f32| {
-                        let mut all = [poses.clone(), focal.clone()].concat();
+                        let mut all = [poses.as_slice(), &[phi]].concat();
                         all[index] += by;
-                        loss(&all[..18], &all[18..])
+                        loss(&all[..18], all[18])
                     };
                     let want = (nudged(0.004) - nudged(-0.004)) / 0.008;
                     assert!((f64::from(found) - want).abs() < 2e-4, "{lens} {size} {index}: {found} for {want}");
@@ -227,7 +220,7 @@ mod tests {
     #[test]
     fn a_common_motion_is_no_correction() {
         let cameras = cameras(Lens::PERSPECTIVE);
-        let moved = refinement(&[0.3, -0.2, 0.1, 0.5, 0.4, -0.3].repeat(3), &[0.0; 3]);
+        let moved = refinement(&[0.3, -0.2, 0.1, 0.5, 0.4, -0.3].repeat(3), 0.0);
         for (found, camera) in moved.apply(&cameras).iter().zip(&cameras) {
             assert!(found.ray_f64(11.0, 7.0).1.distance(camera.ray_f64(11.0, 7.0).1) < 1e-6);
             assert!(found.position_f64().distance(camera.position_f64()) < 1e-6);

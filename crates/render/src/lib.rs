@@ -42,6 +42,7 @@
 //! ```
 
 mod cameras;
+mod cell_state;
 mod config;
 mod exposure;
 mod fill;

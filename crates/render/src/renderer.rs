@@ -10,7 +10,7 @@ use crate::noise::{Noise, RandomStream};
 use crate::occupancy::OccupancyGrid;
 use crate::output::{Passes, RenderOutput, RenderRequest, Samples};
 use crate::rays::RayBatch;
-use crate::sampler::{PassDistances, PlacedSamples, Skip};
+use crate::sampler::{PassCoordinates, PlacedSamples, Skip};
 use crate::warp::Warp;
 
 /// Renderer of one scene: renders batches of rays.
@@ -88,9 +88,9 @@ impl Renderer {
             let empty = || RenderOutput::empty(Samples::none(rays.len(), &model.fine.device()), request, background);
             return Passes { coarse: is_hierarchical.then(empty), fine: empty() };
         }
-        let first = self.first_distances(rays, at);
-        let pass = |field: &F, distances: &PassDistances| {
-            let PlacedSamples { samples, points, kept } = self.place(rays, distances, skip, &field.device());
+        let first = self.first_coordinates(rays, at);
+        let pass = |field: &F, coordinates: &PassCoordinates| {
+            let PlacedSamples { samples, points, kept } = self.place(rays, coordinates, skip, &field.device());
             (evaluate(field, samples, &points), kept)
         };
         if !is_hierarchical {
@@ -99,7 +99,7 @@ impl Renderer {
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let (coarse, kept) =
             if request.color { pass(coarse_field, &first) } else { pass(&coarse_field.valid(), &first) };
-        let fine = self.fine_distances(rays, &first, kept.as_deref(), &coarse.tau);
+        let fine = self.fine_coordinates(rays, &first, kept.as_deref(), &coarse.tau);
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 

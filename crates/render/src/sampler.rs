@@ -25,7 +25,7 @@ pub(crate) struct Skip<'a> {
 
 /// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped; in no autodiff graph.
 #[derive(Clone, Debug)]
-pub(crate) struct PassDistances {
+pub(crate) struct PassCoordinates {
     /// Sorted coordinates of `N` samples of each ray, `[H, N]`, or of their edges, `[H, N + 1]`. They are distances,
     /// unless space is warped ([`Warp::coordinate`](crate::Warp::coordinate)).
     t: Tensor<2>,
@@ -93,24 +93,24 @@ impl Renderer {
         PlacedSamples { samples, points, kept: None }
     }
 
-    /// Returns the stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
-    pub(crate) fn first_distances(&self, rays: &RayBatch, at: Moment) -> PassDistances {
+    /// Returns the stratified coordinates of the coarse pass, or the only one. At least one ray meets the scene.
+    pub(crate) fn first_coordinates(&self, rays: &RayBatch, at: Moment) -> PassCoordinates {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
         let jitter = rays.streams(rays.hits(), false);
-        PassDistances { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
+        PassCoordinates { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
     }
 
-    /// Draws the distances of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`.
+    /// Draws the coordinates of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`.
     /// A coarse sample that was skipped has weight 0.
-    pub(crate) fn fine_distances(
+    pub(crate) fn fine_coordinates(
         &self,
         rays: &RayBatch,
-        coarse: &PassDistances,
+        coarse: &PassCoordinates,
         kept: Option<&[usize]>,
         tau: &Tensor<1>,
-    ) -> PassDistances {
-        let PassDistances { t, ends } = coarse.clone();
+    ) -> PassCoordinates {
+        let PassCoordinates { t, ends } = coarse.clone();
         let tau = match kept {
             None => with_autodiff_of(tau, &t.device()),
             Some(kept) => {
@@ -122,18 +122,18 @@ impl Renderer {
             }
         };
         let jitter = rays.streams(rays.hits(), true);
-        PassDistances { t: self.config.placement.fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
+        PassCoordinates { t: self.config.placement.fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
     /// Places the samples of a pass for a field on `device`, without those that are skipped.
     pub(crate) fn place(
         &self,
         rays: &RayBatch,
-        pass: &PassDistances,
+        pass: &PassCoordinates,
         skip: Skip<'_>,
         device: &Device,
     ) -> PlacedSamples {
-        let PassDistances { t, ends } = pass.clone();
+        let PassCoordinates { t, ends } = pass.clone();
         let [coordinate, delta] = self.config.placement.intervals(t, ends, self.config.last_interval);
         let distance = self.warp.distances(coordinate);
         let hits: Vec<usize> = rays.hits().collect();
@@ -266,7 +266,7 @@ mod tests {
                 let rays = rays(&renderer);
                 let rays = jitter.map_or(rays.clone(), |noise| rays.jittered(noise));
                 let tracked = rays.clone().tracked(rays.geometry());
-                let mut pass = renderer.first_distances(&rays, Moment::START);
+                let mut pass = renderer.first_coordinates(&rays, Moment::START);
                 for is_fine in [false, true] {
                     let all = renderer.place(&rays, &pass, NOTHING, &device);
                     let counts: Vec<usize> = all.samples.segments.ranges().map(|range| range.len()).collect();
@@ -282,8 +282,8 @@ mod tests {
                     if !is_fine {
                         let tau = (0..all.samples.segments.samples()).map(|i| (i % 4) as f32 * 0.3).collect::<Vec<_>>();
                         let tau = Tensor::from_floats(tau.as_slice(), &device);
-                        let fine = renderer.fine_distances(&rays, &pass, None, &tau);
-                        let skipped = renderer.fine_distances(&rays, &pass, known.kept.as_deref(), &tau);
+                        let fine = renderer.fine_coordinates(&rays, &pass, None, &tau);
+                        let skipped = renderer.fine_coordinates(&rays, &pass, known.kept.as_deref(), &tau);
                         assert_eq!(to_host(fine.t.clone()), to_host(skipped.t));
                         pass = fine;
                     }

@@ -5,7 +5,8 @@ use std::ops::Range;
 use glam::Vec3;
 use infonerf_scene::Ray;
 
-use crate::occupancy::{CellState, OccupancyGrid};
+use crate::cell_state::CellState;
+use crate::occupancy::OccupancyGrid;
 use crate::renderer::Renderer;
 use crate::warp::WarpedRay;
 

@@ -11,8 +11,7 @@ use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values}
 use serde::Serialize;
 
 use crate::error::ReportError;
-use crate::files::write_atomically;
-use crate::gallery::png_bytes;
+use crate::files::{png_bytes, write_atomically};
 use crate::report::rendered;
 use crate::text_table::TextTable;
 

@@ -1,10 +1,12 @@
-//! Atomic writing of files.
+//! Atomic writing of files, PNGs among them.
 
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Cursor, Write};
 use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+use image::{DynamicImage, ImageFormat, ImageResult, RgbImage};
 
 use crate::error::ReportError;
 
@@ -33,6 +35,21 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
         let _ = fs::remove_file(&beside);
         ReportError::io("write", path)(reason)
     })
+}
+
+/// Writes a PNG, and creates its folder if there is none.
+///
+/// # Errors
+/// If it cannot be written; no part of it is left.
+pub fn save_png(picture: &RgbImage, path: &Path) -> Result<(), ReportError> {
+    let png = png_bytes(&picture.clone().into()).map_err(ReportError::io("write", path))?;
+    write_atomically(path, &png)
+}
+
+pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
+    let mut png = Cursor::new(Vec::new());
+    image.write_to(&mut png, ImageFormat::Png)?;
+    Ok(png.into_inner())
 }
 
 #[cfg(all(test, unix))]

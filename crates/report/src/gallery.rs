@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeSet, HashSet};
 use std::fs;
-use std::io::Cursor;
 use std::path::Path;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use image::{DynamicImage, ImageFormat, ImageResult, imageops::FilterType};
+use image::{ImageFormat, imageops::FilterType};
 
+use crate::files::png_bytes;
 use crate::quantity::Quantity;
 use crate::record::{Record, distinct};
 use crate::table::{VariantGroup, groups};
@@ -136,12 +136,6 @@ pub fn picture_names(folder: &Path) -> BTreeSet<String> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let pictures = entries.filter(|path| path.extension().is_some_and(|extension| extension == "png"));
     pictures.filter_map(|path| path.file_stem()?.to_str().map(str::to_owned)).collect()
-}
-
-pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
-    let mut png = Cursor::new(Vec::new());
-    image.write_to(&mut png, ImageFormat::Png)?;
-    Ok(png.into_inner())
 }
 
 /// Chooses `count` of the names: the middle one of each of `count` equal parts.

@@ -2,11 +2,12 @@ use std::collections::BTreeSet;
 
 use indexmap::IndexMap;
 
-use crate::claim::{Claim, TestedClaim, counted};
+use crate::claim::{Claim, TestedClaim};
 use crate::figures::Figure;
 use crate::published::Published;
 use crate::quantity::Quantity;
 use crate::record::{Record, short_key};
+use crate::text::counted;
 
 const MAX_VARIANTS: usize = 64;
 

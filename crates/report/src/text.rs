@@ -1,4 +1,9 @@
-//! Escaping of text for HTML and Markdown.
+//! Counts with their nouns, and escaping of text for HTML and Markdown.
+
+/// Returns a count with its noun, such as `1 run` or `2 runs`.
+pub fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
 
 /// Escapes text for HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
 pub fn escape_html(text: &str) -> String {

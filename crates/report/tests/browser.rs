@@ -28,14 +28,18 @@ fn nothing_is_cut_at_any_width() {
         );
         let file = root.path().join("wrapper.html");
         fs::write(&file, wrapper).unwrap();
-        let program = std::env::var("CHROMIUM").unwrap_or_else(|_| "chromium".into());
-        let output = Command::new(program)
-            .args(["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1500,1000", "--dump-dom"])
-            .arg("--virtual-time-budget=10000")
-            .arg(format!("--user-data-dir={}", root.path().join("profile").display()))
-            .arg(format!("file://{}", file.display()))
-            .output()
-            .expect("Chromium: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
+        let chosen = std::env::var("CHROMIUM").ok();
+        let known = ["chromium", "chromium-browser", "google-chrome"];
+        let run = |name: &str| {
+            let mut command = Command::new(name);
+            command.args(["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1500,1000", "--dump-dom"]);
+            command.arg("--virtual-time-budget=10000");
+            command.arg(format!("--user-data-dir={}", root.path().join("profile").display()));
+            command.arg(format!("file://{}", file.display())).output().ok()
+        };
+        let output = chosen.iter().map(String::as_str).chain(known).find_map(run);
+        let output =
+            output.expect("Chromium: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
         let document = String::from_utf8_lossy(&output.stdout);
         let found = document.split_once("data-found=\"").expect("the page's script ran").1.split_once('"').unwrap().0;
         let found: serde_json::Value = serde_json::from_str(&found.replace("&quot;", "\"")).unwrap();

@@ -187,18 +187,3 @@ fn text_from_outside_stays_text() {
     assert!(!html.contains("<script>alert"));
     assert!(root.path().join("plots/---lambda1.svg").is_file());
 }
-
-#[test]
-fn results_have_the_keys_of_the_contract_in_order() {
-    let saved = record("knot", "nerf", 0, 16.4);
-    let text = serde_json::to_string_pretty(&[&saved]).unwrap();
-    let keys: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("    \"")?.split('"').next()).collect();
-    let expected = "experiment scene variant seed preset device train_views test_views evaluation image_size iterations train_seconds \
-                    render_seconds_per_image samples_total samples_evaluated METRICS \
-                    ray_entropy_bits information_gain peak_rss_bytes collapsed notes";
-    let metrics: Vec<&str> = METRICS.iter().map(|metric| metric.key()).collect();
-    assert!(metrics.starts_with(&["psnr", "ssim", "lpips_alex", "lpips_vgg"]));
-    assert_eq!(keys, expected.replace("METRICS", &metrics.join(" ")).split_whitespace().collect::<Vec<_>>());
-    assert!(text.contains("\"lpips_alex\": null"));
-    assert_eq!(serde_json::from_str::<Vec<Record>>(&text).unwrap(), [saved]);
-}

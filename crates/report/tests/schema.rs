@@ -87,6 +87,10 @@ fn required_keys_are_those_that_reading_needs() {
         schema["items"]["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
     let record = serde_json::to_value(full()).unwrap();
     assert_eq!(serde_json::from_value::<Record>(record.clone()).unwrap(), full());
+    let unmeasured = Record { metrics: [("lpips_alex".to_owned(), None)].into_iter().collect(), ..full() };
+    let text = serde_json::to_string(&unmeasured).unwrap();
+    assert!(text.contains("\"lpips_alex\":null"), "{text}");
+    assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), unmeasured);
     for key in keys(&record) {
         let mut without = record.clone();
         without.as_object_mut().unwrap().remove(key);

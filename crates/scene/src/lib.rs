@@ -44,12 +44,12 @@ pub use bounds::Aabb;
 pub use camera::{Camera, look_along};
 pub use error::SceneError;
 pub use format::{Backdrop, Format};
-pub use image::{Image, Rgba8, RgbaImage, bilinear, resized_dimensions, round_to_u8};
+pub use image::{Image, Rgba8, RgbaImage, bilinear, resized_dimensions};
 pub use layout::Layout;
 pub use lens::{Lens, LensModel};
 pub use poses::{
     Keyframe, PoseError, Similarity, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose,
-    near_pose_about, orbit, spiral,
+    near_pose_about, orbit, rotation_angle_deg, spiral,
 };
 pub use range::Range;
 pub use ray::{PixelAt, Ray};

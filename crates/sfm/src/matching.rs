@@ -38,6 +38,12 @@ pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
     matched.filter(|matches| matches.pairs.len() >= MIN_MATCHES).collect()
 }
 
+/// Returns the max number of pairs that are matched among `count` photographs.
+pub fn max_matched_pairs(count: usize) -> usize {
+    let all = count * count.saturating_sub(1) / 2;
+    if count <= ALL_PAIRS { all } else { all.min(count * (NEIGHBOURS + FOLLOWING)) }
+}
+
 /// Returns the pairs of photographs that are matched: all pairs of few photographs. Otherwise each is matched with the
 /// [`NEIGHBOURS`] whose strongest features match most, and with the next [`FOLLOWING`] in order.
 fn likely_pairs(features: &[Features]) -> Vec<(usize, usize)> {
@@ -236,9 +242,10 @@ mod tests {
             Features { pixels: vec![DVec2::ZERO; descriptors.len() / LENGTH], descriptors }
         };
         let all: Vec<Features> = (0..30).map(photograph).collect();
-        assert_eq!(likely_pairs(&all[..ALL_PAIRS]).len(), ALL_PAIRS * (ALL_PAIRS - 1) / 2);
+        assert_eq!(likely_pairs(&all[..ALL_PAIRS]).len(), max_matched_pairs(ALL_PAIRS));
+        assert_eq!([0, 1, 4, 24, 25, 100].map(max_matched_pairs), [0, 0, 6, 276, 300, 1400]);
         let likely = likely_pairs(&all);
-        assert!(likely.len() <= 30 * NEIGHBOURS + 60, "{}", likely.len());
+        assert!(likely.len() <= max_matched_pairs(30), "{}", likely.len());
         for (a, b) in (0..30).flat_map(|a| (1..4).map(move |next| (a, (a + next) % 30))) {
             assert!(likely.contains(&(a.min(b), a.max(b))), "{a} {b}");
         }

@@ -141,7 +141,8 @@ fn zoom_warning(known: &[f64]) -> Option<String> {
     let (shortest, longest) = (known.first()?, known.last()?);
     (*longest > SAME_ZOOM * shortest).then(|| {
         format!(
-            "EXIF focal lengths differ: {shortest:.2} to {longest:.2} of the longer side; all photographs are given one,              so leave out those of another zoom"
+            "EXIF focal lengths differ: {shortest:.2} to {longest:.2} of the longer side; all photographs are given one, so \
+             leave out those of another zoom"
         )
     })
 }
@@ -270,11 +271,9 @@ mod tests {
     #[test]
     fn several_zooms_are_named() {
         assert_eq!((zoom_warning(&[]), zoom_warning(&[0.7, 0.72, 0.75])), (None, None));
-        assert!(
-            zoom_warning(&[0.7, 0.7, 1.4])
-                .unwrap()
-                .starts_with("EXIF focal lengths differ: 0.70 to 1.40 of the longer")
-        );
+        let warning = zoom_warning(&[0.7, 0.7, 1.4]).unwrap();
+        assert!(warning.starts_with("EXIF focal lengths differ: 0.70 to 1.40 of the longer"), "{warning}");
+        assert!(warning.ends_with("are given one, so leave out those of another zoom"), "{warning}");
     }
 
     /// Photographs 0, 1, 2 and 5 have most matches in common; 3 and 4 have some with each other.

@@ -1,6 +1,7 @@
 //! A world whose cameras and points are known.
 
 use glam::{DMat3, DVec2, DVec3};
+pub(crate) use infonerf_scene::rotation_angle_deg as turn;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -38,10 +39,4 @@ pub(crate) fn disturb(points: &mut [Point], noise: f64, wrong: usize) {
             *pixel += DVec2::new(random.random_range(-noise..=noise), random.random_range(-noise..=noise));
         }
     }
-}
-
-/// Returns the angle between two rotations, in degrees.
-pub(crate) fn turn(a: &DMat3, b: &DMat3) -> f64 {
-    let r = *a * b.transpose();
-    (0.5 * (r.x_axis.x + r.y_axis.y + r.z_axis.z - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()
 }

@@ -5,7 +5,7 @@ use infonerf_scene::{Range, Scene, SceneRequest, ViewSelection};
 use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 
 fn room() -> Scene {
-    let train = ViewSelection::Named("regnerf-3".into());
+    let train = ViewSelection::Named { name: "regnerf-3".into() };
     load("room", &SceneRequest { train, image_size: Some(128), ..SceneRequest::default() }).unwrap()
 }
 

@@ -173,11 +173,11 @@ impl Checkpoint {
     /// If the grid is of another size.
     pub fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
         let Some(bytes) = self.parts.get(OCCUPANCY) else { return Ok(()) };
-        let (asked_before, cells) = bytes.split_first().map_or((false, &[][..]), |(&first, cells)| (first != 0, cells));
+        let (updated, cells) = bytes.split_first().map_or((false, &[][..]), |(&first, cells)| (first != 0, cells));
         let (density, occupied) = cells.split_at(cells.len() / 5 * 4);
         let density = density.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
         let (occupied, cells) = (occupied.iter().map(|&b| b != 0).collect(), cells.len() / 5);
-        grid.restore(density, occupied, asked_before).map_err(|expected| {
+        grid.restore(density, occupied, updated).map_err(|expected| {
             TrainError::Config(format!("checkpoint: occupancy.bin: expected {expected} cells, found {cells}"))
         })
     }
@@ -205,8 +205,8 @@ fn load<F: Field>(model: Model<F>, bytes: &[u8]) -> Result<Model<F>, TrainError>
 }
 
 fn encode_occupancy(grid: &OccupancyGrid) -> Vec<u8> {
-    let (density, occupied, asked_before) = grid.state();
-    let mut bytes = vec![u8::from(asked_before)];
+    let (density, occupied, updated) = grid.state();
+    let mut bytes = vec![u8::from(updated)];
     bytes.extend(density.iter().flat_map(|d| d.to_le_bytes()));
     bytes.extend(occupied.iter().map(|&occupied| u8::from(occupied)));
     bytes

@@ -75,27 +75,9 @@ impl<'a> Evaluation<'a> {
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
     }
 
-    /// Renders and measures `view` as [`Self::add`] does, after the pose of each member's camera is fitted to the view's
-    /// image in `steps` steps ([`fit_test_pose`]). With 0 steps the pose stays as it is.
-    ///
-    /// # Errors
-    /// As [`Self::add`].
-    pub fn add_fitted<F: Field>(
-        &mut self,
-        renderer: &Renderer,
-        members: &[TrainedModel<F>],
-        view: &View,
-        (pivot, steps): (Pivot, usize),
-    ) -> Result<TestView, TrainError> {
-        if steps == 0 {
-            return self.add(renderer, members, view);
-        }
-        let fitted: Vec<_> = members.iter().map(|member| fit_test_pose(renderer, member, view, pivot, steps)).collect();
-        self.add(renderer, &fitted, view)
-    }
-
     /// Renders `view`, the mean of the members' pictures, and compares it with its photograph, whose own residual is left
-    /// out of the picture ([`render_tested`]).
+    /// out of the picture ([`render_tested`]). With the pivot and a number of steps to `fit`, the pose of each member's
+    /// camera is fitted to the photograph before ([`fit_test_pose`]); with 0 steps it stays as it is.
     ///
     /// # Errors
     /// If a render is not finite.
@@ -104,7 +86,12 @@ impl<'a> Evaluation<'a> {
         renderer: &Renderer,
         members: &[TrainedModel<F>],
         view: &View,
+        fit: Option<(Pivot, usize)>,
     ) -> Result<TestView, TrainError> {
+        let fitted = fit.filter(|(_, steps)| *steps > 0).map(|(pivot, steps)| {
+            members.iter().map(|member| fit_test_pose(renderer, member, view, pivot, steps)).collect::<Vec<_>>()
+        });
+        let members = fitted.as_deref().unwrap_or(members);
         let start = Instant::now();
         let image = render_tested(renderer, members, view);
         let seconds = start.elapsed().as_secs_f64();
@@ -145,5 +132,5 @@ pub fn evaluate_view<F: Field>(
     members: &[TrainedModel<F>],
     view: &View,
 ) -> Result<TestView, TrainError> {
-    Evaluation::new(&Networks::none(), &Protocol::default()).add(renderer, members, view)
+    Evaluation::new(&Networks::none(), &Protocol::default()).add(renderer, members, view, None)
 }

@@ -6,7 +6,7 @@ use crate::common::{scene_of, steps};
 use burn::tensor::Device;
 use glam::DVec3;
 use infonerf_render::Pivot;
-use infonerf_scene::{Camera, PoseError, Scene, View};
+use infonerf_scene::{Camera, PoseError, Scene, View, rotation_angle_deg};
 use infonerf_train::{Config, Preset, Trainer, fit_test_pose};
 
 const STEPS: usize = 300;
@@ -21,10 +21,8 @@ fn config(refine: &str) -> Config {
 
 /// Returns the error of one camera's pose: degrees, and percent of its distance from the origin.
 fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
-    let turn = found.rotation() * truth.rotation().transpose();
-    let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
     let moved = found.position_f64().distance(truth.position_f64()) / truth.position_f64().length();
-    [cosine.clamp(-1.0, 1.0).acos().to_degrees(), 100.0 * moved]
+    [rotation_angle_deg(&found.rotation(), &truth.rotation()), 100.0 * moved]
 }
 
 /// Checks that the pose of an image is recovered with a fixed field, which was trained on many exact views.

@@ -15,8 +15,8 @@ use infonerf_ops::sampling::{
     stratified,
 };
 use infonerf_ops::{
-    RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
-    ray_divergence, ray_entropy, to_host, to_host_together,
+    Segments, composite, composite_over, frequency_encode, from_host, integrated_encode, ray_divergence, ray_entropy,
+    to_host, to_host_together,
 };
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
@@ -32,7 +32,7 @@ pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
 pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
-/// Compares compositing, entropies and divergence on rays of all lengths, some without samples, with optical depths from almost
+/// Compares compositing, entropy and divergence on rays of all lengths, some without samples, with optical depths from almost
 /// nothing to opaque.
 fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 300;
@@ -53,14 +53,12 @@ fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let color_out = out.color.expect("colours were given").flatten::<1>(0, 1);
         value_and_gradients(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
     });
-    for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
-        for epsilon in [0.0, 1e-10] {
-            compare.operation(&format!("entropy of {of:?}, epsilon {epsilon:e}"), |device| {
-                let tau = leaf(&tau, device);
-                let out = ray_entropy(tau.clone(), &segments, of, epsilon);
-                value_and_gradients(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
-            });
-        }
+    for epsilon in [0.0, 1e-10] {
+        compare.operation(&format!("entropy, epsilon {epsilon:e}"), |device| {
+            let tau = leaf(&tau, device);
+            let out = ray_entropy(tau.clone(), &segments, epsilon);
+            value_and_gradients(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
+        });
     }
     compare.operation("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
@@ -160,7 +158,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             let tau = leaf(&to_host(distance.clone() * delta.clone() * 3.0), device);
             let color = (positions.clone() * 0.1 + 0.5).autodiff();
             let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);
-            let bits = ray_entropy(tau.clone(), &segments, RayDistribution::Alpha, 0.0).bits;
+            let bits = ray_entropy(tau.clone(), &segments, 0.0).bits;
             let color = seen.color.expect("colours were given").flatten(0, 1);
             let mut answers = value_and_gradients(Tensor::cat(vec![color, seen.acc, bits], 0), &[&tau]);
             answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));

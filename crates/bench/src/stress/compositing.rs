@@ -1,36 +1,18 @@
-//! Errors of compositing (weights, colour, depth, opacity), Σα, and the entropy of every distribution, with gradients.
+//! Errors of compositing (weights, colour, depth, opacity), Σα and entropy, with gradients.
 
 use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, from_host, ray_entropy, to_host};
+use infonerf_ops::{Composite, RayEntropy, Segments, composite, from_host, ray_entropy, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
 use super::rays::DrawRay;
 use crate::values::{gradient_of, leaf, wide};
 
-pub(super) const QUANTITIES: [&str; 11] = [
-    "weights",
-    "colour",
-    "depth",
-    "opacity",
-    "alpha sum",
-    "entropy",
-    "entropy, eps 1e-10",
-    "background entropy",
-    "background entropy, eps 1e-10",
-    "termination entropy",
-    "termination entropy, eps 1e-10",
-];
-/// Entropies among the quantities: of every distribution, exact and with the released code's ε.
-const ENTROPIES: [(RayDistribution, f32); 6] = [
-    (RayDistribution::Alpha, 0.0),
-    (RayDistribution::Alpha, 1e-10),
-    (RayDistribution::AlphaBackground, 0.0),
-    (RayDistribution::AlphaBackground, 1e-10),
-    (RayDistribution::Termination, 0.0),
-    (RayDistribution::Termination, 1e-10),
-];
+pub(super) const QUANTITIES: [&str; 7] =
+    ["weights", "colour", "depth", "opacity", "alpha sum", "entropy", "entropy, eps 1e-10"];
+/// ε of the entropies among the quantities: exact, and that of the released code.
+const EPSILONS: [f32; 2] = [0.0, 1e-10];
 /// Number of values of a sample: colour and distance.
 const CHANNELS: usize = 4;
 /// Approximate number of samples in a batch.
@@ -98,23 +80,23 @@ fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
     let upstream = from_host(&batch.upstream, 3, &device.clone().autodiff());
     // Each backward pass needs a graph of its own, since Burn consumes the graph.
     let run = || composite(tau.clone(), values.clone(), &batch.segments);
-    let entropy = |(of, epsilon)| ray_entropy(tau.clone(), &batch.segments, of, epsilon);
+    let entropy = |epsilon| ray_entropy(tau.clone(), &batch.segments, epsilon);
     let gradients = |objective: Tensor<1>| {
         let grads = objective.backward();
         (gradient_of(&tau, &grads), gradient_of(&values, &grads))
     };
     let (depth_gradient, dvalues) = gradients(run().values.narrow(1, 3, 1).sum());
     let Composite { values: integrals, acc } = run();
-    let RayEntropy { alpha_sum, .. } = entropy(ENTROPIES[0]);
+    let RayEntropy { alpha_sum, .. } = entropy(EPSILONS[0]);
     let columns = [integrals.clone().narrow(1, 3, 1).flatten(0, 1), acc, alpha_sum];
-    let bits = ENTROPIES.map(|which| entropy(which).bits);
+    let bits = EPSILONS.map(|epsilon| entropy(epsilon).bits);
     let mut gradients_of_tau = vec![
         gradients((run().values.narrow(1, 0, 3) * upstream).sum()).0,
         depth_gradient,
         gradients(run().acc.sum()).0,
-        gradients(entropy(ENTROPIES[0]).alpha_sum.sum()).0,
+        gradients(entropy(EPSILONS[0]).alpha_sum.sum()).0,
     ];
-    gradients_of_tau.extend(ENTROPIES.map(|which| gradients(entropy(which).bits.sum()).0));
+    gradients_of_tau.extend(EPSILONS.map(|epsilon| gradients(entropy(epsilon).bits.sum()).0));
     DeviceResults {
         // The gradient of Σ w t with respect to t is w.
         weights: dvalues.chunks_exact(CHANNELS).map(|row| row[3]).collect(),
@@ -138,7 +120,7 @@ fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
         for channel in 0..3 {
             errors[1].value(answer.color[3 * ray + channel], integral(channel));
         }
-        let entropies = ENTROPIES.map(|(of, epsilon)| infonerf_oracle::entropy(&row, of, f64::from(epsilon)));
+        let entropies = EPSILONS.map(|epsilon| infonerf_oracle::entropy(&row, f64::from(epsilon)));
         let wants = [integral(3), infonerf_oracle::opacity(&row), infonerf_oracle::alpha_sum(&row)]
             .into_iter()
             .chain(entropies);
@@ -156,11 +138,10 @@ fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
         for (i, want) in integrals.iter().enumerate() {
             errors[1 + i].gradient(&answer.gradients[i][range.clone()], want, |_| false);
         }
-        for (i, (of, epsilon)) in ENTROPIES.into_iter().enumerate() {
-            let want = infonerf_oracle::entropy_gradient(&row, of, f64::from(epsilon));
+        for (i, epsilon) in EPSILONS.into_iter().enumerate() {
+            let want = infonerf_oracle::entropy_gradient(&row, f64::from(epsilon));
             // The exact entropy has an infinite derivative at an empty sample.
-            let least = |sample: usize| if of == RayDistribution::Termination { w[sample] } else { row[sample] };
-            let undefined = |sample: usize| epsilon == 0.0 && least(sample) < f64::from(f32::MIN_POSITIVE);
+            let undefined = |sample: usize| epsilon == 0.0 && row[sample] < f64::from(f32::MIN_POSITIVE);
             errors[5 + i].gradient(&answer.gradients[4 + i][range.clone()], &want, undefined);
         }
         errors

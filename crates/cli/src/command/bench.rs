@@ -58,9 +58,6 @@ enum BenchCommand {
         /// Steps before the measurement
         #[arg(long, value_name = "N", default_value_t = 50)]
         warmup: u32,
-        /// Start from the weights and the occupancy grid of a run instead of an untrained field
-        #[arg(long, value_name = "RUN")]
-        from: Option<PathBuf>,
         #[command(flatten)]
         runs: BenchRuns,
     },
@@ -141,8 +138,8 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
         BenchCommand::Skip { steps, runs } => {
             runs.measure("skip", |bench, print| skip(bench, *steps, print).map(|()| true))
         }
-        BenchCommand::Step { steps, warmup, from, runs } => {
-            runs.measure("step", |bench, print| step(bench, [*warmup, *steps], from.as_deref(), print).map(|()| true))
+        BenchCommand::Step { steps, warmup, runs } => {
+            runs.measure("step", |bench, print| step(bench, [*warmup, *steps], print).map(|()| true))
         }
         BenchCommand::Render { steps, sizes, runs } => {
             runs.measure("render", |bench, print| render(bench, *steps, sizes, print).map(|()| true))

@@ -7,7 +7,9 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use humantime::format_duration;
-use infonerf_dataset::{PoseSearch, SceneSource, from_images, info, video_folder, video_frames};
+use infonerf_dataset::{
+    PoseSearch, SceneSource, changed_photographs, from_images, info, max_matched_pairs, video_folder, video_frames,
+};
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
@@ -77,10 +79,19 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
     let networks = args.networks.open(&device)?;
     let session = Session::new(device, &args.out, args.existing.existing()).with_networks(networks);
-    let is_posed = SceneSource::Folder { path: dir.clone() }.is_scene();
+    let changed = changed_photographs(&dir)?.unwrap_or_default();
+    let is_posed = changed.is_empty() && SceneSource::Folder { path: dir.clone() }.is_scene();
     if !is_posed {
         let count = scene::photographs(&photographs)?.len();
-        let pairs = count * count.saturating_sub(1) / 2;
+        // Refuses a faulty name or setting before the poses are sought.
+        let folder = session.run_folder(&plan(args, &dir, count)?.runs[0]);
+        let is_begun = args.existing.existing() == Existing::Continue && folder.join("config.toml").exists();
+        if is_begun && !changed.is_empty() {
+            let (path, run, changed) = (args.path.display(), folder.display(), changed.join(", "));
+            let remedy = "--overwrite finds the poses again and trains anew";
+            bail!("{path}: expected the photographs of {run}: added, changed or removed since: {changed}; {remedy}");
+        }
+        let pairs = max_matched_pairs(count);
         if pairs > 0 {
             print_stages(args, count, pairs);
         }
@@ -129,8 +140,8 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     Ok(frames)
 }
 
-/// Prints the stages for `count` photographs, of which `pairs` pairs are matched to find poses, with estimates of the time that
-/// each stage takes.
+/// Prints the stages for `count` photographs, of which at most `pairs` pairs are matched to find poses, with estimates of the
+/// time that each stage takes.
 fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
     let [read, rendered] = SECONDS_PER_PHOTOGRAPH;

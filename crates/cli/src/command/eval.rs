@@ -38,7 +38,7 @@ pub(crate) struct EvalArgs {
     runs: Vec<PathBuf>,
     /// Test views: all, split, every-8, first-3, 0,8,16, training or a published protocol [default: the run's]
     #[arg(long, value_name = "PROTOCOL")]
-    test: Option<String>,
+    test: Option<TestProtocol>,
     /// Also render at smaller sizes, such as 1/2,1/4,1/8, against area-averaged test views
     #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = parse_scale)]
     scales: Vec<u32>,
@@ -135,7 +135,7 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
         let trained = read_run(plan, folder, &device)?;
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
         let count = measured(&trained).len();
-        let views = if test.test() == TestProtocol::Training {
+        let views = if *test == TestProtocol::Training {
             format!("{}, each without its own residual", counted(count, "training view"))
         } else {
             counted(count, "test view")
@@ -157,11 +157,11 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
 ///
 /// Returns an error if the run would then have other training views, in another space: formats that hold out views of one list
 /// train on all of them if training views are tested.
-fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
+fn tested_by(plan: &RunPlan, test: &TestProtocol) -> Result<RunPlan> {
     let mut other = plan.clone();
     other.config.eval.max_views = 0;
-    other.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
-    let [was, is] = [plan, &other].map(|plan| plan.config.eval.test.test() == TestProtocol::Training);
+    other.config.eval.test = test.clone();
+    let [was, is] = [plan, &other].map(|plan| plan.config.eval.test == TestProtocol::Training);
     if was != is {
         let [then, now] = [plan.load()?, other.load()?];
         let same = then.given_cameras() == now.given_cameras() && then.space == now.space;
@@ -187,10 +187,10 @@ fn evaluate(
     mut evaluation: Evaluation<'_>,
     mut show: impl FnMut(&View, &TestView),
 ) -> Result<Evaluated> {
-    let fit = (Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps);
+    let fit = Some((Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps));
     let bar = counting_bar("test views", views.len());
     for view in views {
-        let tested = evaluation.add_fitted(trained.renderer(), &trained.models, view, fit)?;
+        let tested = evaluation.add(trained.renderer(), &trained.models, view, fit)?;
         bar.suspend(|| show(view, &tested));
         bar.inc(1);
     }

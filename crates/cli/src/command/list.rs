@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use indexmap::IndexSet;
-use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
+use infonerf_experiment::{Description, Experiment, RunPlan, Selection, config_origins, describe};
 use infonerf_train::Preset;
 
 use crate::completion;
@@ -51,13 +51,14 @@ pub(crate) fn run(args: &ListArgs) -> Result<ExitCode> {
 }
 
 fn print_description(name: &str, described: &Description) {
-    let Description { title, bases, data, seconds_per_run, runs, text } = described;
+    let Description { experiment: Experiment { about, runs }, bases, text } = described;
     let distinct = |key: fn(&RunPlan) -> String| {
         let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
         Vec::from_iter(values).join(", ")
     };
-    let data = data.as_ref().map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
-    outln!("{name}: {title}");
+    let data = about.data.as_ref();
+    let data = data.map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
+    outln!("{name}: {}", about.title);
     for (what, values) in [
         ("changes", bases.join(", ")),
         ("variants", distinct(|plan| plan.variant.clone())),
@@ -67,7 +68,7 @@ fn print_description(name: &str, described: &Description) {
         ("presets", distinct(|plan| plan.preset.name().to_owned())),
         ("training", distinct(RunPlan::training)),
         ("runs", runs.len().to_string()),
-        ("time", seconds_per_run.map_or_else(String::new, |seconds| expected_time(seconds, runs.len()))),
+        ("time", about.seconds_per_run.map_or_else(String::new, |seconds| expected_time(seconds, runs.len()))),
     ] {
         if !values.is_empty() {
             outln!("{what:9} {values}");
@@ -80,7 +81,9 @@ pub(crate) fn config(args: &ConfigArgs) -> Result<ExitCode> {
     let selection = Selection { preset: args.preset, set: args.set.clone(), ..Selection::default() };
     let variant = match &args.variant {
         Some(variant) => variant.clone(),
-        None => describe(&args.experiment)?.runs.first().context("expected at least one run")?.variant.clone(),
+        None => {
+            describe(&args.experiment)?.experiment.runs.first().context("expected at least one run")?.variant.clone()
+        }
     };
     outln!("[config]");
     for key in config_origins(&args.experiment, &variant, &selection)? {

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::{read_records, save_png, sweep};
-use infonerf_report::{ReportInput, panel, results_document, write_atomically, write_tensorboard};
+use infonerf_experiment::{read_records, sweep};
+use infonerf_report::{ReportInput, panel, results_document, save_png, write_atomically, write_tensorboard};
 
 use crate::command_line;
 use crate::print::outln;

@@ -56,7 +56,7 @@ pub(crate) enum SceneCommand {
         #[arg(long, value_enum, default_value = "blender")]
         format: Format,
         /// Side of the images in pixels
-        #[arg(long, default_value_t = infonerf_procedural::DEFAULT_SIZE)]
+        #[arg(long, default_value_t = procedural::DEFAULT_SIZE)]
         size: u32,
     },
 }

@@ -19,7 +19,7 @@ use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
 /// Max memory of all chosen images together in bytes: 3.75 GiB.
-const MAX_BYTES: u64 = 15 << 28;
+pub(crate) const MAX_BYTES: u64 = 15 << 28;
 /// Max number of pixels that are decoded at the same time, before they are resized.
 const MAX_AT_ONCE: u64 = 24 << 20;
 /// Max difference between the sides of an image and the stated ones that counts as cropping by undistortion, not as
@@ -28,6 +28,16 @@ const TRIMMED: f64 = 2.0;
 const MAX_TRIMMED: f64 = 0.02;
 /// Max number of pixels in the fingerprint by which candidates for equal images are found.
 const FINGERPRINT: usize = 997;
+/// Max distance between two cameras, divided by the scene's radius, and between their unit axes at which they count as
+/// one: what they see shifts by a few of a thousand pixels, and less than between frames of a video that moves.
+const SAME_CAMERA: f64 = 3e-3;
+/// Side in pixels of the pictures by which such views are compared, and their correlation above which they show one
+/// photograph: three published photographs after edits of tone and white balance had 0.95 to 1.
+const THUMBNAIL: u32 = 16;
+const SAME_PHOTOGRAPH: f32 = 0.94;
+/// End of the warning about exact depths of resized images.
+pub(crate) const DEPTHS_LEFT_OUT: &str =
+    "are left out: depths are used only where images keep their stored size (`scene.size = 0`)";
 
 /// Views that a request chooses; no image is decoded yet.
 struct Chosen<'f> {
@@ -51,7 +61,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     let is_there = |frame: &&Frame| frame.image.is_file();
     let there: Vec<&Frame> = all.iter().copied().filter(is_there).collect();
     let is_capture = matches!(found.extent, StatedExtent::Estimated(_));
-    let is_explicit = matches!(selection, ViewSelection::Ids(_) | ViewSelection::Named(_));
+    let is_explicit = matches!(selection, ViewSelection::Ids { .. } | ViewSelection::Named { .. });
     if let Some(lost) = train.iter().find(|frame| !is_there(frame))
         && (selection == ViewSelection::All || is_capture && !is_explicit)
         && !there.is_empty()
@@ -94,7 +104,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
 
 /// Replaces names of images, with or without folder and extension, by the ids of their frames.
 fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) -> Result<ViewSelection, SceneError> {
-    let ViewSelection::Named(text) = selection else { return Ok(selection.clone()) };
+    let ViewSelection::Named { name: text } = selection else { return Ok(selection.clone()) };
     let id = |name: &str| {
         let is_named = |frame: &&Frame| {
             let part = |part: Option<&std::ffi::OsStr>| part.is_some_and(|part| part == name);
@@ -104,7 +114,7 @@ fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) ->
     };
     let names: Vec<&str> = text.split(',').collect();
     match names.iter().map(|name| id(name)).collect::<Option<Vec<usize>>>() {
-        Some(ids) if known.iter().all(|(name, _)| name != text) => Ok(ViewSelection::Ids(ids)),
+        Some(ids) if known.iter().all(|(name, _)| name != text) => Ok(ViewSelection::Ids { ids }),
         None if names.len() > 1 => {
             let unknown = names.iter().find(|name| id(name).is_none()).copied().unwrap_or_default();
             let example = frames.first().map_or("", |frame| frame.name.as_str());
@@ -150,24 +160,34 @@ pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<P
 
 /// Chooses views, reads their images in parallel and builds the scene.
 ///
-/// Test views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning.
+/// Views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning.
 pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
     let Capture { mut found, mut space, origin } = found.prepared()?;
     let mut warnings = std::mem::take(&mut found.warnings);
     let Chosen { train, test: chosen_test, cameras, scale, alpha, warnings: left_out } = choose(&found, request)?;
     check_memory(found.dir, scale.canvas, train.len() + chosen_test.len(), alpha)?;
     let background = found.background.unwrap_or(request.background);
-    let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks };
+    let by_stored = found.is_by_stored();
+    let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks, by_stored };
     let (train_cameras, test_cameras) = cameras.split_at(train.len());
-    let (train_views, has_border) = reader.views(&train, train_cameras)?;
+    let (mut train_views, shown) = reader.views(&train, train_cameras)?;
     let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
+    if shown.iter().all(|[_, is_opaque]| *is_opaque) {
+        // An alpha channel that hides nothing is no matte.
+        train_views.iter_mut().chain(&mut test).for_each(|view| Arc::make_mut(&mut view.image).alpha = None);
+    }
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
     let tested: &[&Frame] = if request.test == TestProtocol::Training { &[] } else { &chosen_test };
     warnings.extend(mixed_sizes_warning(&cameras[..train.len() + tested.len()], &scale));
-    warnings.extend(check_valid(&train, &train_views, &mut test)?);
+    let stored = train.iter().chain(tested).zip(&cameras);
+    let resized = stored.filter(|(_, camera)| (camera.width, camera.height) != scale.canvas);
+    let lost = resized.filter(|(frame, _)| frame.depth.is_some()).count();
+    warnings.extend((lost > 0).then(|| format!("exact depths of {lost} views {DEPTHS_LEFT_OUT}")));
+    let is_known = train_views.iter().zip(shown).all(|(view, [border, _])| view.image.alpha.is_some() || border);
+    warnings.extend(check_valid(&train, &mut train_views, &mut test)?);
     if request.test != TestProtocol::Training {
-        warnings.extend(leave_out_copies(&train_views, &mut test));
+        warnings.extend(leave_out_copies(&train_views, &mut test, space.radius));
     }
     let tested: HashSet<&Path> = tested.iter().map(|frame| frame.image.as_path()).collect();
     let others = found.train.iter().filter(|frame| !tested.contains(frame.image.as_path()));
@@ -175,7 +195,6 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let stated = train.iter().zip(train_cameras).find(|(_, camera)| (camera.width, camera.height) == base);
     let stated = stated.and_then(|(frame, _)| frame.stated_size());
     let all_train_cameras = others.map(|frame| scale.framed(&assumed_camera(frame, base, stated))).collect();
-    let is_known = train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border);
     let backdrop = if is_known { Backdrop::Colour } else { Backdrop::Unknown };
     space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
     let (name, format) = (scene_name(found.dir), found.format);
@@ -223,9 +242,26 @@ fn mixed_sizes_warning(cameras: &[Camera], scale: &ImageScale) -> Option<String>
     (counts.len() > 1).then_some(text)
 }
 
-/// Removes test views whose image equals that of a training view, unless all test views do. Returns warnings of these,
-/// and of training views with equal images.
-fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
+/// Whether two views have nearly one camera and show one photograph in two encodings, or before and after an edit.
+fn is_edited(a: &View, b: &View, radius: f32) -> bool {
+    let apart = a.camera.position_f64().distance(b.camera.position_f64());
+    let turned = a.camera.forward_f64().distance(b.camera.forward_f64());
+    if apart > SAME_CAMERA * f64::from(radius) || turned > SAME_CAMERA {
+        return false;
+    }
+    let [a, b] = [a, b].map(|view| {
+        let small = view.image.resized(THUMBNAIL, THUMBNAIL);
+        let mean = small.rgb.as_flattened().iter().sum::<f32>() / (3 * THUMBNAIL * THUMBNAIL) as f32;
+        small.rgb.into_iter().flatten().map(|value| value - mean).collect::<Vec<f32>>()
+    });
+    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    // Blank pictures are all alike.
+    dot(&a, &b) > SAME_PHOTOGRAPH * (dot(&a, &a) * dot(&b, &b)).sqrt().max(1e-3)
+}
+
+/// Removes test views that show the photograph of a training view, unless all test views do. Returns warnings of these,
+/// and of training views that show one photograph. Images show one if they are equal, or by [`is_edited`].
+fn leave_out_copies(train: &[View], test: &mut Vec<View>, radius: f32) -> Vec<String> {
     let fingerprint = |view: &View| {
         let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
         view.image.rgb.iter().step_by(step).flatten().map(|value| value.to_bits()).collect::<Vec<u32>>()
@@ -235,13 +271,16 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     };
     let mut known: HashMap<Vec<u32>, &View> = HashMap::new();
     let mut warnings = Vec::new();
-    for view in train {
-        if let Some(other) = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other)) {
-            warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
+    for (i, view) in train.iter().enumerate() {
+        let equal = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other));
+        if let Some(other) = equal.or_else(|| train[..i].iter().find(|other| is_edited(view, other, radius))) {
+            warnings.push(format!("{} and {} show one photograph, with two cameras", other.file, view.file));
         }
     }
-    let original =
-        |view: &View| known.get(&fingerprint(view)).filter(|other| is_copy(view, other)).map(|other| &other.name);
+    let original = |view: &View| {
+        let equal = known.get(&fingerprint(view)).copied().filter(|other| is_copy(view, other));
+        equal.or_else(|| train.iter().find(|other| is_edited(view, other, radius))).map(|other| &other.file)
+    };
     if test.iter().all(|view| original(view).is_some()) {
         let text = "all test views are copies of training views: they show nothing of how new views will look";
         warnings.push(text.into());
@@ -249,7 +288,7 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     }
     test.retain(|view| {
         let copied = original(view);
-        let warning = |name| format!("{} is a copy of {name}, which is trained on: it is not tested", view.name);
+        let warning = |name| format!("{} is a copy of {name}, which is trained on: it is not tested", view.file);
         warnings.extend(copied.map(warning));
         copied.is_none()
     });
@@ -261,7 +300,7 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
     let each = (u64::from(width) * u64::from(height)).saturating_mul(if alpha { 16 } else { 12 });
     let size = each.saturating_mul(views as u64);
     if size > MAX_BYTES {
-        let what = "the memory for the chosen images in bytes (choose fewer views or a smaller image size)";
+        let what = "the memory for the chosen images in bytes (fewer are chosen by `scene.views`, smaller ones by `scene.size`)";
         return Err(SceneError::TooLarge { path: dir.into(), what, size, limit: MAX_BYTES });
     }
     Ok(())
@@ -279,11 +318,14 @@ struct Reader<'a> {
     scale: &'a ImageScale,
     background: [f32; 3],
     masks: MaskUse,
+    /// Whether cameras are for the stored pixels of images that EXIF data turn, if no size tells.
+    by_stored: bool,
 }
 
 impl Reader<'_> {
-    /// Reads views, each with whether its border has the background's colour. `cameras` are for the stored image sizes.
-    fn views(&self, frames: &[&Frame], cameras: &[Camera]) -> Result<(Vec<View>, Vec<bool>), SceneError> {
+    /// Reads views, each with whether its border has the background's colour, and whether all its pixels are opaque.
+    /// `cameras` are for the stored image sizes.
+    fn views(&self, frames: &[&Frame], cameras: &[Camera]) -> Result<(Vec<View>, Vec<[bool; 2]>), SceneError> {
         let pixels = |camera: &Camera| u64::from(camera.width) * u64::from(camera.height);
         let largest = cameras.iter().map(pixels).max().unwrap_or(1).max(1);
         let at_once = (MAX_AT_ONCE / largest).clamp(1, 1 << 16) as usize;
@@ -294,15 +336,15 @@ impl Reader<'_> {
         Ok(views.into_iter().unzip())
     }
 
-    fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, bool), SceneError> {
+    fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, [bool; 2]), SceneError> {
         let (native, size, canvas) = ((stored.width, stored.height), self.scale.size(stored), self.scale.canvas);
         let depth = frame.depth.as_ref().filter(|_| canvas == native);
         let depth = depth.map(|path| read_depth(path, native)).transpose()?;
         let mut rgba = read_rgba(&frame.image)?;
         let mut mask: Option<Vec<bool>> = None;
         let mut valid = (size != canvas).then(|| vec![true; (size.0 * size.1) as usize]);
-        if let Some((path, role)) = &frame.mask {
-            let counts = read_mask(path, *role, native)?;
+        if let Some(file @ (_, role)) = &frame.mask {
+            let counts = read_mask(&frame.image, file, native, self.by_stored)?;
             if *role == MaskRole::Matte {
                 rgba.has_alpha = true;
                 rgba.pixels.iter_mut().zip(&counts).for_each(|(pixel, &inside)| pixel[3] = inside.into());
@@ -319,14 +361,14 @@ impl Reader<'_> {
         }
         let file = frame.image.strip_prefix(self.dir).unwrap_or(&frame.image).to_string_lossy().into_owned();
         let image = rgba.composite_resized(size.0, size.1, self.background);
-        let has_border = image.has_border(self.background);
+        let shown = [image.has_border(self.background), rgba.pixels.iter().all(|pixel| pixel[3] == 1.0)];
         let image = if size == canvas { image } else { self.framed(image) };
         let on_canvas = |flags: Vec<bool>| -> Arc<[bool]> {
             if size == canvas { flags.into() } else { padded(&flags, size, canvas, false).into() }
         };
         let (mask, valid) = (mask.map(on_canvas), valid.map(on_canvas));
         let view = View::new(frame.id, frame.name.clone(), self.scale.framed(stored), image);
-        Ok((View { file, depth: depth.map(Into::into), mask, valid, ..view }, has_border))
+        Ok((View { file, depth: depth.map(Into::into), mask, valid, ..view }, shown))
     }
 
     /// Centres an image on a canvas of the background's colour.

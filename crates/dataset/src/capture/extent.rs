@@ -192,13 +192,13 @@ const MAX_LISTED: usize = 5;
 
 /// Returns the median position of the cameras, and the 75 % quantile of their distances from it.
 fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
-    let median = |mut values: Vec<f64>, share: f64| {
+    let quantile_of = |mut values: Vec<f64>, share: f64| {
         values.sort_by(f64::total_cmp);
         values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
     };
     let middle =
-        DVec3::from_array([0, 1, 2].map(|axis| median(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));
-    (middle, median(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
+        DVec3::from_array([0, 1, 2].map(|axis| quantile_of(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));
+    (middle, quantile_of(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
 }
 
 /// Joins names with commas; `…` replaces those after the first [`MAX_LISTED`].

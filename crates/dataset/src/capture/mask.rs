@@ -3,39 +3,73 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use infonerf_scene::image::{find_image, read_rgba, resized_mask};
+use infonerf_scene::image::{
+    Orientation, find_image, list_images, orientation, read_rgba_turned, resized_mask, stored_dimensions,
+};
 use infonerf_scene::{Camera, Format, SceneError, View};
 
 use super::same_proportions;
+use crate::files::file_name;
 use crate::frame::{Frame, MaskRole};
 
 /// Prefix of instant-ngp's mask of an image, in the same folder; its white pixels are left out.
 const DYNAMIC: &str = "dynamic_mask_";
+/// Max number of different values of a mask of labels.
+const MAX_LABELS: usize = 16;
 
+/// Whether a file has the name of a mask: instant-ngp's, or `NAME_mask` or `NAME.mask` next to the image `NAME`.
 pub(crate) fn is_mask_name(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DYNAMIC.as_bytes()))
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let image = stem.strip_suffix("_mask").or_else(|| stem.strip_suffix(".mask"));
+    stem.starts_with(DYNAMIC) || image.is_some_and(|image| find_image(&path.with_file_name(image)).is_some())
+}
+
+/// Lists the images in `folder` that are not masks, sorted by name.
+pub(crate) fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let mut images = list_images(folder)?;
+    images.retain(|path| !is_mask_name(path));
+    Ok(images)
 }
 
 /// Assigns masks to the frames of a capture that have none. A mask is in `masks` (or `masks_4` for `images_4`) next to
-/// the folder of images, under the image's name with another extension or with `.png` appended; or it is instant-ngp's
-/// `dynamic_mask_NAME.png` next to the image. Returns a warning with the number of masks.
-pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: &mut [Frame]) -> Option<String> {
+/// the folder of images, under the image's name with another extension or with `.png` appended; or it is there or next to
+/// the image as `NAME_mask.png` or `NAME.mask.png`; or it is instant-ngp's `dynamic_mask_NAME.png` next to the image.
+/// Returns warnings: the number of masks, and files in folders of masks that belong to no image.
+pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: &mut [Frame]) -> Vec<String> {
     if matches!(format, Format::Dtu | Format::Zju) {
-        return None;
+        return Vec::new();
     }
-    let mut found: BTreeSet<PathBuf> = BTreeSet::new();
+    let (mut found, mut folders) = (BTreeSet::<PathBuf>::new(), BTreeSet::<PathBuf>::new());
     for frame in train.iter_mut().chain(test.iter_mut()).filter(|frame| frame.mask.is_none()) {
         frame.mask = mask_of(dir, &frame.image);
         found.extend(frame.mask.iter().map(|(path, _)| path.clone()));
+        folders.extend(frame.image.parent().map(Path::to_owned));
     }
-    let first = found.first()?;
     let images: BTreeSet<&Path> = train.iter().chain(test.iter()).map(|frame| frame.image.as_path()).collect();
-    let first = first.strip_prefix(dir).unwrap_or(first).display();
-    Some(format!("{} of {} images have masks, such as {first}", found.len(), images.len()))
+    let counted = |first: &PathBuf| {
+        let first = first.strip_prefix(dir).unwrap_or(first).display();
+        format!("{} of {} images have masks, such as {first}", found.len(), images.len())
+    };
+    let strays = folders.iter().filter_map(|folder| stray_masks(dir, folder));
+    found.first().map(counted).into_iter().chain(strays).collect()
 }
 
-/// Returns the mask of an image of the capture in `dir`, if there is one.
-pub(crate) fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
+/// Returns a warning if files in the folder of masks for the folder `images`, in the capture in `dir`, belong to no image.
+pub(crate) fn stray_masks(dir: &Path, images: &Path) -> Option<String> {
+    let images = list_images(images).ok()?;
+    let places = mask_places(dir, images.first()?)?;
+    let folder = places.iter().filter_map(|place| place.parent()).find(|folder| folder.is_dir())?;
+    let masks: BTreeSet<PathBuf> = images.iter().filter_map(|image| Some(mask_of(dir, image)?.0)).collect();
+    let files = list_images(folder).ok()?;
+    let stray = file_name(files.iter().find(|file| !masks.contains(*file))?);
+    let count = files.iter().filter(|file| !masks.contains(*file)).count();
+    let (all, folder) = (files.len(), folder.strip_prefix(dir).unwrap_or(folder).display());
+    let advice = "call the mask of a.jpg a.png, a.jpg.png or a_mask.png";
+    Some(format!("{count} of {all} files in {folder} belong to no image, such as {stray}: {advice}"))
+}
+
+/// Returns the paths in folders of masks that correspond to the path of an image of the capture in `dir`.
+fn mask_places(dir: &Path, image: &Path) -> Option<[PathBuf; 2]> {
     let is_image_folder = |folder: &&Path| {
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         name.starts_with("images") || name == "input"
@@ -46,25 +80,50 @@ pub(crate) fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
         None => (dir, image.strip_prefix(dir).ok()?),
     };
     let reduced = folder.and_then(|folder| folder.file_name()?.to_str()?.strip_prefix("images"));
-    for masks in [format!("masks{}", reduced.unwrap_or_default()), "masks".to_owned()] {
-        let path = root.join(masks).join(below);
-        let with_png = path.with_file_name(format!("{}.png", path.file_name()?.to_string_lossy()));
-        let there = find_image(&path).filter(|found| found != image);
-        if let Some(mask) = there.or_else(|| with_png.is_file().then_some(with_png)) {
-            return Some((mask, MaskRole::Capture));
-        }
+    let masks = [format!("masks{}", reduced.unwrap_or_default()), "masks".to_owned()];
+    Some(masks.map(|masks| root.join(masks).join(below)))
+}
+
+/// Returns the mask of an image of the capture in `dir`, if there is one.
+pub(crate) fn mask_of(dir: &Path, image: &Path) -> Option<(PathBuf, MaskRole)> {
+    let (name, stem) = (image.file_name()?.to_string_lossy(), image.file_stem()?.to_string_lossy());
+    let marked = [format!("{stem}_mask.png"), format!("{stem}.mask.png"), format!("{name}.mask.png")];
+    let alike = [name.to_string(), format!("{name}.png")];
+    let find = |place: &Path, names: &[String]| {
+        names.iter().find_map(|name| find_image(&place.with_file_name(name)).filter(|found| found != image))
+    };
+    let in_folder = |place: &PathBuf| find(place, &alike).or_else(|| find(place, &marked));
+    if let Some(mask) = mask_places(dir, image)?.iter().find_map(in_folder).or_else(|| find(image, &marked)) {
+        return Some((mask, MaskRole::Capture));
     }
-    let stem = image.file_stem()?.to_string_lossy();
     let dynamic = image.with_file_name(format!("{DYNAMIC}{stem}.png"));
     dynamic.is_file().then_some((dynamic, MaskRole::Dynamic))
 }
 
-/// Reads which pixels of an image of `size` count, row-major. A capture's mask of the same proportions is resized.
+/// Reads the mask of an `image` that is shown in `size`, see [`read_turned`]. The image's EXIF data turn a mask that has none
+/// and fits the stored pixels alone; if it fits both, they turn it if cameras are for the stored pixels (`by_stored`).
+pub(crate) fn read_mask(
+    image: &Path,
+    (path, role): &(PathBuf, MaskRole),
+    size: (u32, u32),
+    by_stored: bool,
+) -> Result<Vec<bool>, SceneError> {
+    let (own, turn) = (orientation(path), orientation(image));
+    let fits = |size| stored_dimensions(path).map(|found| same_proportions(found, size));
+    let is_turned = own == Orientation::NoTransforms
+        && turn != Orientation::NoTransforms
+        && fits(stored_dimensions(image)?)?
+        && (by_stored || !fits(size)?);
+    read_turned(path, *role, size, if is_turned { turn } else { own })
+}
+
+/// Reads which pixels of an image of `size` count, row-major, from a mask that is turned by `turn`. A capture's mask of the
+/// same proportions is resized.
 ///
-/// A pixel counts if it is not black. In a capture's mask it counts if it is brighter than half the brightest pixel:
-/// this rejects JPEG noise in black areas and accepts masks of zeros and ones.
-pub(crate) fn read_mask(path: &Path, role: MaskRole, size: (u32, u32)) -> Result<Vec<bool>, SceneError> {
-    let image = read_rgba(path)?;
+/// A pixel counts if it is not black. In a capture's mask of many values, or in a lossy format, it counts if it is brighter
+/// than half the brightest pixel: this rejects JPEG noise in black areas and accepts masks of zeros and ones.
+fn read_turned(path: &Path, role: MaskRole, size: (u32, u32), turn: Orientation) -> Result<Vec<bool>, SceneError> {
+    let image = read_rgba_turned(path, turn)?;
     let found = (image.width, image.height);
     let is_capture = matches!(role, MaskRole::Capture | MaskRole::Dynamic);
     if found != size && !(is_capture && same_proportions(found, size)) {
@@ -73,7 +132,16 @@ pub(crate) fn read_mask(path: &Path, role: MaskRole, size: (u32, u32)) -> Result
     }
     let brightness =
         |&[r, g, b, a]: &[f32; 4]| if a > 0.0 { r.max(g).max(b) * if is_capture { a } else { 1.0 } } else { 0.0 };
-    let threshold = if is_capture { 0.5 * image.pixels.iter().map(brightness).fold(0.0, f32::max) } else { 0.0 };
+    let values = || image.pixels.iter().map(brightness);
+    let mut labels = BTreeSet::new();
+    let has_labels = values().all(|value| {
+        labels.insert(value.to_bits());
+        labels.len() <= MAX_LABELS
+    });
+    let extension = path.extension().unwrap_or_default();
+    let is_lossless = ["png", "tif", "tiff", "bmp"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+    let is_exact = !is_capture || has_labels && is_lossless;
+    let threshold = if is_exact { 0.0 } else { 0.5 * values().fold(0.0, f32::max) };
     let counts = image.pixels.iter().map(|pixel| (brightness(pixel) > threshold) != (role == MaskRole::Dynamic));
     Ok(resized_mask(&counts.collect::<Vec<bool>>(), found, size))
 }
@@ -93,23 +161,30 @@ pub(super) fn lens_mask(camera: &Camera) -> Option<Vec<bool>> {
     exceeds_lens(camera).then(|| (0..camera.height).flat_map(row).collect())
 }
 
-/// Removes views without a valid pixel from `test`. Returns warnings of the pixels and views that are left out.
-pub(super) fn check_valid(frames: &[&Frame], train: &[View], test: &mut Vec<View>) -> Result<Vec<String>, SceneError> {
+/// Removes views without a valid pixel. Returns warnings of the pixels and views that are left out.
+pub(super) fn check_valid(
+    frames: &[&Frame],
+    train: &mut Vec<View>,
+    test: &mut Vec<View>,
+) -> Result<Vec<String>, SceneError> {
     let is_blank = |view: &View| view.valid.as_ref().is_some_and(|valid| !valid.contains(&true));
-    if let Some((frame, _)) = frames.iter().zip(train).find(|(_, view)| is_blank(view)) {
+    if let Some(frame) = frames.first().filter(|_| train.iter().all(is_blank)) {
         let file = frame.mask.as_ref().map_or(&frame.image, |(mask, _)| mask);
         let expected = "a mask that leaves pixels to train on (or `scene.masks = \"score\"`)";
         return Err(SceneError::malformed(file, expected, "all are black"));
     }
     let mut warnings = Vec::new();
-    let blank: Vec<String> = test.extract_if(.., |view| is_blank(view)).map(|view| view.name).collect();
-    if !blank.is_empty() {
-        warnings.push(format!("masks leave no pixel of the test views {}: they are not tested", blank.join(", ")));
+    for (kind, used, views) in [("training", "trained on", &mut *train), ("test", "tested", &mut *test)] {
+        let blank: Vec<String> = views.extract_if(.., |view| is_blank(view)).map(|view| view.name).collect();
+        let names = blank.join(", ");
+        if !blank.is_empty() {
+            warnings.push(format!("masks leave no pixel of the {kind} views {names}: they are not {used}"));
+        }
     }
     if test.is_empty() {
         return Err(SceneError::request("test", "a view whose mask is not black throughout", "none"));
     }
-    let partial = train.iter().chain(&*test).filter(|view| view.valid.is_some());
+    let partial = train.iter().chain(test.iter()).filter(|view| view.valid.is_some());
     let (bent, whole): (Vec<&View>, Vec<&View>) = partial.partition(|view| exceeds_lens(&view.camera));
     let masked = whole.into_iter().filter(|view| view.mask.is_some()).collect();
     for (what, views) in [("the lens cannot be inverted at the border", bent), ("masks leave out pixels", masked)] {
@@ -124,31 +199,33 @@ pub(super) fn check_valid(frames: &[&Frame], train: &[View], test: &mut Vec<View
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::loaders::testing::set_orientation;
     use infonerf_scene::{Lens, Rgba8};
 
     #[test]
     fn masks_are_read_by_their_role() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("m.png");
-        let write = |values: [u8; 2]| {
-            let pixels = values.map(|v| [v, v, v, 255]).to_vec();
-            Rgba8 { width: 2, height: 1, pixels }.write_png(&path).unwrap();
+        let write = |values: &[u8]| {
+            let pixels = values.iter().map(|&v| [v, v, v, 255]).collect();
+            Rgba8 { width: values.len() as u32, height: 1, pixels }.write_png(&path).unwrap();
         };
-        let read = |role| read_mask(&path, role, (2, 1)).unwrap();
-        // Values of a mask: labels of body parts, JPEG noise in a black area, zeros and ones.
-        for (values, counts, capture) in [
-            ([0, 9], [false, true], [false, true]),
-            ([9, 255], [true; 2], [false, true]),
-            ([0, 1], [false, true], [false, true]),
-        ] {
-            write(values);
+        let read_as = |role, size| read_turned(&path, role, size, Orientation::NoTransforms);
+        let read = |role| read_as(role, (2, 1)).unwrap();
+        // More values than labels have, as with noise in a black area.
+        write(&(0..18).map(|i| 15 * i).collect::<Vec<u8>>());
+        let bright: Vec<bool> = (0..18).map(|i| i > 8).collect();
+        assert_eq!(read_as(MaskRole::Capture, (18, 1)).unwrap(), bright);
+        // Labels of body parts; without a background; zeros and ones.
+        for (values, counts) in [([0, 9], [false, true]), ([9, 255], [true; 2]), ([0, 1], [false, true])] {
+            write(&values);
             assert_eq!(read(MaskRole::Counts), counts);
-            assert_eq!(read(MaskRole::Capture), capture);
-            assert_eq!(read(MaskRole::Dynamic), capture.map(|c| !c));
+            assert_eq!(read(MaskRole::Capture), counts);
+            assert_eq!(read(MaskRole::Dynamic), counts.map(|c| !c));
         }
-        assert_eq!(read_mask(&path, MaskRole::Capture, (4, 2)).unwrap()[4..], [false, false, true, true]);
-        assert!(read_mask(&path, MaskRole::Counts, (4, 2)).unwrap_err().to_string().contains("it has 2×1"));
-        assert!(read_mask(&path, MaskRole::Capture, (1, 2)).unwrap_err().to_string().contains("it has 2×1"));
+        assert_eq!(read_as(MaskRole::Capture, (4, 2)).unwrap()[4..], [false, false, true, true]);
+        assert!(read_as(MaskRole::Counts, (4, 2)).unwrap_err().to_string().contains("it has 2×1"));
+        assert!(read_as(MaskRole::Capture, (1, 2)).unwrap_err().to_string().contains("it has 2×1"));
     }
 
     #[test]
@@ -162,12 +239,38 @@ mod tests {
             ("dense/0/images/d.png", "dense/0/masks/d.png", MaskRole::Capture),
             ("e.png", "masks/e.png", MaskRole::Capture),
             ("train/f.png", "train/dynamic_mask_f.png", MaskRole::Dynamic),
+            ("images/g.png", "masks/g_mask.jpg", MaskRole::Capture),
+            ("images/h.png", "masks/h.png.mask.png", MaskRole::Capture),
+            ("train/i.jpg", "train/i.mask.png", MaskRole::Capture),
         ] {
             let (image, mask) = (dir.join(image), dir.join(mask));
             assert_eq!(mask_of(dir, &image), None);
             std::fs::create_dir_all(mask.parent().unwrap()).unwrap();
             std::fs::write(&mask, "").unwrap();
             assert_eq!(mask_of(dir, &image), Some((mask, role)));
+        }
+        std::fs::create_dir(dir.join("images")).unwrap();
+        ["images/a.jpg", "train/i.jpg"].iter().for_each(|name| std::fs::write(dir.join(name), "").unwrap());
+        assert!(is_mask_name(&dir.join("train/i.mask.png")) && !is_mask_name(&dir.join("train/k_mask.png")));
+        let warning = stray_masks(dir, &dir.join("images")).unwrap();
+        assert!(warning.starts_with("3 of 4 files in masks belong to no image, such as e.png: "), "{warning}");
+    }
+
+    /// Checks a mask whose left half is white, for an image that is stored lying.
+    #[test]
+    fn masks_of_stored_pixels_are_turned_with_their_images() {
+        let guard = tempfile::tempdir().unwrap();
+        let (photograph, path) = (guard.path().join("a.jpg"), guard.path().join("m.png"));
+        let pixels = (0..8).map(|i| if i % 4 < 2 { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        Rgba8 { width: 4, height: 2, pixels }.write_png(&path).unwrap();
+        let mask = (path, MaskRole::Capture);
+        for (exif, size, by_stored, expected) in
+            [(6, (2, 4), false, 0b1111_0000), (3, (4, 2), true, 0b0011_0011), (3, (4, 2), false, 0b1100_1100)]
+        {
+            image::RgbImage::new(4, 2).save(&photograph).unwrap();
+            set_orientation(&photograph, exif);
+            let counts = read_mask(&photograph, &mask, size, by_stored).unwrap();
+            assert_eq!(counts.iter().fold(0, |bits, &bit| 2 * bits + u32::from(bit)), expected, "{exif}");
         }
     }
 

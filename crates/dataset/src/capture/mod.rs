@@ -12,10 +12,10 @@ mod extent;
 mod mask;
 mod sizes;
 
-pub(crate) use assemble::{assemble, count_pixels, in_order, scene_name};
+pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, seen_at};
-pub(crate) use mask::{is_mask_name, mask_of, read_mask};
+pub(crate) use mask::{is_mask_name, list_photographs, mask_of, read_mask, stray_masks};
 
 use std::path::Path;
 
@@ -125,7 +125,7 @@ impl<'a> Found<'a> {
     /// half turns), cameras of COLMAP, LLFF, DTU and ZJU-MoCap are taken for the stored pixels, and cameras of JSON files for
     /// the upright image.
     fn turn(&mut self) {
-        let by_stored = !matches!(self.format, Format::Blender | Format::Transforms);
+        let by_stored = self.is_by_stored();
         let mut doubtful = Vec::new();
         for frame in self.train.iter_mut().chain(&mut self.test) {
             let Some(quarters @ 1..=3) = quarter_turns(orientation(&frame.image)) else { continue };
@@ -146,6 +146,11 @@ impl<'a> Found<'a> {
                 doubtful.len()
             ));
         }
+    }
+
+    /// Whether cameras are for the stored pixels of images that EXIF data turn, if no size tells.
+    fn is_by_stored(&self) -> bool {
+        !matches!(self.format, Format::Blender | Format::Transforms)
     }
 
     /// Derives the space from the training cameras and the extent that the format states.
@@ -201,7 +206,7 @@ mod tests {
     use std::fs;
 
     use glam::{DMat4, Vec3};
-    use infonerf_scene::{Layout, Scene, SceneRequest, ViewSelection};
+    use infonerf_scene::{Backdrop, Layout, Scene, SceneRequest, ViewSelection};
 
     use super::*;
     use crate::colmap::ColmapCamera;
@@ -352,8 +357,15 @@ mod tests {
         let guard = photographs(&all);
         let scene = load(guard.path(), &request()).unwrap();
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
-        assert_warns(&scene, 0, "images/p03 and images/p11 show one photograph, with two cameras");
-        assert_warns(&scene, 1, "images/p08 is a copy of images/p10, which is trained on: it is not tested");
+        assert_warns(&scene, 0, "images/p03.png and images/p11.png show one photograph, with two cameras");
+        assert_warns(&scene, 1, "images/p08.png is a copy of images/p10.png, which is trained on: it is not tested");
+        // A copy with other tones is known by its camera, and is none if that is moved as between frames of a video.
+        let path = guard.path().join("images/p10.png");
+        image::open(&path).unwrap().brighten(20).save(&path).unwrap();
+        assert_warns(&load(guard.path(), &request()).unwrap(), 1, "images/p08.png is a copy of images/p10.png");
+        let x = (all[10].position_f64().x + 0.04).into();
+        edit(&guard.path().join("transforms.json"), "/frames/10/transform_matrix/0/3", Some(x));
+        assert_eq!(load(guard.path(), &request()).unwrap().test.len(), 2);
         // Views are chosen by the names of their images, too.
         let named = |names: &str| SceneRequest { train: names.parse().unwrap(), ..request() };
         let scene = load(guard.path(), &named("p06,images/p02,p05.png")).unwrap();
@@ -361,6 +373,24 @@ mod tests {
         assert_eq!(names, ["images/p06.png", "images/p02.png", "images/p05.png"]);
         let text = message(guard.path(), &named("p06,p77"));
         assert!(text.contains("names of training images, such as images/p01, found `p77`"), "{text}");
+    }
+
+    #[test]
+    fn an_alpha_channel_that_hides_nothing_is_no_matte() {
+        let cameras = infonerf_procedural::photographs("room", 16, 10);
+        let guard = photographs_of("room", &cameras, &cameras, |i| format!("images/p{i:02}.png"));
+        let plain = load(guard.path(), &request()).unwrap();
+        let with_alpha = |alpha: u8| {
+            for path in infonerf_scene::image::list_images(&guard.path().join("images")).unwrap() {
+                let mut image = image::open(&path).unwrap().into_rgba8();
+                image.get_pixel_mut(0, 0).0[3] = alpha;
+                image.save(&path).unwrap();
+            }
+            (load(guard.path(), &request()).unwrap(), crate::info(guard.path()).unwrap().backdrop)
+        };
+        assert!(plain.backdrop == Backdrop::Unknown && with_alpha(255) == (plain, Some(Backdrop::Unknown)));
+        let (cut, backdrop) = with_alpha(0);
+        assert_eq!((cut.backdrop, backdrop), (Backdrop::Colour, Some(Backdrop::Colour)));
     }
 
     #[test]
@@ -374,7 +404,7 @@ mod tests {
         assert_eq!(scene.train.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 1, 2, 3, 5]);
         assert_eq!(scene.test.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 2]);
         assert!(scene.warnings[0].contains("r_4.png") && scene.warnings[1].contains("r_1.png"), "{:?}", scene.warnings);
-        let asked = |id: usize| SceneRequest { train: ViewSelection::Ids(vec![id]), ..request() };
+        let asked = |id: usize| SceneRequest { train: ViewSelection::Ids { ids: vec![id] }, ..request() };
         assert!(message(&dir, &asked(4)).contains("r_4.png: not found"));
         // Images that are not chosen need not be there.
         fs::remove_file(dir.join("train/r_0.png")).unwrap();

@@ -6,7 +6,7 @@ use glam::Vec3;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{assemble, compare, grid, join_names, seen_at};
+use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, join_names, seen_at};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -25,7 +25,7 @@ const BLANK: f32 = 0.004;
 const SMALL_MASK: f32 = 0.005;
 /// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
-/// Longest side, in pixels, of the images in which [`check_folder`] looks for blur.
+/// Longest side, in pixels, of the images in which [`check_folder`] looks for blur; less if there are many.
 const CHECKED_SIZE: u32 = 512;
 
 /// Loads the scene in the folder `dir` with all of its views, checks it, and compares its poses with its photographs.
@@ -34,13 +34,29 @@ const CHECKED_SIZE: u32 = 512;
 /// # Errors
 /// As [`crate::load`].
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
-    let (train, test) = (ViewSelection::All, TestProtocol::All);
-    let request = SceneRequest { train, test, image_size: Some(CHECKED_SIZE), ..SceneRequest::default() };
+    let request = fitting_request(dir, MAX_BYTES)?;
     let doubts = compare(&loaders::read(dir, &request)?.prepared()?)?;
     let scene = assemble(loaders::read(dir, &request)?, &request)?;
     let mut warnings = check(&scene);
+    // The images are resized for the check alone.
+    warnings.retain(|warning| !warning.ends_with(DEPTHS_LEFT_OUT));
     warnings.extend(doubts);
     Ok((scene.train.len() + scene.test.len(), warnings))
+}
+
+/// Returns the request for all views at [`CHECKED_SIZE`], halved until the images take at most `limit` bytes.
+fn fitting_request(dir: &Path, limit: u64) -> Result<SceneRequest, SceneError> {
+    let mut size = CHECKED_SIZE;
+    loop {
+        let (train, test) = (ViewSelection::All, TestProtocol::All);
+        let request = SceneRequest { train, test, image_size: Some(size), ..SceneRequest::default() };
+        let pixels = count_pixels(loaders::read(dir, &request)?, &request)?;
+        // A pixel with alpha takes 16 bytes.
+        if size == 1 || pixels.train.saturating_add(pixels.test) <= limit / 16 {
+            return Ok(request);
+        }
+        size /= 2;
+    }
 }
 
 /// Returns the warnings about `scene` that should be looked at before training on it.
@@ -196,6 +212,14 @@ mod tests {
         let (train, test) = (ViewSelection::Seed { seed: 0, count: 5 }, TestProtocol::First(1));
         let request = SceneRequest { train, test, image_size: Some(24), ..Default::default() };
         load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+    }
+
+    #[test]
+    fn images_are_checked_at_a_size_that_fits() {
+        let guard = tempfile::tempdir().unwrap();
+        loaders::testing::blender(guard.path(), 5, 2);
+        let size = |limit: u64| fitting_request(guard.path(), limit).unwrap().image_size;
+        assert_eq!((size(16 * 7 * 64), size(16 * 7 * 64 - 1)), (Some(CHECKED_SIZE), Some(4)));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use glam::Vec3;
 use infonerf_procedural as procedural;
-use infonerf_scene::image::{dimensions, has_alpha};
+use infonerf_scene::image::{dimensions, has_transparency};
 use infonerf_scene::{Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, Space};
 use serde::Serialize;
 
@@ -101,12 +101,12 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     })
 }
 
-/// Returns whether one image shows its content on a known background: by its matte, its alpha channel or a white
+/// Returns whether one image shows its content on a known background: by its matte, transparent pixels or a white
 /// border.
 fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let white = SceneRequest::default().background;
     let is_matted = matches!(frame.mask, Some((_, MaskRole::Matte)));
-    let shown = is_matted || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
+    let shown = is_matted || has_transparency(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
     Ok(if shown { Backdrop::Colour } else { Backdrop::Unknown })
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec3;
-use infonerf_scene::image::has_alpha;
+use infonerf_scene::image::has_transparency;
 use infonerf_scene::select::published;
 use infonerf_scene::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Space};
 
@@ -34,7 +34,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut warnings = std::mem::take(&mut train.warnings);
     let cameras = cameras_of(&train.frames)?;
     let first = train.frames.iter().find(|frame| frame.image.is_file());
-    let transparent = first.map(|frame| has_alpha(&frame.image)).transpose()?;
+    let transparent = first.map(|frame| has_transparency(&frame.image)).transpose()?;
     let (extent, estimated) = extent(&train, &cameras, transparent);
     warnings.extend(estimated);
     let selections = published::synthetic(&cameras);
@@ -89,11 +89,11 @@ fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> 
     (StatedExtent::Estimated(estimate), Some(warning))
 }
 
-/// Returns whether the frames are from NeRF's synthetic scenes: the first image, if it exists, has an alpha channel,
+/// Returns whether the frames are from NeRF's synthetic scenes: the first image, if it exists, has transparent pixels,
 /// all cameras are 4.03 from the origin, and a field of view is the only intrinsic parameter.
 fn is_published(frames: &[Frame], cameras: &[Camera], transparent: Option<bool>) -> bool {
     transparent != Some(false)
-        && frames.iter().all(|frame| matches!(frame.intrinsics, Intrinsics::Fov(_)))
+        && frames.iter().all(|frame| matches!(frame.intrinsics, Intrinsics::Fov(_, None)))
         && cameras.iter().all(|camera| DISTANCES.contains(&camera.position_f64().length()))
 }
 
@@ -274,7 +274,9 @@ mod tests {
         crate::files::npy::write(&dir.join("test/d.npy"), &[8, 8], &depth).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
         let small = SceneRequest { image_size: Some(4), ..request() };
-        assert_eq!(load(&dir, &small).unwrap().test[0].depth, None);
+        let resized = load(&dir, &small).unwrap();
+        assert_eq!(resized.test[0].depth, None);
+        assert_warns(&resized, 0, "exact depths of 1 views are left out: ");
         crate::files::npy::write(&dir.join("test/d.npy"), &[16, 4], &depth).unwrap();
         assert!(message(&dir, &request()).contains("shape [8, 8]: shape [16, 4]"));
     }

@@ -10,7 +10,8 @@ use super::llff::FOLDERS;
 use crate::capture::{Estimate, Found, is_mask_name};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
-use crate::frame::{Frame, find_by_end};
+use crate::frame::{Frame, find_by_end, keep_apart};
+use crate::photographs::changed_photographs;
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
@@ -33,9 +34,10 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let folder = image_folder(&roots, &names, request.image_size)?;
     let reduced = WHOLE.iter().all(|whole| folder.file_name().is_some_and(|name| name != *whole)) && folder != dir;
     let index: BTreeMap<u64, usize> = read.points.keys().zip(0..).map(|(&id, index)| (id, index)).collect();
-    let mut frames = Vec::new();
+    let (mut frames, mut stated) = (Vec::new(), Vec::new());
     for (image, name) in read.images.iter().zip(&names) {
         let Some(mut camera) = read.camera(image) else { continue };
+        stated.push(folder.join(name));
         let (path, name) = find_by_end(&folder, name).unwrap_or_else(|| (folder.join(name), name));
         if reduced && path.is_file() {
             let (width, height) = stored_dimensions(&path)?;
@@ -44,7 +46,11 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         let points = image.observations.iter().filter_map(|(_, id)| index.get(id).copied()).collect();
         frames.push(Frame { points, ..Frame::new(name, path, &camera) });
     }
-    let lost = without_pose(&folder, &frames);
+    keep_apart(&mut frames, &stated);
+    // Poses of the same photographs would leave out the same ones again.
+    let is_final = !place.starts_with(dir.join("sparse")) || changed_photographs(dir)? == Some(Vec::new());
+    let remedy = if is_final { "" } else { "; remove the scene's folder `sparse` to find the poses again" };
+    let lost = without_pose(&folder, &frames).map(|lost| lost + remedy);
     let estimate = Estimate { points: read.points.values().copied().collect(), ..Estimate::default() };
     let mut found = Found::captured(dir, Format::Colmap, frames, &request.test, estimate);
     found.warnings.extend(lost);
@@ -203,7 +209,7 @@ mod tests {
         let (guard, cameras) = folder(write_binary);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
-        assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");
+        assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png; remove"), "{warnings:?}");
         write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();

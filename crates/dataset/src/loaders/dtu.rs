@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(scene.space.bounds.max, Vec3::ONE);
         assert!(scene.warnings[0].contains("9 views instead of DTU's 49"));
         // Training views are not tested.
-        let all = load(guard.path(), &SceneRequest { train: ViewSelection::Ids(vec![4, 2]), ..request() }).unwrap();
+        let all = load(guard.path(), &SceneRequest { train: "4,2".parse().unwrap(), ..request() }).unwrap();
         assert_eq!(all.train.iter().map(|v| v.id).collect::<Vec<_>>(), [4, 2]);
         assert_eq!(all.test.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 1, 3, 5, 6, 7, 8]);
     }
@@ -274,7 +274,7 @@ mod tests {
         assert_eq!(ask("regnerf-9", "regnerf").1, test);
         let (train, others) = ask("infonerf-3", "pixelnerf");
         assert_eq!((train, others.len()), (vec![22, 25, 28], 31));
-        let leak = SceneRequest { train: ViewSelection::Ids(vec![1]), ..request() };
+        let leak = SceneRequest { train: ViewSelection::Ids { ids: vec![1] }, ..request() };
         assert!(message(guard.path(), &leak).contains("found 1"), "a test view is not trained on");
     }
 

@@ -92,6 +92,24 @@ mod tests {
         assert_eq!(load(&dir, &request()).unwrap().space.far, 2.0);
     }
 
+    /// States angles for one frame, which come before the focal lengths of all.
+    #[test]
+    fn fields_of_view_keep_the_principal_point() {
+        let (_guard, dir, json) = folder();
+        edit(&json, "/frames/1/camera_angle_x", Some(json!(0.5)));
+        edit(&json, "/frames/1/camera_angle_y", Some(json!(0.6)));
+        let assert_centre = |cx: f64| {
+            let camera = load(&dir, &request()).unwrap().train[0].camera.clone();
+            assert_eq!((camera.fx, camera.fy, camera.cx), (4.0 / 0.25f64.tan(), 4.0 / 0.3f64.tan(), cx));
+        };
+        assert_centre(4.5);
+        ["/w", "/h"].iter().for_each(|key| edit(&json, key, None));
+        let text = message(&dir, &request());
+        assert!(text.contains("`w`: expected an image side in pixels next to `camera_angle_x` and `cx`"), "{text}");
+        ["/cx", "/cy"].iter().for_each(|key| edit(&json, key, None));
+        assert_centre(4.0);
+    }
+
     #[test]
     fn fields_stated_in_part_are_named() {
         for (field, value, absent) in [
@@ -191,7 +209,7 @@ mod tests {
             write_mask(i, 7 * i);
             edit(&json, &format!("/frames/{i}/mask_path"), Some(json!(format!("images/m_{i}.png"))));
         }
-        let chosen = SceneRequest { train: infonerf_scene::ViewSelection::Ids(vec![0, 1]), ..request() };
+        let chosen = SceneRequest { train: "0,1".parse().unwrap(), ..request() };
         let scene = load(&dir, &chosen).unwrap();
         let view = &scene.train[1];
         let mask = view.mask.as_deref().unwrap();
@@ -202,12 +220,16 @@ mod tests {
         let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
-        // A test view without a valid pixel is left out; such a training view is an error.
+        // Views without a valid pixel are left out; without another training view that is an error.
         write_mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
         assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/r_8: they are not tested");
         write_mask(1, 64);
+        let scene = load(&dir, &chosen).unwrap();
+        assert_eq!((scene.train.len(), scene.train[0].id), (1, 1));
+        assert_warns(&scene, 0, "masks leave no pixel of the training views images/r_1: they are not trained on");
+        write_mask(2, 64);
         assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
         assert_eq!(load(&dir, &score).unwrap().test.len(), 2);
         fs::remove_file(dir.join("images/m_1.png")).unwrap();

@@ -13,9 +13,9 @@ use super::pose::read_pose;
 use crate::colmap::lens;
 use crate::files::json::{self, Node, PIXELS, pair};
 use crate::files::{MAX_COORDINATE, file_name};
-use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, without_extension};
+use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, keep_apart, without_extension};
 
-/// Factor by which instant-ngp scales positions before it puts them into its unit cube.
+/// Factor by which instant-ngp scales positions before it puts them into its unit cube, if the file has no `scale`.
 const NGP_SCALE: f64 = 0.33;
 
 pub(crate) struct Transforms {
@@ -51,12 +51,13 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
         return Err(list.error(expected));
     }
     let dir = path.parent().unwrap_or(Path::new(""));
-    let (mut frames, mut lost, mut scaled) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut frames, mut stated, mut lost, mut scaled) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (id, item) in items.iter().enumerate() {
         let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
         match read_pose(item, "transform_matrix")? {
             Some((pose, mended)) => {
                 scaled.extend(mended.then(|| name.to_owned()));
+                stated.push(stated_path(dir, name));
                 frames.push(Frame { id, pose, ..read_frame(dir, &root, item, name)? });
             }
             None => lost.push(name_of(dir, &image_path(dir, name))),
@@ -65,6 +66,7 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     if frames.is_empty() {
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
+    keep_apart(&mut frames, &stated);
     let of = |names: &[String], what: &str| {
         let (some, all, first, file) = (names.len(), items.len(), names.first()?, file_name(path));
         Some(format!("{some} of {all} frames of {file} {what}, the first {first}"))
@@ -73,26 +75,38 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     let corrected = of(&scaled, "have matrices that are no exact rotations and are corrected");
     let warnings = left_out.into_iter().chain(corrected).collect();
     let (range, bounds) = (read_range(&root)?, root.optional("aabb", read_bounds)?);
-    let (cube, split) = (root.optional("aabb_scale", read_aabb_scale)?, read_split(dir, &root)?);
+    let (cube, split) = (root.optional("aabb_scale", |node| read_aabb_scale(&root, node))?, read_split(dir, &root)?);
     Ok(Transforms { frames, lost, warnings, range, bounds, cube, split })
 }
 
-/// Reads instant-ngp's box: a cube about the origin with edges of `aabb_scale / 0.33`.
-fn read_aabb_scale(node: Node<'_>) -> Result<Aabb, SceneError> {
+/// Reads instant-ngp's box: the cube of edge `aabb_scale` about (0.5, 0.5, 0.5), in which the position p of the file is
+/// `scale · p + offset` (by default 0.33 and 0.5) with its axes exchanged, which leaves the cube as it is.
+fn read_aabb_scale(root: &Node<'_>, node: Node<'_>) -> Result<Aabb, SceneError> {
     let expected = "a power of two from 1 to 128";
-    let scale = node.within(1.0..=128.0, expected)?;
-    if scale.log2().fract() != 0.0 {
+    let edge = node.within(1.0..=128.0, expected)?;
+    if edge.log2().fract() != 0.0 {
         return Err(node.error(expected));
     }
-    Ok(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32))
+    let factor = |node: Node<'_>| node.within(1e-6..=1e6, "a factor from 1e-6 to 1e6");
+    let scale = root.optional("scale", factor)?.unwrap_or(NGP_SCALE);
+    let three = |node: Node<'_>| {
+        let expected = "one or three numbers from -1e5 to 1e5";
+        let offset = node.number(expected).map(|all| [all; 3]).or_else(|_| node.numbers(expected))?;
+        if offset.iter().all(|o| o.abs() <= 1e5) { Ok(offset) } else { Err(node.error(expected)) }
+    };
+    let centre = root.optional("offset", three)?.unwrap_or([0.5; 3]).map(|offset| ((0.5 - offset) / scale) as f32);
+    Ok(Aabb::cube(Vec3::from(centre), (0.5 * edge / scale) as f32))
 }
 
 fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Result<Frame, SceneError> {
     let depth = frame.optional("ray_depth_file_path", |node| Ok(dir.join(node.text("the path of an .npy file")?)))?;
-    let mask = frame.optional("mask_path", |node| Ok(image_path(dir, node.text("the path of a mask image")?)))?;
-    let mask = mask.map(|mask| (mask, MaskRole::Capture));
     let (intrinsics, lens) = read_optics(root, frame)?;
     let image = image_path(dir, path);
+    let mask = frame.optional("mask_path", |node| {
+        let named = node.text("the path of a mask image")?;
+        let found = Some(image_path(dir, named)).filter(|mask| *mask != image);
+        Ok((found.unwrap_or_else(|| stated_path(dir, named)), MaskRole::Capture))
+    })?;
     let name = name_of(dir, &image);
     Ok(Frame { id: 0, name, image, depth, mask, pose: glam::DMat4::IDENTITY, intrinsics, lens, points: Vec::new() })
 }
@@ -139,15 +153,21 @@ fn name_of(dir: &Path, image: &Path) -> String {
 }
 
 /// Returns the path of the image that a file names; `\` separates folders too. If there is no such image, returns the
-/// expected path, with `.png` appended unless it has an image's extension: `r_0.5` becomes `r_0.5.png`.
+/// path as by [`stated_path`].
 fn image_path(dir: &Path, named: &str) -> PathBuf {
     let relative = named.replace('\\', "/");
+    let found = find_by_end(dir, relative.trim_start_matches("./"));
+    found.map_or_else(|| stated_path(dir, named), |(path, _)| path)
+}
+
+/// Returns the path that a file states, with `.png` appended unless it has an image's extension: `r_0.5` becomes
+/// `r_0.5.png`.
+fn stated_path(dir: &Path, named: &str) -> PathBuf {
+    let relative = named.replace('\\', "/");
     let relative = relative.trim_start_matches("./");
-    find_by_end(dir, relative).map(|(path, _)| path).unwrap_or_else(|| {
-        let whole = dir.join(relative);
-        let complete = is_image_name(&whole) || unread_format(&whole).is_some();
-        if complete { whole } else { dir.join(format!("{relative}.png")) }
-    })
+    let whole = dir.join(relative);
+    let complete = is_image_name(&whole) || unread_format(&whole).is_some();
+    if complete { whole } else { dir.join(format!("{relative}.png")) }
 }
 
 /// Lens distortion coefficients of nerfstudio and instant-ngp.
@@ -157,29 +177,43 @@ const MAX_COEFFICIENT: f64 = 1e6;
 const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, FOV";
 
-/// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root.
+/// Reads the intrinsics and lens of a frame, each field from the frame if it has it, else from the file's root. A field
+/// of view of the frame comes before a focal length of the root.
 fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), SceneError> {
     let place = |key: &str| if frame.find(key).is_some() { frame } else { root };
     let lens = read_lens(place)?;
-    let focal = |key: &str| place(key).optional(key, |node| node.within(PIXELS, "a positive focal length in pixels"));
-    let Some(fx) = focal("fl_x")? else {
-        if place("fl_y").find("fl_y").is_some() {
-            place("fl_x").get("fl_x", "a focal length in pixels next to `fl_y`")?;
-        }
-        let expected = "a horizontal field of view between 0 and π radians";
-        let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
-        let node = place("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?;
-        return Ok((Intrinsics::Fov(node.within(range, expected)?), lens));
-    };
+    let has_angle = frame.find("camera_angle_x").is_some() && frame.find("fl_x").is_none();
+    let source = |key: &str| if has_angle { frame } else { place(key) };
+    let focal = |key: &str| source(key).optional(key, |node| node.within(PIXELS, "a positive focal length in pixels"));
     let position = |node: Node<'_>| node.within(-*PIXELS.end()..=*PIXELS.end(), "a position in pixels");
     let side = |node: Node<'_>| {
         let expected = "an image side in whole pixels";
         let side = node.within(1.0..=f64::from(u32::MAX), expected)?;
         if side.fract() == 0.0 { Ok(side as u32) } else { Err(node.error(expected)) }
     };
-    let focal = [fx, focal("fl_y")?.unwrap_or(fx)];
     let centre = pair(place, ["cx", "cy"], "a position in pixels", position)?.map(|(x, y)| [x, y]);
     let size = pair(place, ["w", "h"], "an image side in pixels", side)?;
+    if let Some(fx) = focal("fl_x")? {
+        let focal = [fx, focal("fl_y")?.unwrap_or(fx)];
+        return Ok((Intrinsics::Pixels { focal, centre, size }, lens));
+    }
+    if source("fl_y").find("fl_y").is_some() {
+        source("fl_x").get("fl_x", "a focal length in pixels next to `fl_y`")?;
+    }
+    let expected = "a horizontal field of view between 0 and π radians";
+    let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
+    let x =
+        source("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?.within(range, expected)?;
+    let vertical = |node: Node<'_>| node.within(range, "a vertical field of view between 0 and π radians");
+    let y = source("camera_angle_y").optional("camera_angle_y", vertical)?;
+    let Some((w, h)) = size else {
+        if centre.is_some() {
+            root.get("w", "an image side in pixels next to `camera_angle_x` and `cx`")?;
+        }
+        return Ok((Intrinsics::Fov(x, y), lens));
+    };
+    let in_pixels = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+    let focal = [in_pixels(w, x), y.map_or(in_pixels(w, x), |y| in_pixels(h, y))];
     Ok((Intrinsics::Pixels { focal, centre, size }, lens))
 }
 
@@ -209,7 +243,10 @@ fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, S
 mod tests {
     use std::fs;
 
+    use serde_json::json;
+
     use super::*;
+    use crate::loaders::testing::pose;
 
     #[test]
     fn images_are_found_by_paths_of_other_computers() {
@@ -230,5 +267,21 @@ mod tests {
         let dotted = image_path(dir, "./train/r_0.5");
         assert_eq!((name_of(dir, &dotted), dotted), ("train/r_0.5".into(), dir.join("train/r_0.5.png")));
         assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
+    }
+
+    #[test]
+    fn no_image_takes_the_place_of_another() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        ["0.png", "1.jpg"].iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
+        let frame = |path: &str| json!({"file_path": path, "mask_path": "masks/1.png", "transform_matrix": pose(0)});
+        let frames = ["a/0.png", "b/0.png", "c/1.png"].map(frame);
+        let value =
+            json!({"camera_angle_x": 0.7, "aabb_scale": 4, "scale": 0.5, "offset": [0, 1, 0.5], "frames": frames});
+        let read = transforms(&dir.join("transforms.json"), &value).unwrap();
+        let images: Vec<&Path> = read.frames.iter().map(|frame| frame.image.as_path()).collect();
+        assert_eq!(images, ["a/0.png", "b/0.png", "1.jpg"].map(|name| dir.join(name)));
+        assert_eq!(read.frames[2].mask, Some((dir.join("masks/1.png"), MaskRole::Capture)));
+        assert_eq!(read.cube, Some(Aabb::cube(Vec3::new(1.0, -1.0, 0.0), 4.0)), "instant-ngp's box");
     }
 }

@@ -132,8 +132,8 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     let about = capture_space(cameras, Vec::new(), Vec::new());
     let mut masks = Vec::new();
     for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
-        let Some((path, role)) = &frame.mask else { continue };
-        let mask = read_mask(path, *role, (camera.width, camera.height))?;
+        let Some(mask) = &frame.mask else { continue };
+        let mask = read_mask(&frame.image, mask, (camera.width, camera.height), true)?;
         // A view without the person does not constrain the hull.
         if mask.contains(&true) {
             masks.push((camera, mask));

@@ -1,6 +1,6 @@
 //! Poses of photographs, found by an installed COLMAP.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::ffi::OsString;
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -8,12 +8,16 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use infonerf_scene::SceneError;
+use infonerf_scene::image::stored_dimensions;
 
 use super::OVERLAPPING;
+use crate::capture::list_photographs;
 use crate::colmap::{Reconstruction, models};
-use crate::files::make_folder;
+use crate::files::{file_name, make_folder, write_file};
 
 pub(super) const PROGRAM: &str = "colmap";
+/// Option, with a space at its end, that rejects photographs of another size than the first.
+const ONE_LENS: &str = "ImageReader.single_camera=1 ";
 /// Steps: name, number of paths that it takes, and options.
 const STEPS: [(&str, usize, &str); 3] = [
     (
@@ -37,8 +41,9 @@ const REPEATED: usize = 3;
 /// `progress` receives the name of each step and each line that the program prints.
 ///
 /// The settings are for few images: affine-invariant features, guided exhaustive matching, and a mapper that starts
-/// from pairs with little parallax. All images share one lens with one distortion coefficient: with more, the mapper
-/// fits absurd lenses to few photographs and leaves most of them without a pose.
+/// from pairs with little parallax. All images share one lens if they have one size. A lens has one distortion coefficient:
+/// with more, the mapper fits absurd lenses to few photographs and leaves most of them without a pose. Subfolders of
+/// `images` and masks are not read.
 pub(super) fn find(
     program: &Path,
     work: &Path,
@@ -48,12 +53,20 @@ pub(super) fn find(
     let (database, sparse) = (work.join("colmap.db"), work.join("sparse"));
     let _ = fs::remove_dir_all(work);
     make_folder(&sparse)?;
-    for step in STEPS {
-        progress(step.0);
+    let (photographs, list) = (list_photographs(images)?, work.join("photographs.txt"));
+    write_file(&list, photographs.iter().map(|path| file_name(path) + "\n").collect::<String>())?;
+    let sizes = photographs.iter().map(|path| stored_dimensions(path)).collect::<Result<HashSet<_>, _>>()?;
+    for (step, count, options) in STEPS {
+        progress(step);
         let mut help = String::new();
         // A program that prints no help gets all options and reports unknown ones itself.
-        let _ = run(program, step.0, &["-h".into()], &mut |line: &str| help += line);
-        run(program, step.0, &arguments(step, [&database, images, &sparse], &help), &mut progress)?;
+        let _ = run(program, step, &["-h".into()], &mut |line: &str| help += line);
+        let options = if sizes.len() > 1 { options.replace(ONE_LENS, "") } else { options.into() };
+        let mut all = arguments((step, count, options.as_str()), [&database, images, &sparse], &help);
+        if step == STEPS[0].0 {
+            all.extend(["--image_list_path".into(), list.clone().into_os_string()]);
+        }
+        run(program, step, &all, &mut progress)?;
     }
     if models(work).is_empty() {
         return Err(SceneError::malformed(images, OVERLAPPING, "colmap made no reconstruction of them"));
@@ -121,14 +134,16 @@ mod tests {
         assert_eq!(names("").len(), 6, "without help, all");
     }
 
-    /// Runs a script in place of COLMAP that prints its step and fails at the mapper.
+    /// Runs a script in place of COLMAP that prints its arguments and the list of photographs, and fails at the mapper.
     #[cfg(unix)]
     #[test]
     fn steps_run_and_their_lines_are_handed_on() {
         use std::os::unix::fs::PermissionsExt;
         let guard = tempfile::tempdir().unwrap();
-        let program = guard.path().join("colmap");
-        fs::write(&program, "#!/bin/sh\necho \"run $1\"\necho oops >&2\n[ \"$1\" != mapper ]\n").unwrap();
+        let (dir, program) = (guard.path(), guard.path().join("colmap"));
+        let script = "#!/bin/sh\necho run $*\necho oops >&2\nfor last; do :; done\n\
+                      case $last in *.txt) cat $last;; esac\n[ $1 != mapper ]\n";
+        fs::write(&program, script).unwrap();
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
         let mut seen = Vec::new();
         for (step, ..) in &STEPS[..2] {
@@ -138,5 +153,16 @@ mod tests {
         assert_eq!(seen, ["oops", "oops", "run exhaustive_matcher", "run feature_extractor"]);
         let text = run(&program, "mapper", &[], &mut |_: &str| {}).unwrap_err().to_string();
         assert!(text.contains("`mapper` to succeed") && text.contains("oops") && !text.contains('\n'), "{text}");
+        // Neither masks nor subfolders are photographs; those of one size share a lens.
+        fs::create_dir(dir.join("masks")).unwrap();
+        for width in [8, 9] {
+            for (name, width) in [("a.png", 8), ("b c.png", width), ("a_mask.png", 8), ("masks/a.png", 8)] {
+                image::RgbImage::new(width, 8).save(dir.join(name)).unwrap();
+            }
+            let mut lines = String::new();
+            find(&program, &dir.join("work"), dir, &mut |line: &str| lines += &format!("{line}\n")).unwrap_err();
+            assert!(lines.contains("oops\na.png\nb c.png\nexhaustive_matcher"), "{lines}");
+            assert_eq!(lines.contains("single_camera 1"), width == 8, "{lines}");
+        }
     }
 }

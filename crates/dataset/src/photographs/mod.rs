@@ -2,26 +2,30 @@
 
 mod colmap;
 mod own;
+mod sought;
 mod video;
 
+pub use sought::changed_photographs;
 pub use video::{video_folder, video_frames};
 
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
-use infonerf_scene::image::{list_images, unread_format};
+use infonerf_scene::image::{find_image, list_images, unread_format};
 
-use crate::colmap::Reconstruction;
+use crate::capture::list_photographs;
+use crate::colmap::{ColmapImage, Reconstruction};
 use crate::files::file_name;
 
 const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
 /// Min number of images from which poses can be found.
 const MIN_IMAGES: usize = 2;
 
-/// Folder in the scene's folder in which COLMAP works. It exists afterwards only if an attempt was interrupted.
-const WORK: &str = "colmap.partial";
+/// Folder in the scene's folder in which poses are made. It exists afterwards only if an attempt was interrupted.
+const WORK: &str = "poses.partial";
 
 /// Program that finds poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,20 +50,30 @@ pub struct PoseSearch {
 
 /// Finds the poses of the photographs in `dir` (or in `dir/images`) and writes them to `dir/sparse`, where [`crate::load`]
 /// finds them. `progress` receives a line for each step, for each photograph, and for the choice between two solvers.
+/// Replaces poses that it found by default settings if [`changed_photographs`] names any.
 ///
 /// # Errors
-/// There are fewer than two images; `dir/sparse` is there already; an image cannot be read; or the photographs do not
-/// overlap enough for a reconstruction, or show no depth.
+/// There are fewer than two images; other poses are in `dir/sparse`; `dir` cannot be written; an image cannot be read; or
+/// the photographs do not overlap enough for a reconstruction, or show no depth.
 pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
     let images = image_folder(dir)?;
     let sparse = dir.join("sparse");
-    if sparse.exists() {
+    let changed = changed_photographs(dir)?.unwrap_or_default();
+    if !changed.is_empty() {
+        progress(&format!("finding poses again: photographs were added, changed or removed: {}", changed.join(", ")));
+    } else if sparse.exists() {
         let expected = "a folder without a reconstruction; remove this one to make another";
         return Err(SceneError::malformed(&sparse, expected, "it exists"));
     }
+    unread_warning(&images).iter().for_each(|warning| progress(warning));
     let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
     let work = dir.join(WORK);
-    let folders = (&*work, &*sparse, &*images);
+    fs::create_dir_all(&work).and_then(|()| fs::remove_dir_all(&work)).map_err(|e| {
+        let reason = format!("{e}; copy the photographs to one that can be");
+        SceneError::malformed(dir, "a folder that can be written", reason)
+    })?;
+    let (sought, poses) = (sought::lines(dir)?, work.join("found"));
+    let folders = (&*work, &*poses, &*images);
     let found = match (search.solver, colmap) {
         (PoseSolver::Colmap, _) if search.focal.is_some() => {
             Err(SceneError::malformed(dir, "no focal length next to the solver colmap", "colmap does not use it"))
@@ -78,20 +92,28 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
             };
             match colmap.filter(|_| solver == PoseSolver::Best && !is_final) {
                 Some(colmap) => better(own, &colmap, folders, &mut progress),
-                None => own.and_then(|own| own.write(&sparse)),
+                None => own.and_then(|own| own.write(&poses)),
             }
         }
     };
+    let moved = found.and_then(|()| {
+        // Settings of the user's own are not known to a later search.
+        if *search == PoseSearch::default() {
+            sought::write(sought, &poses)?;
+        }
+        let removed = if sparse.exists() { fs::remove_dir_all(&sparse) } else { Ok(()) };
+        removed.and_then(|()| fs::rename(&poses, &sparse)).map_err(|e| SceneError::io(&sparse, e))
+    });
     // The next attempt removes what cannot be removed now.
     let _ = fs::remove_dir_all(&work);
-    found
+    moved
 }
 
 /// Runs COLMAP as well, and writes the poses of the solver that places more photographs, or as many with smaller residuals.
 fn better(
     own: Result<own::OwnPoses, SceneError>,
     colmap: &Path,
-    (work, sparse, images): (&Path, &Path, &Path),
+    (work, poses, images): (&Path, &Path, &Path),
     progress: &mut impl FnMut(&str),
 ) -> Result<(), SceneError> {
     progress("not all photographs are placed: colmap tries as well");
@@ -99,12 +121,13 @@ fn better(
         Ok(found) => found,
         Err(error) => {
             progress(&format!("colmap failed: {error}"));
-            return own?.write(sparse);
+            return own?.write(poses);
         }
     };
-    let count = list_images(images)?.len();
-    let ours = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model));
-    let theirs = quality(&found);
+    let names: Vec<String> = list_photographs(images)?.iter().map(|path| file_name(path)).collect();
+    let count = names.len();
+    let ours = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model, &names));
+    let theirs = quality(&found, &names);
     let is_better = theirs.0 > ours.0 || theirs.0 == ours.0 && theirs.1 < ours.1;
     let describe = |(placed, residual): (usize, f64)| match residual {
         f64::INFINITY => format!("{placed} of {count} photographs"),
@@ -113,35 +136,36 @@ fn better(
     let kept = if is_better { "colmap's" } else { "this program's" };
     let (ours, theirs) = (describe(ours), describe(theirs));
     progress(&format!("{kept} poses are kept: colmap placed {theirs}, this program {ours}"));
-    if is_better { keep_colmap(&found, (work, sparse, images), progress) } else { own?.write(sparse) }
+    if is_better { keep_colmap(&found, (work, poses, images), progress) } else { own?.write(poses) }
 }
 
-/// Moves the reconstruction that COLMAP has left in `work` to `sparse`, and names the photographs that it left out.
+/// Moves the reconstruction that COLMAP has left in `work` to `poses`, and names the photographs that it left out.
 fn keep_colmap(
     found: &Reconstruction,
-    (work, sparse, images): (&Path, &Path, &Path),
+    (work, poses, images): (&Path, &Path, &Path),
     progress: &mut impl FnMut(&str),
 ) -> Result<(), SceneError> {
-    for name in list_images(images)?.iter().map(|path| file_name(path)) {
+    for name in list_photographs(images)?.iter().map(|path| file_name(path)) {
         if !found.images.iter().any(|image| image.name == name) {
             progress(&format!("{name}: not placed: colmap did not register it"));
         }
     }
-    fs::rename(work.join("sparse"), sparse).map_err(|e| SceneError::io(sparse, e))
+    fs::rename(work.join("sparse"), poses).map_err(|e| SceneError::io(poses, e))
 }
 
-/// Returns the number of placed photographs, and the median reprojection error of their observations in pixels;
-/// infinite without points.
-fn quality(found: &Reconstruction) -> (usize, f64) {
+/// Returns the number of placed photographs among `names`, and the median reprojection error of their observations in
+/// pixels; infinite without points.
+fn quality(found: &Reconstruction, names: &[String]) -> (usize, f64) {
+    let placed: Vec<&ColmapImage> = found.images.iter().filter(|image| names.contains(&image.name)).collect();
     let mut residuals = Vec::new();
-    for image in &found.images {
+    for image in &placed {
         let Some(camera) = found.camera(image) else { continue };
         residuals.extend(image.observations.iter().filter_map(|(pixel, id)| {
             Some(camera.project_f64(*found.points.get(id)?).map_or(f64::INFINITY, |seen| seen.distance(*pixel)))
         }));
     }
     residuals.sort_by(f64::total_cmp);
-    (found.images.len(), residuals.get(residuals.len() / 2).copied().unwrap_or(f64::INFINITY))
+    (placed.len(), residuals.get(residuals.len() / 2).copied().unwrap_or(f64::INFINITY))
 }
 
 /// Returns the program `name` in the first folder of `path` that has it.
@@ -162,14 +186,35 @@ pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     if list_images(&folder).ok()?.is_empty() {
         return first_unread(&folder);
     }
-    let advice = format!("`infonerf capture {}` finds their poses and learns the scene", dir.display());
+    let path = dir.display().to_string();
+    let advice = format!("`infonerf capture {}` finds their poses and learns the scene", shlex::try_quote(&path).ok()?);
     let reason = format!("these are photographs: {advice}");
     Some(SceneError::malformed(dir, "a scene with poses", reason))
 }
 
 /// Returns the error about a folder whose photographs are in a format that is not read.
 fn first_unread(folder: &Path) -> Option<SceneError> {
-    fs::read_dir(folder).ok()?.find_map(|entry| unread_format(&entry.ok()?.path()))
+    list_unread(folder).iter().find_map(|path| unread_format(path))
+}
+
+/// Lists the photographs in `folder` of formats that are not read, without those that have an image of their name beside them.
+fn list_unread(folder: &Path) -> Vec<PathBuf> {
+    let is_hidden = |path: &Path| file_name(path).starts_with('.');
+    let is_alone = |path: &Path| find_image(&path.with_extension("jpg")).is_none();
+    entries(folder).filter(|path| unread_format(path).is_some() && !is_hidden(path) && is_alone(path)).collect()
+}
+
+fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
+}
+
+/// Returns a warning that counts the photographs in `folder` whose formats are not read.
+fn unread_warning(folder: &Path) -> Option<String> {
+    let unread = list_unread(folder);
+    let kinds = unread.iter().filter_map(|path| Some(format!("*.{}", path.extension()?.to_str()?)));
+    let kinds = Vec::from_iter(kinds.collect::<BTreeSet<_>>()).join(" ");
+    let convert = format!("convert them, such as with ImageMagick: `magick mogrify -format jpg {kinds}`");
+    (!unread.is_empty()).then(|| format!("{} files are not read; {convert}", unread.len()))
 }
 
 /// Returns the folder of photographs, or an error if it has fewer than [`MIN_IMAGES`] images.
@@ -178,9 +223,13 @@ fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
     if !folder.is_dir() {
         return Err(SceneError::NotFound { path: folder, expected: "a folder of photographs".into() });
     }
-    let count = list_images(&folder)?.len();
+    let count = list_photographs(&folder)?.len();
     if count < MIN_IMAGES {
-        let few = || SceneError::malformed(&folder, "at least two photographs", format!("it has {count}"));
+        let below = entries(&folder).filter(|path| list_images(path).is_ok_and(|images| !images.is_empty()));
+        let names = Vec::from_iter(below.map(|path| file_name(&path)).collect::<BTreeSet<_>>()).join(", ");
+        let names = if names.is_empty() { "none" } else { names.as_str() };
+        let found = format!("it has {count}; subfolders with images: {names}");
+        let few = || SceneError::malformed(&folder, "at least two photographs", found);
         return Err(first_unread(&folder).unwrap_or_else(few));
     }
     Ok(folder)
@@ -202,6 +251,18 @@ mod tests {
         let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
         assert!(text.contains(unread), "{text}");
         assert_eq!(missing_poses_error(guard.path()).unwrap().to_string(), text);
+        let shots = guard.path().join("my shots");
+        fs::create_dir(&shots).unwrap();
+        ["a.png", "b.png"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
+        let text = missing_poses_error(&shots).unwrap().to_string();
+        assert!(text.contains(&format!("`infonerf capture '{}'` finds", shots.display())), "{text}");
+        fs::remove_file(guard.path().join("IMG_1.HEIC")).unwrap();
+        assert!(fault(guard.path()).ends_with("at least two photographs: it has 0; subfolders with images: my shots"));
+        ["c.HEIC", "d.HEIC", "e.cr2", "a.DNG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
+        let warning = unread_warning(&shots).unwrap();
+        assert!(warning.starts_with("3 files are not read; ") && warning.ends_with(" *.HEIC *.cr2`"), "{warning}");
+        fs::write(shots.join(WORK), "").unwrap();
+        assert!(fault(&shots).contains("my shots: expected a folder that can be written: "));
         assert!(fault(&guard.path().join("none")).contains("not found"));
     }
 }

@@ -3,18 +3,16 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec2;
-use infonerf_scene::image::{
-    GreyImage, dimensions, focal_length, list_images, orientation, quarter_turns, read_rgba, resized_mask,
-};
+use infonerf_scene::image::{GreyImage, dimensions, focal_length, orientation, quarter_turns, read_rgba, resized_mask};
 use infonerf_scene::{Camera, SceneError, resized_dimensions};
 use infonerf_sfm::{Photograph, Point, reconstruct};
 use rayon::prelude::*;
 
 use super::OVERLAPPING;
-use crate::capture::{is_mask_name, mask_of, read_mask};
+use crate::capture::{list_photographs, mask_of, read_mask, stray_masks};
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 use crate::files::file_name;
 
@@ -48,19 +46,27 @@ impl OwnPoses {
 /// Finds the poses of the photographs in `images`, which is `dir` or a folder in it. `progress` receives a line for
 /// each step, and the reason for each photograph without a pose.
 ///
-/// All photographs share one lens: images of different sizes are resized to one longest side. Features are used in
-/// opaque pixels within the masks.
+/// All photographs share one lens: images of different sizes are resized to one longest side, the median, and those below
+/// half of it are left out. Features are used in opaque pixels within the masks.
 pub(super) fn find(
     dir: &Path,
     images: &Path,
     focal: Option<f64>,
     mut progress: impl FnMut(&str),
 ) -> Result<OwnPoses, SceneError> {
-    let mut paths = list_images(images)?;
-    paths.retain(|path| !is_mask_name(path));
-    progress(&format!("finding the poses of {} photographs", paths.len()));
-    let sizes = paths.iter().map(|path| dimensions(path)).collect::<Result<Vec<_>, _>>()?;
-    let longest = sizes.iter().map(|(width, height)| *width.max(height)).fold(MAX_SIDE, u32::min);
+    let all = list_photographs(images)?;
+    progress(&format!("finding the poses of {} photographs", all.len()));
+    let sides = all.iter().map(|path| dimensions(path).map(|(w, h)| w.max(h))).collect::<Result<Vec<u32>, _>>()?;
+    let mut sorted = sides.clone();
+    sorted.sort_unstable();
+    let longest = sorted.get(sorted.len().saturating_sub(1) / 2).map_or(MAX_SIDE, |median| MAX_SIDE.min(*median));
+    let (kept, small): (Vec<_>, Vec<_>) =
+        all.into_iter().zip(sides).partition(|(_, side)| *side >= longest.div_ceil(2));
+    for (path, side) in &small {
+        let reason = format!("its longest side of {side} pixels is below half of the usual {longest}");
+        progress(&format!("{}: not placed: {reason}", file_name(path)));
+    }
+    let paths: Vec<PathBuf> = kept.into_iter().map(|(path, _)| path).collect();
     let mut photographs = Vec::new();
     for some in paths.chunks(AT_ONCE) {
         let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(dir, path, longest)).collect();
@@ -71,6 +77,7 @@ pub(super) fn find(
     if masked > 0 {
         progress(&format!("features are looked for within the masks of {masked} photographs"));
     }
+    stray_masks(dir, images).iter().for_each(|warning| progress(warning));
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
     let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
@@ -112,7 +119,7 @@ pub(super) fn find(
         photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
     };
     let colours = found.points.iter().map(colour).collect();
-    Ok(OwnPoses { model: all, colours, left_out: lost.len() })
+    Ok(OwnPoses { model: all, colours, left_out: lost.len() + small.len() })
 }
 
 struct SmallPhotograph {
@@ -136,8 +143,10 @@ impl SmallPhotograph {
         let size = (image.width, image.height);
         let (width, height) = resized_dimensions(size.0, size.1, longest);
         let mut counts: Vec<bool> = image.pixels.iter().map(|[.., opacity]| *opacity >= 0.5).collect();
-        if let Some((mask, role)) = mask_of(dir, path) {
-            counts.iter_mut().zip(read_mask(&mask, role, size)?).for_each(|(counts, masked)| *counts &= masked);
+        if let Some(mask) = mask_of(dir, path) {
+            // Reconstructions refer to stored pixels.
+            let masked = read_mask(path, &mask, size, true)?;
+            counts.iter_mut().zip(masked).for_each(|(counts, masked)| *counts &= masked);
         }
         let mask = counts.contains(&false).then(|| resized_mask(&counts, size, (width, height)));
         let rgb = image.composite([1.0; 3]).resized(width, height).to_rgb8().as_chunks().0.to_vec();
@@ -174,6 +183,7 @@ impl SmallPhotograph {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use infonerf_scene::image::list_images;
     use infonerf_scene::{PoseError, Rgba8, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
     use super::super::{colmap, program};
@@ -215,7 +225,12 @@ mod tests {
             set_orientation(&jpeg, exif);
             fs::remove_file(&png).unwrap();
         }
-        find(guard.path(), guard.path(), None, |_| {}).unwrap().write(&guard.path().join("sparse")).unwrap();
+        image::RgbImage::new(100, 100).save(guard.path().join("small.png")).unwrap();
+        let mut lines = Vec::new();
+        let found = find(guard.path(), guard.path(), None, |line| lines.push(line.to_owned())).unwrap();
+        let small = "small.png: not placed: its longest side of 100 pixels is below half of the usual 360";
+        assert!(found.left_out == 1 && lines.iter().any(|line| line == small), "{lines:?}");
+        found.write(&guard.path().join("sparse")).unwrap();
         let tested = SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..Default::default() };
         let found = load(guard.path(), &tested).unwrap();
         let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());

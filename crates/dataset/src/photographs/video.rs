@@ -1,5 +1,6 @@
 //! Photographs extracted from a video by the `ffmpeg` program.
 
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use infonerf_scene::SceneError;
 use infonerf_scene::image::list_images;
 
 use super::{MIN_IMAGES, program};
-use crate::files::{make_folder, write_file};
+use crate::files::{file_name, make_folder, write_file};
 
 /// Max number of frames that are taken from a video.
 const MAX_TAKEN: usize = 24;
@@ -20,6 +21,12 @@ const SIDE: usize = 640;
 /// File below the folder of frames that names their video.
 const SOURCE: &str = "video.txt";
 const LOG: &str = "ffmpeg.log";
+/// Transfer functions of HDR videos: HLG and PQ.
+const HDR: [&str; 2] = ["arib-std-b67", "smpte2084"];
+/// Filters from HDR to the colours of a screen, with a comma at their end. HDR videos have the colours of BT.2020, but some do
+/// not say so.
+const TONE_MAPPING: &str = "setparams=color_primaries=bt2020:colorspace=bt2020nc,zscale=t=linear:npl=100,tonemap=hable,\
+                            zscale=p=bt709:t=bt709:m=bt709:r=pc,";
 
 /// Takes the sharpest frame of each of up to 24 equal stretches of the file `video`, and writes them as PNG files to
 /// the folder `dir`. Does nothing if this video's frames are there. `progress` receives a line for each step.
@@ -30,10 +37,11 @@ const LOG: &str = "ffmpeg.log";
 pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
     let name = video.display();
     let length = fs::metadata(video).map_err(|e| SceneError::io(video, e))?.len();
-    let source = format!("{name}\n{length} bytes\n");
+    let source = format!("{}\n{length} bytes\n", file_name(video));
     if dir.is_dir() {
         let known = fs::read_to_string(dir.join(SOURCE)).unwrap_or_default();
-        if known != source {
+        // Earlier versions wrote the path as it was typed.
+        if known.rsplit('/').next() != Some(source.as_str()) {
             let reason = format!("it is of `{}`; remove it, or give another --out", known.trim().replace('\n', ", "));
             return Err(SceneError::malformed(dir, format!("frames of {name}"), reason));
         }
@@ -48,6 +56,7 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
     let _ = fs::remove_dir_all(&partial);
     make_folder(&partial)?;
     progress(&format!("{name}: looking for sharp frames with ffmpeg"));
+    let toned = tone_mapping(&ffmpeg, video, &mut progress);
     let kept = |(count, picks): (usize, Vec<usize>)| {
         let last = list_images(&partial)?.len();
         if last != picks.len() {
@@ -65,11 +74,30 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
         ));
         Ok(())
     };
-    take(&ffmpeg, video, &partial).and_then(kept).inspect_err(|_| drop(fs::remove_dir_all(&partial)))
+    take(&ffmpeg, video, &partial, toned).and_then(kept).inspect_err(|_| drop(fs::remove_dir_all(&partial)))
 }
 
-/// Writes the frames that are taken to `partial`; returns the number of frames of the video, and which were taken.
-fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize>), SceneError> {
+/// Returns [`TONE_MAPPING`] for an HDR video, and nothing for others. Warns if ffprobe or the filters are not there.
+fn tone_mapping(ffmpeg: &Path, video: &Path, progress: &mut impl FnMut(&str)) -> &'static str {
+    let printed = |command: &mut Command| Some(String::from_utf8_lossy(&command.output().ok()?.stdout).into_owned());
+    let mut input = OsString::from("file:");
+    input.push(video);
+    let asked = ["-v", "error", "-select_streams", "v:0", "-show_entries", "stream=color_transfer", "-of", "csv=p=0"];
+    let transfer = printed(Command::new("ffprobe").args(asked).arg(input));
+    let filters = || printed(Command::new(ffmpeg).args(["-hide_banner", "-filters"])).unwrap_or_default();
+    let reason = match transfer {
+        Some(transfer) if !HDR.iter().any(|name| transfer.contains(*name)) => return "",
+        Some(_) if filters().contains(" zscale ") => return TONE_MAPPING,
+        Some(_) => "this ffmpeg has no zscale filter",
+        None => "ffprobe is not on PATH to tell whether it is HDR",
+    };
+    progress(&format!("{}: {reason}: colours of an HDR video will look flat", video.display()));
+    ""
+}
+
+/// Writes the frames that are taken, after the filters `toned`, to `partial` with 8 bits a channel; returns the number of
+/// frames of the video, and which were taken.
+fn take(ffmpeg: &Path, video: &Path, partial: &Path, toned: &str) -> Result<(usize, Vec<usize>), SceneError> {
     let small = format!("scale={SIDE}:{SIDE},format=gray");
     let mut child = start(ffmpeg, video, partial, &small, &["-f", "rawvideo", "-"])?;
     let (mut frame, mut sharpness) = (vec![0; SIDE * SIDE], Vec::new());
@@ -85,7 +113,8 @@ fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize
         return Err(SceneError::malformed(video, expected, format!("it has {}", sharpness.len())));
     }
     let terms: Vec<String> = picks.iter().map(|pick| format!("eq(n,{pick})")).collect();
-    let child = start(ffmpeg, video, partial, &format!("select='{}'", terms.join("+")), &["%03d.png"])?;
+    let filter = format!("select='{}',{toned}format=rgb24", terms.join("+"));
+    let child = start(ffmpeg, video, partial, &filter, &["%03d.png"])?;
     finish(child, video, partial)?;
     Ok((sharpness.len(), picks))
 }
@@ -94,7 +123,7 @@ fn take(ffmpeg: &Path, video: &Path, partial: &Path) -> Result<(usize, Vec<usize
 fn start(ffmpeg: &Path, video: &Path, partial: &Path, filter: &str, output: &[&str]) -> Result<Child, SceneError> {
     let whole = video.canonicalize().map_err(|e| SceneError::io(video, e))?;
     let log = File::create(partial.join(LOG)).map_err(|e| SceneError::io(partial, e))?;
-    let mut input = std::ffi::OsString::from("file:");
+    let mut input = OsString::from("file:");
     input.push(whole);
     Command::new(ffmpeg)
         .current_dir(partial)
@@ -153,5 +182,36 @@ mod tests {
         assert_eq!(sharpest(&values), [9, 19]);
         assert_eq!(sharpest(&values[..15]).len(), 1);
         assert_eq!((sharpest(&[2; 500]).len(), sharpest(&[])), (MAX_TAKEN, Vec::new()));
+    }
+
+    #[test]
+    fn frames_of_hdr_videos_have_eight_bits() {
+        let guard = tempfile::tempdir().unwrap();
+        let (video, frames) = (guard.path().join("hdr.mkv"), guard.path().join("frames"));
+        let picture = "testsrc2=s=64x48:d=1,format=yuv420p10le,setparams=color_trc=arib-std-b67";
+        let encode = ["-v", "error", "-f", "lavfi", "-i", picture, "-c:v", "ffv1", "-color_trc", "arib-std-b67"];
+        let Ok(_) = Command::new("ffmpeg").args(encode).arg(&video).status() else {
+            return eprintln!("skipped: ffmpeg is not on PATH");
+        };
+        let mut lines = String::new();
+        video_frames(&video, &frames, |line| lines += line).unwrap();
+        let depth = image::open(frames.join("001.png")).unwrap().color();
+        let is_toned = tone_mapping(Path::new("ffmpeg"), &video, &mut |_: &str| {}) == TONE_MAPPING;
+        assert_eq!((depth, is_toned), (image::ColorType::Rgb8, !lines.contains("look flat")), "{lines}");
+    }
+
+    #[test]
+    fn a_video_is_known_by_name_and_length() {
+        let guard = tempfile::tempdir().unwrap();
+        let (video, frames) = (guard.path().join("walk.mp4"), guard.path().join("frames"));
+        fs::write(&video, "film").unwrap();
+        fs::create_dir(&frames).unwrap();
+        for typed in ["walk.mp4", "./walk.mp4"] {
+            fs::write(frames.join(SOURCE), format!("{typed}\n4 bytes\n")).unwrap();
+            video_frames(&video, &frames, |_| {}).unwrap();
+        }
+        fs::write(&video, "other film").unwrap();
+        let text = video_frames(&video, &frames, |_| {}).unwrap_err().to_string();
+        assert!(text.contains("it is of `./walk.mp4, 4 bytes`; remove it"), "{text}");
     }
 }

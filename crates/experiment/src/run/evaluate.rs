@@ -1,15 +1,13 @@
 //! Evaluation of a run on its test views, and the record of it.
 
-use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use image::{ImageFormat, RgbImage};
 use infonerf_dataset::SceneSource;
 use infonerf_loss::Need;
 use infonerf_metrics::to_rgb8;
 use infonerf_render::Pivot;
-use infonerf_report::{CameraErrors, Record, TestViews, depth_image, error_image, write_atomically};
+use infonerf_report::{CameraErrors, Record, TestViews, depth_image, error_image, save_png};
 use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol, View};
 use infonerf_train::config::{Disturbance, Unseen};
 use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, information};
@@ -35,8 +33,8 @@ pub(super) fn evaluate(
         if watch(RunEvent::Evaluating { view: index, views: tested.len() }) == Control::Stop {
             return Ok(None);
         }
-        let fit = (Pivot::of(scene), plan.config.eval.pose_steps);
-        let result = evaluation.add_fitted(renderer, models, view, fit)?;
+        let fit = Some((Pivot::of(scene), plan.config.eval.pose_steps));
+        let result = evaluation.add(renderer, models, view, fit)?;
         write_pictures(folder, scene, view, &result)?;
     }
     let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
@@ -100,16 +98,6 @@ fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) 
         save_png(&picture, &folder.join(kind).join(format!("{:03}.png", view.id)))?;
     }
     Ok(())
-}
-
-/// Writes a PNG, and creates its folder if there is none.
-///
-/// # Errors
-/// If it cannot be written; no part of it is left.
-pub fn save_png(picture: &RgbImage, path: &Path) -> Result<()> {
-    let mut bytes = Cursor::new(Vec::new());
-    picture.write_to(&mut bytes, ImageFormat::Png).with_context(|| path.display().to_string())?;
-    Ok(write_atomically(path, bytes.get_ref())?)
 }
 
 /// Returns the ray entropy and information gain on test rays, the mean over the fields.
@@ -182,7 +170,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         notes.push("training cameras were learned; test cameras are aligned with them by a similarity".into());
     }
     notes.extend(picture_notes(&plan.config));
-    if plan.config.eval.test.test() == TestProtocol::Training {
+    if plan.config.eval.test == TestProtocol::Training {
         let tested = "tested on the training views, each without its own residual: figures measure how well these are fitted, \
                       not the quality of new views";
         notes.push(tested.to_owned());

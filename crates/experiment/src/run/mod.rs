@@ -22,13 +22,14 @@ use infonerf_report::{Record, write_atomically};
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer, without_collapsed};
 
-pub use evaluate::{picture_notes, save_png};
+pub use evaluate::picture_notes;
 pub use folder::is_finished;
 use folder::reopen;
 pub(crate) use folder::{clear, lock};
 use memory::PeakMemory;
 pub(crate) use train::{Training, load_checkpoint, train};
-pub use trained::{Trained, total_progress};
+pub use trained::Trained;
+use trained::total_progress;
 pub use volume::TrainedVolume;
 
 use crate::device::OpenDevice;

@@ -112,7 +112,7 @@ impl Trained {
 }
 
 /// Returns the sums of steps, seconds, samples and restarts over all fields.
-pub fn total_progress(trainers: &[Trainer]) -> Progress {
+pub(super) fn total_progress(trainers: &[Trainer]) -> Progress {
     let mut total = Progress::default();
     for progress in trainers.iter().map(Trainer::progress) {
         total.step += progress.step;

@@ -38,7 +38,7 @@ const TRUNK: usize = 3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeuralBodyConfig {
-    /// A PLY or OBJ file of the body's vertices in the scene's world; empty for the scene's own, as in ZJU-MoCap.
+    /// A PLY file of the body's vertices in the scene's world; empty for the scene's own, as in ZJU-MoCap.
     pub vertices: PathBuf,
     /// Edge of a voxel, scene units (paper: 5 mm).
     pub voxel: f32,
@@ -77,7 +77,7 @@ impl FieldSpec for NeuralBodyConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, Fault> {
-        let expected = "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`";
+        let expected = "a PLY file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`";
         let read;
         let body = if self.vertices.as_os_str().is_empty() {
             setup.body.ok_or_else(|| Fault::new("field.vertices", expected, "neither"))?

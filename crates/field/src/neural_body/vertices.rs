@@ -7,31 +7,20 @@ use std::path::Path;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
-/// Reads the vertices of a PLY or OBJ file.
+/// Reads the vertices of a PLY file.
 ///
 /// # Errors
 /// If it cannot be read, or has none, or one that is not finite.
 pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, Fault> {
     let fault = |cause: String| {
-        Fault::new("field.vertices", "a PLY or OBJ file with finite vertices", format!("{}: {cause}", path.display()))
-    };
-    let vertices = match path.extension().and_then(|extension| extension.to_str()) {
-        Some("ply") => of_ply(path),
-        Some("obj") => of_obj(path),
-        _ => return Err(fault("neither .ply nor .obj".into())),
+        Fault::new("field.vertices", "a PLY file with finite vertices", format!("{}: {cause}", path.display()))
     };
     let one_line = |error: Box<dyn Error>| error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-    let vertices = vertices.map_err(|error| fault(one_line(error)))?;
+    let vertices = of_ply(path).map_err(|error| fault(one_line(error)))?;
     if vertices.is_empty() || !vertices.as_flattened().iter().all(|x| x.is_finite()) {
         return Err(fault("none, or one that is not finite".into()));
     }
     Ok(vertices)
-}
-
-fn of_obj(path: &Path) -> Result<Vec<[f32; 3]>, Box<dyn Error>> {
-    let (models, _) = tobj::load_obj(path, &tobj::LoadOptions::default())?;
-    let positions = models.iter().flat_map(|model| model.mesh.positions.chunks_exact(3));
-    Ok(positions.map(|p| [p[0], p[1], p[2]]).collect())
 }
 
 fn of_ply(path: &Path) -> Result<Vec<[f32; 3]>, Box<dyn Error>> {
@@ -53,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ply_and_obj_files_of_one_mesh_agree() {
+    fn ply_files_are_read_or_refused_in_one_line() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, text: &str| {
             let path = folder.path().join(name);
@@ -68,17 +57,16 @@ mod tests {
         };
         let expected = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [0.0, 1.0, -2.0]];
         assert_eq!(read(&file("body.ply", &ply("-2"))).unwrap(), expected);
-        assert_eq!(read(&file("body.obj", "v 0 0 0\nv 1 0 0.5\nv 0 1 -2\nf 1 2 3\n")).unwrap(), expected);
         for (path, cause) in [
-            (file("nan.obj", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n"), "not finite"),
+            (file("infinite.ply", &ply("1e39")), "not finite"),
             (file("word.ply", &ply("two")), "word.ply"),
             (file("cut.ply", &ply("-2")[..60]), "cut.ply"),
-            (file("empty.obj", "# nothing\n"), "none"),
-            (file("body.stl", ""), "neither .ply nor .obj"),
+            (file("empty.ply", &ply("-2").replace("vertex", "point")), "none"),
+            (file("body.obj", "v 0 0 0\n"), "body.obj"),
             (folder.path().join("absent.ply"), "absent.ply"),
         ] {
             let message = read(&path).unwrap_err().to_string();
-            assert!(message.starts_with("field.vertices: expected a PLY or OBJ file"), "{message}");
+            assert!(message.starts_with("field.vertices: expected a PLY file"), "{message}");
             assert!(message.contains(cause) && message.lines().count() == 1, "{message}");
         }
     }

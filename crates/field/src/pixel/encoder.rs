@@ -145,8 +145,7 @@ fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, 
 /// Fills a convolution with its weights and, folded into them, those of the batch normalisation behind it.
 fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
     let shape = layer.weight.dims();
-    let statistics = ["weight", "bias", "running_mean", "running_var"];
-    let statistics = statistics.map(|part| (format!("{normalisation}.{part}"), vec![shape[0]]));
+    let statistics = infonerf_pretrained::normalisation(normalisation, shape[0]);
     let (weight, bias) = file.folded(&(format!("{convolution}.weight"), shape.to_vec()), &statistics, EPSILON)?;
     let device = layer.weight.val().device();
     layer.weight = parameter(weight, shape, &device);

@@ -1,6 +1,6 @@
 use burn::tensor::Tensor;
 use infonerf_ops::means::mask_above;
-use infonerf_ops::{RayDistribution, ray_entropy};
+use infonerf_ops::ray_entropy;
 use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
@@ -18,8 +18,6 @@ pub struct EntropyConfig {
     pub rays: RaySet,
     /// Whether neighbours of seen rays and, if `rays` includes them, of unseen rays are included, as in the released code.
     pub neighbours: bool,
-    /// The distribution along the ray.
-    pub distribution: RayDistribution,
     /// M(r): which rays hit something.
     pub mask: HitMask,
     /// ε inside the logarithm (released code: 1e-10); 0 is exact.
@@ -44,7 +42,7 @@ pub enum HitRule {
     Acc,
     /// Cumulative ray density Q = Σ α, as in the paper (Eq. 7).
     AlphaSum,
-    /// No measure: every ray counts. This suits distributions that include the background.
+    /// No measure: every ray counts.
     All,
 }
 
@@ -55,7 +53,7 @@ impl EntropyConfig {
 
     /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
     pub fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
-        let entropy = ray_entropy(output.tau.clone(), output.segments(), self.distribution, self.epsilon);
+        let entropy = ray_entropy(output.tau.clone(), output.segments(), self.epsilon);
         let measure = match self.mask.rule {
             HitRule::Acc => output.acc.clone(),
             HitRule::AlphaSum => entropy.alpha_sum,
@@ -117,7 +115,7 @@ mod tests {
                     let term = entropy_term(&format!("rays = '{rays}', epsilon = 1e-3, {mask}"));
                     let formula = |ray: &[f64]| {
                         let hits = measure(ray) > threshold;
-                        if hits { entropy(ray, RayDistribution::Alpha, 1e-3f32.into()) } else { 0.0 }
+                        if hits { entropy(ray, 1e-3f32.into()) } else { 0.0 }
                     };
                     let of_bundles = |d: &Depths<f64>| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), formula);
                     check(&term, of_bundles);
@@ -133,18 +131,16 @@ mod tests {
     /// With rays of unseen poses, as in the released code: unseen rays, and the neighbours of seen and of unseen ones.
     #[test]
     fn neighbours_of_seen_rays_join_the_unseen_rays() {
-        let of = RayDistribution::Termination;
         for (rays, bundles, needs) in [
             ("all", &[SEEN, UNSEEN, NEAR_SEEN, NEAR_UNSEEN][..], 3),
             ("unseen", &[UNSEEN, NEAR_SEEN, NEAR_UNSEEN], 3),
             ("seen", &[SEEN, NEAR_SEEN], 1),
         ] {
-            let term = entropy_term(&format!(
-                "rays = '{rays}', neighbours = true, distribution = 'termination', mask = {{ rule = 'all', threshold = 0 }}"
-            ));
+            let mask = "mask = { rule = 'acc', threshold = 0 }";
+            let term = entropy_term(&format!("rays = '{rays}', neighbours = true, {mask}"));
             assert_eq!(term.needs().len(), needs);
             let epsilon = f64::from(term.epsilon);
-            check(&term, |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)));
+            check(&term, |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, epsilon)));
         }
     }
 }

@@ -13,7 +13,7 @@ mod ssim;
 pub use average::average;
 pub use depth::{depth_error, silhouette_iou};
 pub use fid::{INCEPTION_NETWORK, frechet_distance};
-pub use kid::{kernel_distance, maximum_mean_discrepancy};
+pub use kid::kernel_distance;
 pub use lpips::{LPIPS_ALEX, LPIPS_ALEX_NETWORK, LPIPS_VGG, LPIPS_VGG_NETWORK};
 pub use psnr::{PSNR, psnr, psnr_masked};
 pub use sharpness::sharpness;

@@ -9,7 +9,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{AdamOps, AdamStep};
-use crate::cube::{CubeKernel, apply, arg, empty_like, launch, numbers, threads, untracked};
+use crate::cube::{CubeKernel, apply, arg, empty_like, launch, threads, untracked, uploaded};
 
 /// Max number of parameters of a launch. Each thread searches them for the value that it updates.
 const MAX_PARAMETERS: usize = 24;
@@ -163,7 +163,7 @@ impl AdamOps for CubeBackend {
         let pending = (step, [x, g, m.clone(), v.clone(), next.clone()]);
         HELD.with_borrow_mut(|held| match held {
             Some(held) => held.steps.push(pending),
-            None => launch_all(&numbers(&[1.0], &next), vec![pending]),
+            None => launch_all(&uploaded(&[1.0], &next), vec![pending]),
         });
         (next, m, v)
     }

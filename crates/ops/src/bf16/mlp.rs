@@ -6,10 +6,11 @@
 
 use rayon::prelude::*;
 
+use super::stages::{MlpStage, NetworkInput, Piece, padded, pieces};
 use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
-use crate::mlp::{Dense, RadianceMlp, first_layer};
+use crate::mlp::{RadianceMlp, first_layer};
 use crate::simd::{self, Job};
 
 const BLOCK: usize = 256;
@@ -34,76 +35,12 @@ pub(crate) struct RoundedMlpKernel {
     outputs: Vec<(usize, usize)>,
 }
 
-/// Matrix of activations, and the layer that computes it.
-#[derive(Debug, Default)]
-struct MlpStage {
-    columns: usize,
-    /// First column that the layer computes, and number of these columns.
-    made: (usize, usize),
-    /// First column of the previous matrix that the layer reads.
-    reads: usize,
-    relu: bool,
-    weights: Vec<Piece>,
-    biases: Vec<Piece>,
-    /// Input of the network that is copied into this matrix, and its first column.
-    network_input: Option<(NetworkInput, usize)>,
-}
-
-impl MlpStage {
-    fn new(made: (usize, usize), relu: bool, (weights, bias): (Vec<Piece>, Piece)) -> Self {
-        Self { columns: made.0 + made.1, made, relu, weights, biases: vec![bias], ..Self::default() }
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum NetworkInput {
-    Encoded = 0,
-    Direction = 1,
-}
-
-/// Rows of a parameter of the network, and their place in a matrix that is padded with zeros.
-#[derive(Clone, Copy, Debug)]
-struct Piece {
-    /// Index of the parameter, weights and biases of each layer alternating.
-    parameter: usize,
-    first_row: usize,
-    rows: usize,
-    columns: usize,
-    at: [usize; 2],
-}
-
-impl Piece {
-    /// Iterates over (element of the parameter, row, column).
-    fn elements(self) -> impl Iterator<Item = (usize, usize, usize)> {
-        let Self { first_row, rows, columns, at, .. } = self;
-        (0..rows * columns).map(move |i| (first_row * columns + i, at[0] + i / columns, at[1] + i % columns))
-    }
-}
-
-fn filled(columns: usize) -> usize {
-    columns.next_multiple_of(SIZE_MULTIPLE)
-}
-
-/// Returns the pieces of the weights of `dense`, and of its biases. `inputs` are the widths of the parts of its input,
-/// `index` is its index among [`RadianceMlp::layers`], and `column` is its first output column.
-fn pieces(dense: &Dense, index: usize, inputs: &[usize], column: usize) -> (Vec<Piece>, Piece) {
-    let [rows, columns] = dense.weight.dims();
-    assert_eq!(rows, inputs.iter().sum::<usize>(), "layers fit on top of each other");
-    let (mut row, mut first_row, mut weights) = (0, 0, Vec::new());
-    for &rows in inputs {
-        weights.push(Piece { parameter: 2 * index, first_row, rows, columns, at: [row, column] });
-        first_row += rows;
-        row += filled(rows);
-    }
-    (weights, Piece { parameter: 2 * index + 1, first_row: 0, rows: 1, columns, at: [0, column] })
-}
-
 impl RoundedMlpKernel {
     /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
     /// colour, and weights and biases of each of [`RadianceMlp::layers`].
     pub(crate) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
         let trunk = network.trunk.len();
-        let x = filled(width);
+        let x = padded(width);
         let mut stages =
             vec![MlpStage { columns: x, network_input: Some((NetworkInput::Encoded, 0)), ..MlpStage::default() }];
         let mut inputs = vec![width];
@@ -112,7 +49,7 @@ impl RoundedMlpKernel {
             // The layer with the skip connection reads x, then the output of this layer.
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
-            let stage = MlpStage::new((first, filled(outputs)), true, pieces(dense, index, &inputs, 0));
+            let stage = MlpStage::new((first, padded(outputs)), true, pieces(dense, index, &inputs, 0));
             stages.push(MlpStage { network_input: skip.then_some((NetworkInput::Encoded, 0)), ..stage });
             inputs = if skip { vec![width, outputs] } else { vec![outputs] };
         }
@@ -127,12 +64,12 @@ impl RoundedMlpKernel {
             let (weights, bias) = pieces(&branch.feature, trunk, &inputs, SIZE_MULTIPLE);
             heads.weights.extend(weights);
             heads.biases.push(bias);
-            let made = SIZE_MULTIPLE + filled(features);
-            heads.made.1 = made;
-            heads.network_input = Some((NetworkInput::Direction, made));
-            heads.columns = made + filled(directions);
+            let computed = SIZE_MULTIPLE + padded(features);
+            heads.columns_computed.1 = computed;
+            heads.network_input = Some((NetworkInput::Direction, computed));
+            heads.columns = computed + padded(directions);
             let view = pieces(&branch.view, trunk + 1, &[features, directions], 0);
-            let view = MlpStage { reads: SIZE_MULTIPLE, ..MlpStage::new((0, filled(views)), true, view) };
+            let view = MlpStage { first_input_column: SIZE_MULTIPLE, ..MlpStage::new((0, padded(views)), true, view) };
             let rgb = MlpStage::new((0, SIZE_MULTIPLE), false, pieces(&branch.rgb, trunk + 3, &[views], 0));
             stages.extend([heads, view, rgb]);
             outputs.push((stages.len() - 1, 3));
@@ -152,14 +89,14 @@ impl RoundedMlpKernel {
 
     /// Returns the number of rows of the weights of `stage`.
     fn inputs(&self, stage: usize) -> usize {
-        self.stages[stage - 1].columns - self.stages[stage].reads
+        self.stages[stage - 1].columns - self.stages[stage].first_input_column
     }
 
     /// Rounds the weights of each layer, for products on the given side, and lists its biases.
     fn layers(&self, parameters: &[&[f32]], left: bool) -> Vec<(Factor, Vec<f32>)> {
         let layer = |index: usize| {
             let stage = &self.stages[index];
-            let outputs = stage.made.1;
+            let outputs = stage.columns_computed.1;
             let spread = |pieces: &[Piece], rows: usize| {
                 let mut matrix = vec![0.0; rows * outputs];
                 for piece in pieces {
@@ -185,19 +122,19 @@ impl RoundedMlpKernel {
     ) {
         let samples = rows.len();
         for (index, stage) in self.stages.iter().enumerate() {
-            let ((first, made), columns) = (stage.made, stage.columns);
+            let ((first, computed), columns) = (stage.columns_computed, stage.columns);
             for strip in (0..samples).step_by(SIZE_MULTIPLE) {
                 let y = &mut block.strip[..SIZE_MULTIPLE * columns];
                 if let Some((weights, bias)) = index.checked_sub(1).map(|layer| &layers[layer]) {
-                    let x = block.stages[index - 1].left(strip, stage.reads);
-                    let sizes = [SIZE_MULTIPLE, made, self.inputs(index)];
+                    let x = block.stages[index - 1].left(strip, stage.first_input_column);
+                    let sizes = [SIZE_MULTIPLE, computed, self.inputs(index)];
                     product(sizes, false, (&mut y[first..], columns), x, weights.right(0, 0));
                     let signs = &mut block.signs[index];
                     simd::run(Finish { y, columns, first, bias, relu: stage.relu, strip, signs });
                 }
                 if let Some((network_input, at)) = stage.network_input {
                     let width = self.widths[network_input as usize];
-                    y.chunks_exact_mut(columns).for_each(|y| y[at..at + filled(width)].fill(0.0));
+                    y.chunks_exact_mut(columns).for_each(|y| y[at..at + padded(width)].fill(0.0));
                     for (sample, y) in rows.clone().skip(strip).zip(y.chunks_exact_mut(columns)) {
                         let (from, row) = match network_input {
                             NetworkInput::Encoded => (inputs[0], sample),
@@ -232,15 +169,16 @@ impl RoundedMlpKernel {
         block: &mut BlockBuffers,
         sums: &mut Gradients,
     ) {
-        let samples = filled(rows.len());
+        let samples = padded(rows.len());
         for (index, stage) in self.stages.iter().enumerate().rev() {
             let [dy, dy_above] = &mut block.dy;
             let above = self.stages.get(index + 1).map(|above| (above, &layers[index].0, &*dy_above));
             let x_wanted = matches!(stage.network_input, Some((NetworkInput::Encoded, _))) && sums.dencoded.is_some();
             let product_of = |column: usize, strip: &mut [f32]| match above {
-                Some((above, weights, dy)) if column >= above.reads => {
-                    let sizes = [SIZE_MULTIPLE, samples, above.made.1];
-                    product(sizes, false, (strip, samples), weights.left(column - above.reads, 0), dy.right(0, 0));
+                Some((above, weights, dy)) if column >= above.first_input_column => {
+                    let sizes = [SIZE_MULTIPLE, samples, above.columns_computed.1];
+                    let weights = weights.left(column - above.first_input_column, 0);
+                    product(sizes, false, (strip, samples), weights, dy.right(0, 0));
                 }
                 _ => strip.fill(0.0),
             };
@@ -258,9 +196,9 @@ impl RoundedMlpKernel {
             if index == 0 {
                 break;
             }
-            let (first, made) = stage.made;
+            let (first, computed) = stage.columns_computed;
             dy.columns = samples;
-            for column in (0..made).step_by(SIZE_MULTIPLE) {
+            for column in (0..computed).step_by(SIZE_MULTIPLE) {
                 product_of(first + column, strip);
                 let mut from = 0;
                 for &(output, count) in &self.outputs {
@@ -275,8 +213,8 @@ impl RoundedMlpKernel {
                 simd::run(ReluGradient { dy: strip, samples, signs, db });
                 dy.set(column, strip);
             }
-            let x = block.stages[index - 1].right(0, stage.reads);
-            let sizes = [made, self.inputs(index), samples];
+            let x = block.stages[index - 1].right(0, stage.first_input_column);
+            let sizes = [computed, self.inputs(index), samples];
             product(sizes, true, (&mut sums.weights[index - 1], sizes[1]), dy.left(0, 0), x);
             block.dy.swap(0, 1);
         }
@@ -292,9 +230,10 @@ impl RoundedMlpKernel {
         dencoded: bool,
     ) -> Gradients {
         let outputs = self.width();
+        let weights = |stage: usize| vec![0.0; self.stages[stage].columns_computed.1 * self.inputs(stage)];
         let mut sums = Gradients {
-            weights: (1..self.stages.len()).map(|i| vec![0.0; self.stages[i].made.1 * self.inputs(i)]).collect(),
-            biases: self.stages[1..].iter().map(|stage| vec![0.0; stage.made.1]).collect(),
+            weights: (1..self.stages.len()).map(weights).collect(),
+            biases: self.stages[1..].iter().map(|stage| vec![0.0; stage.columns_computed.1]).collect(),
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * self.widths[0]]),
         };
         // NaN counts as a gradient.
@@ -322,8 +261,9 @@ struct BlockBuffers {
 impl BlockBuffers {
     fn new(stages: &[MlpStage], backward: bool) -> Self {
         let widest = stages.iter().map(|stage| stage.columns).max().unwrap_or(0);
-        let signs =
-            |stage: &MlpStage| vec![0; if backward && stage.relu { stage.made.1 / SIZE_MULTIPLE * BLOCK } else { 0 }];
+        let signs = |stage: &MlpStage| {
+            vec![0; if backward && stage.relu { stage.columns_computed.1 / SIZE_MULTIPLE * BLOCK } else { 0 }]
+        };
         Self {
             strip: vec![0.0; SIZE_MULTIPLE * widest.max(BLOCK)],
             stages: stages.iter().map(|stage| Factor::new(BLOCK, stage.columns, true, backward)).collect(),

@@ -8,6 +8,7 @@
 //! from vectors without moving elements within a vector. All sizes are multiples of 32.
 
 mod mlp;
+mod stages;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
@@ -229,13 +230,13 @@ impl RoundedProduct<'_> {
                 for tile in 0..N / HALF {
                     let pairs = &b.pairs[block * b.step + (column / HALF + tile) * TILE + HALF * within..][..HALF];
                     for c in 0..HALF {
-                        (low[HALF * tile + c], high[HALF * tile + c]) = numbers(pairs[c]);
+                        (low[HALF * tile + c], high[HALF * tile + c]) = unpacked(pairs[c]);
                     }
                 }
                 let pairs = &a.pairs
                     [row / SIZE_MULTIPLE * a.step + block * BLOCK_PAIRS + row % SIZE_MULTIPLE * HALF + within..];
                 for r in 0..R {
-                    let (first, second) = numbers(pairs[HALF * r]);
+                    let (first, second) = unpacked(pairs[HALF * r]);
                     for c in 0..N {
                         let add = |a: f32, b: f32, sum: f32| if FMA { a.mul_add(b, sum) } else { sum + a * b };
                         sums[r][c] = add(second, high[c], add(first, low[c], sums[r][c]));
@@ -250,7 +251,7 @@ impl RoundedProduct<'_> {
 }
 
 #[inline(always)]
-fn numbers(pair: Pair) -> (f32, f32) {
+fn unpacked(pair: Pair) -> (f32, f32) {
     (f32::from_bits(pair << 16), f32::from_bits(pair & 0xffff_0000))
 }
 
@@ -270,7 +271,7 @@ mod tests {
 
     /// Unpacks each side of `factor`, row by row.
     fn sides(factor: &Factor, rows: usize) -> [Vec<f32>; 2] {
-        let of = |pair: Pair, k: usize| if k % SIZE_MULTIPLE < HALF { numbers(pair).0 } else { numbers(pair).1 };
+        let of = |pair: Pair, k: usize| if k % SIZE_MULTIPLE < HALF { unpacked(pair).0 } else { unpacked(pair).1 };
         let columns = factor.columns;
         let all = || (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
         let block = |r: usize, c: usize| r / SIZE_MULTIPLE * HALF * columns + c / SIZE_MULTIPLE * BLOCK_PAIRS;
@@ -293,9 +294,9 @@ mod tests {
             (f32::NEG_INFINITY, f32::NEG_INFINITY),
         ];
         for (x, want) in cases {
-            assert_eq!(numbers(pair(x, -x)), (want, -want), "{x}");
+            assert_eq!(unpacked(pair(x, -x)), (want, -want), "{x}");
         }
-        assert!(numbers(pair(f32::from_bits(0x7f80_0001), 0.0)).0.is_nan(), "not infinite");
+        assert!(unpacked(pair(f32::from_bits(0x7f80_0001), 0.0)).0.is_nan(), "not infinite");
     }
 
     /// Compares with `f64` products of the rounded factors, within the error of an `f32` sum of k terms.

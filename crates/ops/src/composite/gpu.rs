@@ -96,13 +96,13 @@ struct CompositeSamples {
 /// Writes a ray's row: integrated values, plus (1 − Σw) · background if there is one, depth Σ w t, and Σw.
 #[cube(launch)]
 fn composite_forward(out: &mut Tensor<f32>, samples: &CompositeSamples) {
-    let place = ABSOLUTE_POS;
-    if place >= out.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= out.shape(0) {
         terminate!();
     }
     let channels = comptime!(samples.channels);
-    let (start, end) = (first_sample(&samples.offsets, place), first_sample(&samples.offsets, place + 1));
-    let row = place * (channels + 2);
+    let (start, end) = (first_sample(&samples.offsets, ray), first_sample(&samples.offsets, ray + 1));
+    let row = ray * (channels + 2);
     for c in 0..channels {
         out[row + c] = 0.0f32;
     }
@@ -136,13 +136,13 @@ fn composite_backward(
     dvalues: &mut Tensor<f32>,
     samples: &CompositeSamples,
 ) {
-    let place = ABSOLUTE_POS;
-    if place >= grad.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= grad.shape(0) {
         terminate!();
     }
     let channels = comptime!(samples.channels);
-    let (start, end) = (first_sample(&samples.offsets, place), first_sample(&samples.offsets, place + 1));
-    let row = place * (channels + 2);
+    let (start, end) = (first_sample(&samples.offsets, ray), first_sample(&samples.offsets, ray + 1));
+    let row = ray * (channels + 2);
     // T_{i+1} is kept in dtau until the second pass replaces it.
     let mut trans = 1.0f32;
     for i in start..end {

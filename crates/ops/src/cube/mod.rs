@@ -135,7 +135,7 @@ pub(crate) fn zeros<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
 
 /// Uploads values to the device of `like`, followed by a zero, since a buffer cannot be empty. The last few uploads are cached,
 /// because the same weights are asked for again and again.
-pub(crate) fn numbers(values: &[f32], like: &CubeTensor) -> CubeTensor {
+pub(crate) fn uploaded(values: &[f32], like: &CubeTensor) -> CubeTensor {
     const CACHED: usize = 8;
     static CACHE: Mutex<VecDeque<(Vec<f32>, CubeTensor)>> = Mutex::new(VecDeque::new());
     let mut cache = CACHE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -145,8 +145,8 @@ pub(crate) fn numbers(values: &[f32], like: &CubeTensor) -> CubeTensor {
     let padded: Vec<f32> = values.iter().copied().chain([0.0]).collect();
     let count = padded.len();
     count_upload(size_of_val(padded.as_slice()));
-    let uploaded = CubeBackend::float_from_data(TensorData::new(padded, [count]), &like.device);
+    let tensor = CubeBackend::float_from_data(TensorData::new(padded, [count]), &like.device);
     cache.truncate(CACHED - 1);
-    cache.push_front((values.to_vec(), uploaded.clone()));
-    uploaded
+    cache.push_front((values.to_vec(), tensor.clone()));
+    tensor
 }

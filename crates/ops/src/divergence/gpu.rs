@@ -83,41 +83,41 @@ fn ln_ratio(p: f32, q: f32, r: f32, epsilon: f32) -> f32 {
 /// Writes the KL divergence of each pair of rays, in nats.
 #[cube(launch)]
 fn divergence_forward(out: &mut Tensor<f32>, pairs: &RayPairs) {
-    let place = ABSOLUTE_POS;
-    if place >= out.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= out.shape(0) {
         terminate!();
     }
-    let (start, end) = (first_sample(&pairs.offsets, place), first_sample(&pairs.offsets, place + 1));
-    let (ray, other) = (mass_of(&pairs.tau, start, end), mass_of(&pairs.near, start, end));
+    let (start, end) = (first_sample(&pairs.offsets, ray), first_sample(&pairs.offsets, ray + 1));
+    let (masses, other) = (mass_of(&pairs.tau, start, end), mass_of(&pairs.near, start, end));
     let epsilon = pairs.epsilon;
-    let missed = ray.sum < pairs.min_sum || other.sum < pairs.min_sum;
+    let missed = masses.sum < pairs.min_sum || other.sum < pairs.min_sum;
     let mut divergence = 0.0f32;
     if !missed {
         for i in start..end {
-            let (p, q) = (alpha_of(pairs.tau[i]) / ray.sum, alpha_of(pairs.near[i]) / other.sum);
+            let (p, q) = (alpha_of(pairs.tau[i]) / masses.sum, alpha_of(pairs.near[i]) / other.sum);
             let r = (p - q) / (q + epsilon);
             let ln = ln_ratio(p, q, r, epsilon);
             divergence += (q + epsilon) * bregman(r, ln) - epsilon * ln;
         }
     }
-    out[place] = divergence;
+    out[ray] = divergence;
 }
 
 #[cube(launch)]
 fn divergence_backward(grad: &Tensor<f32>, dtau: &mut Tensor<f32>, dnear: &mut Tensor<f32>, pairs: &RayPairs) {
-    let place = ABSOLUTE_POS;
-    if place >= grad.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= grad.shape(0) {
         terminate!();
     }
-    let (start, end) = (first_sample(&pairs.offsets, place), first_sample(&pairs.offsets, place + 1));
-    let (ray, other) = (mass_of(&pairs.tau, start, end), mass_of(&pairs.near, start, end));
+    let (start, end) = (first_sample(&pairs.offsets, ray), first_sample(&pairs.offsets, ray + 1));
+    let (masses, other) = (mass_of(&pairs.tau, start, end), mass_of(&pairs.near, start, end));
     let epsilon = pairs.epsilon;
-    let missed = ray.sum < pairs.min_sum || other.sum < pairs.min_sum;
+    let missed = masses.sum < pairs.min_sum || other.sum < pairs.min_sum;
     // ∂KL/∂p and ∂KL/∂q are kept in the results until their means are known.
     let mut mean_p = 0.0f32;
     let mut mean_q = 0.0f32;
     for i in start..end {
-        let (p, q) = (alpha_of(pairs.tau[i]) / ray.sum, alpha_of(pairs.near[i]) / other.sum);
+        let (p, q) = (alpha_of(pairs.tau[i]) / masses.sum, alpha_of(pairs.near[i]) / other.sum);
         let r = (p - q) / (q + epsilon);
         dtau[i] = 0.0f32;
         dnear[i] = 0.0f32;
@@ -130,8 +130,8 @@ fn divergence_backward(grad: &Tensor<f32>, dtau: &mut Tensor<f32>, dnear: &mut T
     }
     if !missed {
         for i in start..end {
-            dtau[i] = grad[place] * (dtau[i] - mean_p) / ray.sum * f32::exp(-pairs.tau[i]);
-            dnear[i] = grad[place] * (dnear[i] - mean_q) / other.sum * f32::exp(-pairs.near[i]);
+            dtau[i] = grad[ray] * (dtau[i] - mean_p) / masses.sum * f32::exp(-pairs.tau[i]);
+            dnear[i] = grad[ray] * (dnear[i] - mean_q) / other.sum * f32::exp(-pairs.near[i]);
         }
     }
 }

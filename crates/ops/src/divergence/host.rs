@@ -1,9 +1,6 @@
 use crate::distribution::Distributions;
-use crate::entropy::RayDistribution;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
-
-const ALPHA: RayDistribution = RayDistribution::Alpha;
 
 /// Inputs: τ and τ̃. Output: the divergence of each pair of rays, `[R]`.
 #[derive(Debug)]
@@ -15,7 +12,7 @@ impl RayKernel<2> for DivergenceKernel {
     #[inline(always)]
     fn forward<const FMA: bool>(&self, group: Group<'_>, inputs: [&[f32]; 2], out: &mut [f32]) {
         let [tau, near] = [SampleOpacity::new::<FMA>(inputs[0]), SampleOpacity::new::<FMA>(inputs[1])];
-        let (p, q) = (Distributions::new(&tau, &group, ALPHA), Distributions::new(&near, &group, ALPHA));
+        let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
         p.divergences::<FMA>(&q, self.epsilon, out);
     }
 
@@ -28,7 +25,7 @@ impl RayKernel<2> for DivergenceKernel {
         gradients: [Option<&mut [f32]>; 2],
     ) {
         let [tau, near] = [SampleOpacity::new::<FMA>(inputs[0]), SampleOpacity::new::<FMA>(inputs[1])];
-        let (p, q) = (Distributions::new(&tau, &group, ALPHA), Distributions::new(&near, &group, ALPHA));
+        let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
         p.divergence_gradients::<FMA>(&q, self.epsilon, grad, gradients);
     }
 }

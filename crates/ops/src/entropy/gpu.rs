@@ -9,7 +9,7 @@ use crate::cube::rays::{RayMass, RayOffsets, alpha_of, first_sample, ln_1p, mass
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
 use crate::segments::Segments;
 
-/// Computes the results of [`ray_entropy`](super::ray_entropy) for p = α/Σα: bits and Σα, `[R]` each.
+/// Computes the results of [`ray_entropy`](super::ray_entropy): bits and Σα, `[R]` each.
 pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
     let packed: tensor::Tensor<2> = apply(GpuEntropy { offsets: RayOffsets::new(segments), epsilon }, tau);
     [0, 1].map(|index| packed.clone().narrow(1, index, 1).squeeze_dim(1))
@@ -48,13 +48,13 @@ impl CubeKernel for GpuEntropy {
 
 /// Computes ln(p + ε) of a sample. If ε is 0, α counts as at least the smallest normal `f32`.
 #[cube]
-fn ln_density(alpha: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
-    let mut ln = f32::ln(alpha / ray.sum + epsilon);
+fn ln_density(alpha: f32, sample: usize, masses: &RayMass, epsilon: f32) -> f32 {
+    let mut ln = f32::ln(alpha / masses.sum + epsilon);
     if epsilon == 0.0f32 {
-        ln = f32::ln(f32::max(alpha, 1.175_494_4e-38f32)) - f32::ln(ray.sum);
+        ln = f32::ln(f32::max(alpha, 1.175_494_4e-38f32)) - f32::ln(masses.sum);
     }
-    if place == ray.top && 2.0f32 * ray.rest < ray.sum {
-        ln = ln_1p(epsilon - ray.rest / ray.sum);
+    if sample == masses.top && 2.0f32 * masses.rest < masses.sum {
+        ln = ln_1p(epsilon - masses.rest / masses.sum);
     }
     ln
 }
@@ -62,22 +62,22 @@ fn ln_density(alpha: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
 /// Writes a ray's entropy in bits and Σα.
 #[cube(launch)]
 fn entropy_forward(tau: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>, epsilon: f32, min_sum: f32) {
-    let place = ABSOLUTE_POS;
-    if place >= out.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= out.shape(0) {
         terminate!();
     }
-    let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
-    let ray = mass_of(tau, start, end);
-    let missed = ray.sum < min_sum;
+    let (start, end) = (first_sample(offsets, ray), first_sample(offsets, ray + 1));
+    let masses = mass_of(tau, start, end);
+    let missed = masses.sum < min_sum;
     let mut entropy = 0.0f32;
     if !missed {
         for i in start..end {
             let alpha = alpha_of(tau[i]);
-            entropy -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
+            entropy -= alpha / masses.sum * ln_density(alpha, i, &masses, epsilon) * std::f32::consts::LOG2_E;
         }
     }
-    out[2 * place] = entropy;
-    out[2 * place + 1] = ray.sum;
+    out[2 * ray] = entropy;
+    out[2 * ray + 1] = masses.sum;
 }
 
 #[cube(launch)]
@@ -89,38 +89,38 @@ fn entropy_backward(
     epsilon: f32,
     min_sum: f32,
 ) {
-    let place = ABSOLUTE_POS;
-    if place >= grad.shape(0) {
+    let ray = ABSOLUTE_POS;
+    if ray >= grad.shape(0) {
         terminate!();
     }
-    let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
-    let ray = mass_of(tau, start, end);
+    let (start, end) = (first_sample(offsets, ray), first_sample(offsets, ray + 1));
+    let masses = mass_of(tau, start, end);
     for i in start..end {
-        dtau[i] = grad[2 * place + 1] * f32::exp(-tau[i]);
+        dtau[i] = grad[2 * ray + 1] * f32::exp(-tau[i]);
     }
-    let missed = ray.sum < min_sum;
+    let missed = masses.sum < min_sum;
     if !missed {
-        let scale = grad[2 * place] * std::f32::consts::LOG2_E;
-        let common = entropy_gradient(tau[ray.top], ray.top, &ray, epsilon);
+        let scale = grad[2 * ray] * std::f32::consts::LOG2_E;
+        let common = entropy_gradient(tau[masses.top], masses.top, &masses, epsilon);
         let mut mean = 0.0f32;
         for i in start..end {
-            let dp = entropy_gradient(tau[i], i, &ray, epsilon);
-            mean += alpha_of(tau[i]) / ray.sum * (dp - common);
+            let dp = entropy_gradient(tau[i], i, &masses, epsilon);
+            mean += alpha_of(tau[i]) / masses.sum * (dp - common);
         }
         for i in start..end {
-            let dp = entropy_gradient(tau[i], i, &ray, epsilon) - common - mean;
-            dtau[i] += scale * dp / ray.sum * f32::exp(-tau[i]);
+            let dp = entropy_gradient(tau[i], i, &masses, epsilon) - common - mean;
+            dtau[i] += scale * dp / masses.sum * f32::exp(-tau[i]);
         }
     }
 }
 
 /// Computes ∂H/∂p + 1 in nats. The constant cancels by normalisation.
 #[cube]
-fn entropy_gradient(tau: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
+fn entropy_gradient(tau: f32, sample: usize, masses: &RayMass, epsilon: f32) -> f32 {
     let alpha = alpha_of(tau);
-    let mut dp = -ln_density(alpha, place, ray, epsilon);
+    let mut dp = -ln_density(alpha, sample, masses, epsilon);
     if epsilon > 0.0f32 {
-        dp += epsilon / (alpha / ray.sum + epsilon);
+        dp += epsilon / (alpha / masses.sum + epsilon);
     }
     dp
 }

@@ -1,4 +1,3 @@
-use super::RayDistribution;
 use crate::distribution::Distributions;
 use crate::numeric::SampleOpacity;
 use crate::ray_kernel::{Group, RayKernel};
@@ -9,7 +8,6 @@ pub(super) const COLUMNS: usize = 2;
 /// Input: τ. Output: entropy and Σα of each ray, `[R, 2]`.
 #[derive(Debug)]
 pub(super) struct EntropyKernel {
-    pub(super) distribution: RayDistribution,
     pub(super) epsilon: f32,
 }
 
@@ -20,8 +18,7 @@ impl RayKernel<1> for EntropyKernel {
         for (range, row) in group.ranges().zip(out.chunks_exact_mut(COLUMNS)) {
             row[1] = opacity.alpha[range].iter().sum::<f64>() as f32;
         }
-        let distributions = Distributions::new(&opacity, &group, self.distribution);
-        distributions.entropies::<FMA>(self.epsilon, |ray, nats| {
+        Distributions::new(&opacity, &group).entropies::<FMA>(self.epsilon, |ray, nats| {
             out[ray * COLUMNS] = (nats * std::f64::consts::LOG2_E) as f32;
         });
     }
@@ -42,7 +39,6 @@ impl RayKernel<1> for EntropyKernel {
             }
         }
         let scale = |ray: usize| f64::from(grad[ray * COLUMNS]) * std::f64::consts::LOG2_E;
-        let distributions = Distributions::new(&opacity, &group, self.distribution);
-        distributions.add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
+        Distributions::new(&opacity, &group).add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
     }
 }

@@ -1,47 +1,32 @@
 use burn::tensor::{FloatDType, Int, Tensor};
 
-use super::{RayDistribution, RayEntropy};
-use crate::composite::{MIN_ALPHA_SUM, Padding, exclusive_sum, plain_alpha, working_dtype};
+use super::RayEntropy;
+use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
 use crate::segments::Segments;
 
 /// Computes [`ray_entropy`](super::ray_entropy) from plain tensor operations, on any backend.
-pub fn plain(tau: Tensor<1>, segments: &Segments, distribution: RayDistribution, epsilon: f32) -> RayEntropy {
+pub fn plain(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntropy {
     let device = tau.device();
     if segments.longest() == 0 {
         let zeros = Tensor::<1>::zeros([segments.rays()], &device);
         return RayEntropy { bits: zeros.clone(), alpha_sum: zeros };
     }
-    let tau = Padding::new(segments, &device).apply(tau.cast(working_dtype(&device)));
-    let alpha = plain_alpha(tau.clone());
-    let alpha_sum = alpha.clone().sum_dim(1);
-    let mass = match distribution {
-        RayDistribution::Alpha => alpha,
-        RayDistribution::AlphaBackground => {
-            let background = alpha_sum.ones_like();
-            Tensor::cat(vec![alpha, background], 1)
-        }
-        RayDistribution::Termination => {
-            let background = tau.clone().sum_dim(1).neg().exp();
-            Tensor::cat(vec![exclusive_sum(tau).neg().exp() * alpha, background], 1)
-        }
-    };
-    RayEntropy {
-        bits: plain_bits(mass, epsilon).cast(FloatDType::F32),
-        alpha_sum: alpha_sum.squeeze_dim::<1>(1).cast(FloatDType::F32),
-    }
+    let alpha = plain_alpha(Padding::new(segments, &device).apply(tau.cast(working_dtype(&device))));
+    let alpha_sum = alpha.clone().sum_dim(1).squeeze_dim::<1>(1).cast(FloatDType::F32);
+    RayEntropy { bits: plain_bits(alpha, epsilon).cast(FloatDType::F32), alpha_sum }
 }
 
-/// Computes −Σ p log₂(p + ε) with p = mass/Σ mass, 0 where the sum is below [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
-fn plain_bits(mass: Tensor<2>, epsilon: f32) -> Tensor<1> {
-    let sum = mass.clone().sum_dim(1);
+/// Computes −Σ p log₂(p + ε) with p = α/Σα, 0 where Σα is below [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
+fn plain_bits(alpha: Tensor<2>, epsilon: f32) -> Tensor<1> {
+    let sum = alpha.clone().sum_dim(1);
     let missed = sum.clone().lower_elem(MIN_ALPHA_SUM);
     let sum = sum.mask_fill(missed.clone(), 1.0);
     // The largest p is 1 − `others`, the sum of all other p. If it is above ½, its logarithm is computed from `others`.
-    let [rays, samples] = mass.dims();
-    let places = Tensor::<1, Int>::arange(0..samples as i64, &mass.device()).unsqueeze::<2>().expand([rays, samples]);
-    let top = places.equal(mass.clone().detach().argmax(1).expand([rays, samples]));
-    let others = mass.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / sum.clone();
-    let p = mass.clone() / sum.clone();
+    let [rays, samples] = alpha.dims();
+    let places = Tensor::<1, Int>::arange(0..samples as i64, &alpha.device()).unsqueeze::<2>().expand([rays, samples]);
+    let top = places.equal(alpha.clone().detach().argmax(1).expand([rays, samples]));
+    let others = alpha.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / sum.clone();
+    let p = alpha.clone() / sum.clone();
     let certain = top.bool_and(p.clone().detach().greater_elem(0.5));
     // Both branches are computed, so `others` is clamped to the range in which this one is used.
     let nearly = (others.clamp(0.0, 0.5).neg() + epsilon).log1p().expand([rays, samples]);
@@ -49,7 +34,7 @@ fn plain_bits(mass: Tensor<2>, epsilon: f32) -> Tensor<1> {
         (p.clone() + epsilon).log()
     } else {
         // An empty sample counts as the smallest normal `f32`, so that its gradient is finite.
-        mass.clamp_min(f32::MIN_POSITIVE).log() - sum.log()
+        alpha.clamp_min(f32::MIN_POSITIVE).log() - sum.log()
     };
     let bits = (p * log.mask_where(certain, nearly)).sum_dim(1) * -std::f32::consts::LOG2_E;
     bits.mask_fill(missed, 0.0).squeeze_dim(1)

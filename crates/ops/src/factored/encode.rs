@@ -219,7 +219,7 @@ pub(super) fn level_features<const C: usize>(
 
 /// Adds the gradient `g` of an interpolated value to the gradients of its two texels.
 #[inline(always)]
-fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
+fn add_to_pair<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
     for c in 0..C {
         texels[c] += g[c] - behind * g[c];
     }
@@ -252,9 +252,9 @@ pub(super) fn plane_gradient<const C: usize>(
             of_line[k] = d * on_plane[k];
         }
         let first = j * resolution + i;
-        spread(&mut dplane[first * C..(first + 2) * C], &near, along);
-        spread(&mut dplane[(first + resolution) * C..(first + resolution + 2) * C], &far, along);
-        spread(&mut dline[at.0 * C..(at.0 + 2) * C], &of_line, at.1);
+        add_to_pair(&mut dplane[first * C..(first + 2) * C], &near, along);
+        add_to_pair(&mut dplane[(first + resolution) * C..(first + resolution + 2) * C], &far, along);
+        add_to_pair(&mut dline[at.0 * C..(at.0 + 2) * C], &of_line, at.1);
     }
 }
 

@@ -127,10 +127,11 @@ impl FactoredLayout {
         self.levels.iter().map(Level::elements).sum()
     }
 
-    /// Iterates over the lengths of planes and lines: three planes of a level, then its three lines.
+    /// Splits `tables` into planes and lines: three planes of a level, then its three lines.
     #[cfg(feature = "flex")]
-    pub(super) fn table_parts(&self) -> impl Iterator<Item = usize> {
-        self.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten()
+    pub(super) fn split_tables<'a>(&self, mut tables: &'a mut [f32]) -> Vec<&'a mut [f32]> {
+        let lengths = self.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten();
+        lengths.map(|length| tables.split_off_mut(..length).expect("tables hold every plane and line")).collect()
     }
 
     /// Returns the number of weights and biases of the MLP.

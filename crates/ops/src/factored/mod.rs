@@ -10,6 +10,8 @@
 //! tables fit into a laptop's cache.
 
 #[cfg(feature = "flex")]
+mod backward;
+#[cfg(feature = "flex")]
 mod dense;
 #[cfg(feature = "flex")]
 mod encode;

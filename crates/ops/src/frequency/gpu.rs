@@ -4,7 +4,7 @@ use burn::cubecl::{self, prelude::*};
 use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, uploaded};
 
 /// Encodes at least one point, or Gaussian if there are variances, with the weight of each frequency.
 pub(super) fn encode(
@@ -31,7 +31,7 @@ impl CubeKernel for Encoding {
         let [rows, dims] = points.meta.shape().dims();
         let blocks = 2 * self.window.len() + if self.integrated { 0 } else { 1 };
         let out = empty(points, [rows, dims * blocks]);
-        let window = numbers(&self.window, points);
+        let window = uploaded(&self.window, points);
         launch!(
             waves::launch, rows * dims;
             points, variances, &window, &out;

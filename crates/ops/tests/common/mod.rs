@@ -2,9 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::random::mix;
-use infonerf_ops::{
-    Composite, RayDistribution, RayEntropy, Segments, additive, composite, divergence, entropy, to_host, upload,
-};
+use infonerf_ops::{Composite, RayEntropy, Segments, additive, composite, divergence, entropy, to_host, upload};
 
 /// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +28,8 @@ impl RayImplementation {
         if self == Self::Kernel { additive::additive_depth(tau, segments) } else { additive::plain(tau, segments) }
     }
 
-    pub fn entropy(self, tau: Tensor<1>, segments: &Segments, of: RayDistribution, epsilon: f32) -> RayEntropy {
-        (if self == Self::Kernel { entropy::ray_entropy } else { entropy::plain })(tau, segments, of, epsilon)
+    pub fn entropy(self, tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntropy {
+        (if self == Self::Kernel { entropy::ray_entropy } else { entropy::plain })(tau, segments, epsilon)
     }
 
     pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
@@ -40,10 +38,6 @@ impl RayImplementation {
         )
     }
 }
-
-/// All distributions with an entropy.
-pub const DISTRIBUTIONS: [RayDistribution; 3] =
-    [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination];
 
 pub fn vector(values: &[f32], device: &Device) -> Tensor<1> {
     upload(values.to_vec(), [values.len()], device)

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 pub type TensorShape = (String, Vec<usize>);
 
 /// Returns names and shapes of γ, β, mean and variance of the batch normalisation `name`, as in PyTorch.
-pub(crate) fn normalisation(name: &str, channels: usize) -> [TensorShape; 4] {
+pub fn normalisation(name: &str, channels: usize) -> [TensorShape; 4] {
     ["weight", "bias", "running_mean", "running_var"].map(|part| (format!("{name}.{part}"), vec![channels]))
 }
 

@@ -14,7 +14,6 @@ use crate::layers::{Convolution, maps_of_pixels, max_pool, mean_pool};
 use network::{InceptionLayer, UnitShape, inception, units};
 
 const SIDE: usize = 299;
-const BATCH: usize = 8;
 /// ε of the batch normalisations.
 const EPSILON: f32 = 1e-3;
 
@@ -66,16 +65,13 @@ impl Inception {
         Ok(Self { layers, convolutions, device })
     }
 
-    /// Computes the features of each picture, eight pictures at a time.
+    /// Computes the features of each picture, all pictures in one pass.
     pub fn features(&self, pictures: &[&Picture]) -> Vec<Vec<f32>> {
-        let batch = |pictures: &[&Picture]| {
-            let values = pictures.iter().flat_map(|picture| resized(picture)).collect();
-            let maps = self.forward(&self.layers, maps_of_pixels(values, [pictures.len(), SIDE, SIDE], &self.device));
-            let means = maps.flatten::<3>(2, 3).mean_dim(2);
-            let features = means.dims()[1];
-            to_host(means).chunks_exact(features).map(<[f32]>::to_vec).collect::<Vec<_>>()
-        };
-        pictures.chunks(BATCH).flat_map(batch).collect()
+        let values = pictures.iter().flat_map(|picture| resized(picture)).collect();
+        let maps = self.forward(&self.layers, maps_of_pixels(values, [pictures.len(), SIDE, SIDE], &self.device));
+        let means = maps.flatten::<3>(2, 3).mean_dim(2);
+        let features = means.dims()[1];
+        to_host(means).chunks_exact(features).map(<[f32]>::to_vec).collect()
     }
 
     fn forward(&self, layers: &[InceptionLayer], x: Tensor<4>) -> Tensor<4> {

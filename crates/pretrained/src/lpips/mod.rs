@@ -18,8 +18,6 @@ use config::{ConvolutionShape, LpipsLayer};
 /// Mean and standard deviation of each channel, for images in [−1, 1].
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
-/// Max number of pixels of the renders in one pass, and of the truths.
-const BATCH_PIXELS: usize = 160_000;
 /// Constant added to the length of a feature vector, which may be 0.
 const EPSILON: f32 = 1e-10;
 
@@ -60,31 +58,21 @@ impl Lpips {
         Ok(Self { config, convolutions, device })
     }
 
-    /// Computes the distance of each pair. Adjacent pairs of one size share a pass if they are small; with VGG-16 a
-    /// pass takes about 2 KiB of memory per pixel of a pair.
+    /// Computes the distance of a pair; VGG-16 takes about 2 KiB of memory per pixel.
     ///
     /// # Errors
-    /// One line if the images of a pair differ in size, or are too small for the backbone.
-    pub fn distances(&self, pairs: &[(&Picture, &Picture)], input: LpipsInput) -> Result<Vec<f64>, String> {
-        for (render, truth) in pairs {
-            let [width, height] = truth.size();
-            if render.size() != truth.size() {
-                let (render, truth) = (render.size(), truth.size());
-                return Err(format!("images of {render:?} and {truth:?} pixels cannot be compared"));
-            }
-            if !self.config.fits([height, width]) {
-                return Err(format!("{width}×{height} pixels are too few for its convolutions"));
-            }
+    /// One line if the images differ in size, or are too small for the backbone.
+    pub fn distance(&self, render: &Picture, truth: &Picture, input: LpipsInput) -> Result<f64, String> {
+        let [width, height] = truth.size();
+        if render.size() != truth.size() {
+            let (render, truth) = (render.size(), truth.size());
+            return Err(format!("images of {render:?} and {truth:?} pixels cannot be compared"));
         }
-        let same_size = pairs.chunk_by(|(one, _), (other, _)| one.size() == other.size());
-        let passes = same_size.flat_map(|pairs| pairs.chunks((BATCH_PIXELS / pairs[0].0.pixels().len()).max(1)));
-        Ok(passes.flat_map(|pairs| self.distances_of_one_size(pairs, input)).collect())
-    }
-
-    fn distances_of_one_size(&self, pairs: &[(&Picture, &Picture)], input: LpipsInput) -> Vec<f64> {
-        let pictures: Vec<&Picture> = pairs.iter().map(|pair| pair.0).chain(pairs.iter().map(|pair| pair.1)).collect();
-        let mut maps = self.input(&pictures, input);
-        let mut distances = vec![0.0; pairs.len()];
+        if !self.config.fits([height, width]) {
+            return Err(format!("{width}×{height} pixels are too few for its convolutions"));
+        }
+        let mut maps = self.input([render, truth], input);
+        let mut distance = 0.0;
         let mut convolutions = self.convolutions.iter();
         for layer in &self.config.layers {
             match layer {
@@ -93,17 +81,16 @@ impl Lpips {
                     let (convolution, weights) = convolutions.next().expect("each shape was read");
                     maps = convolution.forward(maps);
                     if let Some(weights) = weights {
-                        let differences = differences(&maps, weights);
-                        distances.iter_mut().zip(differences).for_each(|(sum, difference)| *sum += difference);
+                        distance += difference(&maps, weights);
                     }
                 }
             }
         }
-        distances
+        Ok(distance)
     }
 
-    /// Uploads images of one size, with each channel shifted and scaled to what the backbone was trained on.
-    fn input(&self, pictures: &[&Picture], input: LpipsInput) -> Tensor<4> {
+    /// Uploads two images of one size, with each channel shifted and scaled to what the backbone was trained on.
+    fn input(&self, pictures: [&Picture; 2], input: LpipsInput) -> Tensor<4> {
         let value = |value: f32, channel: usize| {
             let value = if input == LpipsInput::Signed { 2.0 * value - 1.0 } else { value };
             (value - SHIFT[channel]) / SCALE[channel]
@@ -111,22 +98,17 @@ impl Lpips {
         let pixels = pictures.iter().flat_map(|picture| picture.pixels());
         let values = pixels.flat_map(|pixel| [0, 1, 2].map(|channel| value(pixel[channel], channel))).collect();
         let [width, height] = pictures[0].size();
-        maps_of_pixels(values, [pictures.len(), height, width], &self.device)
+        maps_of_pixels(values, [2, height, width], &self.device)
     }
 }
 
-/// Returns `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for each pair of the first and the second half of the maps.
-fn differences(maps: &Tensor<4>, weights: &Tensor<4>) -> Vec<f64> {
-    let pairs = maps.dims()[0] / 2;
-    let difference = |pair: usize| {
-        // One pair at a time, to save memory.
-        let [x, y] = [pair, pair + pairs].map(|index| {
-            let map = maps.clone().narrow(0, index, 1);
-            map.clone() / (map.square().sum_dim(1).sqrt() + EPSILON)
-        });
-        ((x - y).square() * weights.clone()).sum_dim(1).mean()
-    };
-    to_host(Tensor::cat((0..pairs).map(difference).collect(), 0)).into_iter().map(f64::from).collect()
+/// Returns `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for the maps x and y of two images.
+fn difference(maps: &Tensor<4>, weights: &Tensor<4>) -> f64 {
+    let [x, y] = [0, 1].map(|index| {
+        let map = maps.clone().narrow(0, index, 1);
+        map.clone() / (map.square().sum_dim(1).sqrt() + EPSILON)
+    });
+    f64::from(to_host(((x - y).square() * weights.clone()).sum_dim(1).mean())[0])
 }
 
 #[cfg(test)]
@@ -134,13 +116,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn differences_have_the_closed_form() {
-        // Two pairs of 1×2 pixels with 2 channels: (3, 4) against (1, 0) and 0 against (0, 2); then twice the same.
-        let values = vec![3.0f32, 0.0, 4.0, 0.0, 1.0, 2.0, 1.0, 5.0, 1.0, 0.0, 0.0, 2.0, 1.0, 2.0, 1.0, 5.0];
-        let maps = Tensor::from_data(TensorData::new(values, [4, 2, 1, 2]), &Device::flex());
-        let found = differences(&maps, &Tensor::from_floats([[[[0.5]], [[2.0]]]], &Device::flex()));
+    fn difference_has_the_closed_form() {
+        // 1×2 pixels with 2 channels: (3, 4) against (1, 0), and 0 against (0, 2).
+        let maps = Tensor::from_floats([[[[3.0, 0.0]], [[4.0, 0.0]]], [[[1.0, 0.0]], [[0.0, 2.0]]]], &Device::flex());
+        let found = difference(&maps, &Tensor::from_floats([[[[0.5]], [[2.0]]]], &Device::flex()));
         let expected = (0.5 * 0.16 + 2.0 * 0.64 + 2.0) / 2.0;
-        approx::assert_relative_eq!(found[0], expected, max_relative = 1e-6);
-        assert_eq!(found[1], 0.0);
+        approx::assert_relative_eq!(found, expected, max_relative = 1e-6);
     }
 }

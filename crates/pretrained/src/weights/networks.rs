@@ -22,7 +22,7 @@ impl Store {
                 (Some(backbone), Some(heads)) => {
                     let lpips = Lpips::read(&backbone, &heads, config, device).map_err(WeightsError)?;
                     let distance = move |render: &Picture, truth: &Picture, protocol: &Protocol| {
-                        Ok(lpips.distances(&[(render, truth)], protocol.lpips_input)?[0])
+                        lpips.distance(render, truth, protocol.lpips_input)
                     };
                     networks = networks.with_distance(name, Box::new(distance));
                 }

@@ -16,9 +16,9 @@ const MAX_SIDE: u32 = 16_384;
 /// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
 /// Extensions of the formats that are read, in lower case.
-const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
-/// Extensions of photographs that phones and browsers write and that are not read.
-const UNREAD: [&str; 3] = ["heic", "heif", "avif"];
+const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
+/// Extensions of photographs that cameras, phones and browsers write and that are not read.
+const UNREAD: [&str; 9] = ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "arw"];
 const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
 
 /// Whether the file's name has the extension of an image format that is read, in any case.
@@ -83,13 +83,29 @@ pub fn has_alpha(path: &Path) -> Result<bool, SceneError> {
     Ok(decoder.color_type().has_alpha())
 }
 
+/// Whether a pixel of an image file is not opaque. A file without an alpha channel is not decoded.
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn has_transparency(path: &Path) -> Result<bool, SceneError> {
+    Ok(has_alpha(path)? && read_rgba(path)?.pixels.iter().any(|pixel| pixel[3] < 1.0))
+}
+
 /// Decodes an image of 8 or 16 bits a channel, grey or colour, with or without alpha, turned as its EXIF data state.
 ///
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
+    read_rgba_turned(path, orientation(path))
+}
+
+/// Decodes an image like [`read_rgba`], but turns it by `turn` and not by its EXIF data.
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn read_rgba_turned(path: &Path, turn: Orientation) -> Result<RgbaImage, SceneError> {
     let size = stored_dimensions(path)?;
-    decode(path, open(path)?, size, orientation(path))
+    decode(path, open(path)?, size, turn)
 }
 
 /// Decodes the file at `path`, whose header states `size`.
@@ -126,7 +142,7 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
     decode(path, reader()?, size, Orientation::NoTransforms)
 }
 
-/// Returns the error about a photograph in a format that is not read, HEIC or AVIF; `None` for other files.
+/// Returns the error about a photograph in a format that is not read, such as HEIC or DNG; `None` for other files.
 pub fn unread_format(path: &Path) -> Option<SceneError> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     let convert = format!("such as with ImageMagick: `magick mogrify -format jpg *.{extension}`");
@@ -261,7 +277,7 @@ mod tests {
     fn images_are_found_whatever_their_extension() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
-        for name in ["a.JPG", "b.png", "r_0.5.png", "._a.JPG", "w.webp", "Thumbs.db"] {
+        for name in ["a.JPG", "b.png", "r_0.5.png", "._a.JPG", "w.webp", "Thumbs.db", "c.jfif"] {
             fs::write(at(name), "").unwrap();
         }
         let found = |name: &str| find_image(&at(name)).map(|path| path.file_name().unwrap().to_owned());
@@ -269,7 +285,7 @@ mod tests {
         files.iter().for_each(|(name, file)| assert_eq!(found(name).unwrap(), *file));
         assert_eq!(found("none.png"), None);
         let listed = list_images(dir.path()).unwrap();
-        assert_eq!(listed, ["a.JPG", "b.png", "r_0.5.png", "w.webp"].map(at));
+        assert_eq!(listed, ["a.JPG", "b.png", "c.jfif", "r_0.5.png", "w.webp"].map(at));
     }
 
     #[test]

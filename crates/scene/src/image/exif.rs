@@ -12,7 +12,7 @@ use super::codec::has_extension;
 /// Width of 35 mm film in millimetres.
 const FILM_WIDTH: f64 = 36.0;
 /// Extensions of the formats in which cameras write EXIF.
-const WITH_EXIF: [&str; 5] = ["jpg", "jpeg", "tif", "tiff", "webp"];
+const WITH_EXIF: [&str; 7] = ["jpg", "jpeg", "jpe", "jfif", "tif", "tiff", "webp"];
 
 /// Returns the orientation that the EXIF data of the image in `path` state; no transform without such data.
 pub fn orientation(path: &Path) -> Orientation {

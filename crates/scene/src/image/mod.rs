@@ -8,8 +8,8 @@ mod rgba;
 
 pub use ::image::metadata::Orientation;
 pub use codec::{
-    decode_bytes, dimensions, find_image, has_alpha, is_image_name, list_images, read_rgba, stored_dimensions,
-    unread_format,
+    decode_bytes, dimensions, find_image, has_alpha, has_transparency, is_image_name, list_images, read_rgba,
+    read_rgba_turned, stored_dimensions, unread_format,
 };
 pub use exif::{focal_length, orientation, quarter_turns};
 pub use grey::GreyImage;
@@ -32,7 +32,7 @@ pub struct Image {
     pub height: u32,
     /// Colours in `[0, 1]`, display-encoded (sRGB) as in the file.
     pub rgb: Vec<[f32; 3]>,
-    /// Coverage in `[0, 1]`, or `None` where the file has no alpha channel.
+    /// Coverage in `[0, 1]`; `None` without an alpha channel, and in scenes whose pixels are all opaque.
     pub alpha: Option<Vec<f32>>,
 }
 
@@ -50,7 +50,7 @@ impl Image {
         self.rgb.get(y as usize * self.width as usize + x as usize).copied()
     }
 
-    /// Returns every channel rounded to 8 bits by [`round_to_u8`], interleaved RGB.
+    /// Returns every channel rounded to 8 bits, `⌊255 · clamp(v, 0, 1) + ½⌋` with 0 for NaN, interleaved RGB.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|&v| round_to_u8(v)).collect()
     }
@@ -88,7 +88,7 @@ impl Image {
         Ok(read_rgba(path)?.composite(background))
     }
 
-    /// Writes the colours as an 8-bit RGB PNG, rounded by [`round_to_u8`]. Alpha is not written: it
+    /// Writes the colours as an 8-bit RGB PNG, rounded by [`Self::to_rgb8`]. Alpha is not written: it
     /// is composited already.
     ///
     /// # Errors
@@ -108,7 +108,7 @@ pub fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool
 }
 
 /// Returns `⌊255 · clamp(v, 0, 1) + ½⌋`; NaN gives 0.
-pub fn round_to_u8(v: f32) -> u8 {
+fn round_to_u8(v: f32) -> u8 {
     // `as` saturates, and takes NaN to 0.
     (v * 255.0 + 0.5) as u8
 }

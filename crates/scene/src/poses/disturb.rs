@@ -37,6 +37,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::image::Image;
+    use crate::poses::rotation_angle_deg;
     use crate::scene::View;
     use crate::testing::train_cameras;
 
@@ -49,9 +50,8 @@ mod tests {
         assert_eq!(disturbed, scene.disturbed(2.0, 0.03, 7));
         assert_eq!(disturbed.exact_cameras.as_ref(), Some(&exact));
         for (view, exact) in disturbed.train.iter().zip(&exact) {
-            let turn = view.camera.rotation() * exact.rotation().transpose();
-            let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
-            assert!((cosine.acos().to_degrees() - 2.0).abs() < 1e-6);
+            let turn = rotation_angle_deg(&view.camera.rotation(), &exact.rotation());
+            assert!((turn - 2.0).abs() < 1e-6);
             let moved = view.camera.position_f64().distance(exact.position_f64());
             assert!((moved / exact.position_f64().length() - 0.03).abs() < 1e-9);
         }

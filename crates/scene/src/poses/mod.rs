@@ -14,7 +14,7 @@ pub use centre::up_direction;
 pub(crate) use centre::{FORWARD_FACING, cone, scene_focus, view_directions};
 pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
-pub use similarity::{PoseError, Similarity};
+pub use similarity::{PoseError, Similarity, rotation_angle_deg};
 pub use spiral::spiral;
 pub use unseen::ViewRegion;
 

@@ -89,15 +89,20 @@ impl PoseError {
         let similarity = Similarity::between(truth, found, centre).inverse();
         let errors = found.iter().zip(truth).map(|(found, truth)| {
             let aligned = similarity.camera(found);
-            let turn = aligned.rotation() * truth.rotation().transpose();
-            let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
             let moved = aligned.position_f64().distance(truth.position_f64());
-            (cosine.clamp(-1.0, 1.0).acos().to_degrees(), moved / truth.position_f64().distance(centre).max(1e-9))
+            let turn = rotation_angle_deg(&aligned.rotation(), &truth.rotation());
+            (turn, moved / truth.position_f64().distance(centre).max(1e-9))
         });
         let (rotation, translation) = errors.fold((0.0, 0.0), |sum, error| (sum.0 + error.0, sum.1 + error.1));
         let count = truth.len().max(1) as f64;
         Self { rotation_deg: rotation / count, translation_percent: 100.0 * translation / count }
     }
+}
+
+/// Returns the angle between two rotations, in degrees.
+pub fn rotation_angle_deg(a: &DMat3, b: &DMat3) -> f64 {
+    let turn = *a * b.transpose();
+    (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Returns the orthogonal factor of the polar decomposition of a matrix of positive determinant, by Newton's iteration

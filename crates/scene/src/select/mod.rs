@@ -11,6 +11,7 @@ pub use test::TestProtocol;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_mt::Mt;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
 use crate::error::SceneError;
@@ -23,27 +24,33 @@ use crate::error::SceneError;
 ///
 /// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `26,86,2,55`, `seed-4@0`, `farthest-4@0`,
 /// `wide-4@0`, `narrow-4/30@0` (degrees), a published selection's name, or names of images such as `image006,image008`.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
+/// A config holds a table with the rule's name as `kind`, without the seed, which is the run's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum ViewSelection {
-    /// Views by their ids, in this order.
-    Ids(Vec<usize>),
     /// `count` views as NumPy's `RandomState(seed).choice(n, count, replace=False)` draws them.
     ///
     /// With 100 views, seeds 0 to 4 give the five published few-shot sets; seed 0 starts
     /// 26, 86, 2, 55. `seed` is at most 2³² − 1, as in NumPy.
     Seed {
         /// NumPy's seed.
+        #[serde(skip)]
         seed: u64,
         /// Number of views.
         count: usize,
     },
+    /// Views by their ids, in this order.
+    Ids {
+        /// Ids of training views.
+        ids: Vec<usize>,
+    },
     /// `count` views, the first drawn from `seed`, each next one the farthest (Euclidean, between
     /// camera positions) from all chosen so far.
-    FarthestPoint {
+    Farthest {
         /// Number of views.
         count: usize,
         /// Seed of the first view.
+        #[serde(skip)]
         seed: u64,
     },
     /// `count` random views of which each is within `angle_deg` of each other.
@@ -53,6 +60,7 @@ pub enum ViewSelection {
         /// Max angle between any two views, in degrees.
         angle_deg: f64,
         /// Seed of the set, where there are several.
+        #[serde(skip)]
         seed: u64,
     },
     /// `count` random views that surround the scene: of 256 random sets the one whose smallest
@@ -61,15 +69,41 @@ pub enum ViewSelection {
         /// Number of views.
         count: usize,
         /// Seed of the random sets.
+        #[serde(skip)]
         seed: u64,
+    },
+    /// A published selection by its name, such as `regnerf-3` for LLFF and DTU, or names of images between commas.
+    #[serde(rename = "published")]
+    Named {
+        /// Name of the selection, or names of images.
+        name: String,
     },
     /// Every view.
     All,
-    /// A published selection by its name, such as `regnerf-3` for LLFF and DTU, or names of images between commas.
-    Named(String),
 }
 
 impl ViewSelection {
+    /// Returns the number of views; `None` if it depends on the scene.
+    pub fn count(&self) -> Option<usize> {
+        match self {
+            Self::Ids { ids } => Some(ids.len()),
+            Self::Named { .. } | Self::All => None,
+            Self::Seed { count, .. }
+            | Self::Farthest { count, .. }
+            | Self::Narrow { count, .. }
+            | Self::Wide { count, .. } => Some(*count),
+        }
+    }
+
+    /// Returns the rule with another seed, if it has one.
+    pub fn with_seed(mut self, new: u64) -> Self {
+        use ViewSelection::{Farthest, Narrow, Seed, Wide};
+        if let Seed { seed, .. } | Farthest { seed, .. } | Narrow { seed, .. } | Wide { seed, .. } = &mut self {
+            *seed = new;
+        }
+        self
+    }
+
     /// Returns the indices of the chosen views in `cameras`, in the order in which they were chosen.
     ///
     /// # Errors
@@ -78,31 +112,25 @@ impl ViewSelection {
     /// only its scene can resolve.
     pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
         let n = cameras.len();
+        let count = self.count().unwrap_or(n);
         let random = |seed: &u64| ChaCha8Rng::seed_from_u64(*seed);
         match self {
             _ if n == 0 => Err(error("a scene with at least one training view", "none")),
-            Self::Ids(ids) => check_ids("train", ids, n).map(|()| ids.clone()),
+            Self::Ids { ids } => check_ids("train", ids, n).map(|()| ids.clone()),
             Self::All => Ok((0..n).collect()),
-            Self::Named(name) => Err(error("a selection that this scene knows", format!("`{name}`"))),
-            Self::Seed { count, .. }
-            | Self::FarthestPoint { count, .. }
-            | Self::Wide { count, .. }
-            | Self::Narrow { count, .. }
-                if !(1..=n).contains(count) =>
-            {
-                Err(error(format!("a number of views from 1 to {n}"), count))
-            }
-            Self::Seed { seed, count } => {
+            Self::Named { name } => Err(error("a selection that this scene knows", format!("`{name}`"))),
+            _ if !(1..=n).contains(&count) => Err(error(format!("a number of views from 1 to {n}"), count)),
+            Self::Seed { seed, .. } => {
                 let seed = u32::try_from(*seed).map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
-                Ok(numpy_permutation(seed, n)[..*count].to_vec())
+                Ok(numpy_permutation(seed, n)[..count].to_vec())
             }
-            Self::FarthestPoint { count, seed } => Ok(spread::farthest_point(cameras, *count, &mut random(seed))),
-            Self::Wide { count, seed } => Ok(spread::wide(cameras, *count, &mut random(seed))),
+            Self::Farthest { seed, .. } => Ok(spread::farthest_point(cameras, count, &mut random(seed))),
+            Self::Wide { seed, .. } => Ok(spread::wide(cameras, count, &mut random(seed))),
             Self::Narrow { angle_deg, .. } if !(angle_deg.is_finite() && *angle_deg > 0.0) => {
                 Err(error("a positive angle in degrees", angle_deg))
             }
-            Self::Narrow { count, angle_deg, seed } => {
-                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut random(seed))
+            Self::Narrow { angle_deg, seed, .. } => {
+                spread::narrow(cameras, count, angle_deg.to_radians(), &mut random(seed))
                     .ok_or_else(|| error(format!("{count} views within {angle_deg}° of each other"), "fewer"))
             }
         }
@@ -168,9 +196,9 @@ mod tests {
     fn bad_requests_say_what_is_wrong() {
         let narrow = |angle_deg| ViewSelection::Narrow { count: 4, angle_deg, seed: 0 };
         for (selection, expected) in [
-            (ViewSelection::Ids(vec![]), "at least one view id"),
-            (ViewSelection::Ids(vec![1, 100]), "0 to 99, found 100"),
-            (ViewSelection::Ids(vec![1, 2, 1]), "1 twice"),
+            (ViewSelection::Ids { ids: vec![] }, "at least one view id"),
+            (ViewSelection::Ids { ids: vec![1, 100] }, "0 to 99, found 100"),
+            (ViewSelection::Ids { ids: vec![1, 2, 1] }, "1 twice"),
             (ViewSelection::Seed { seed: 0, count: 101 }, "found 101"),
             (ViewSelection::Seed { seed: 0, count: 0 }, "found 0"),
             (ViewSelection::Seed { seed: 1 << 32, count: 1 }, "NumPy seed"),
@@ -187,7 +215,7 @@ mod tests {
     fn every_rule_gives_distinct_views_and_repeats() {
         let rules = [
             ViewSelection::Seed { seed: 3, count: 8 },
-            ViewSelection::FarthestPoint { count: 8, seed: 3 },
+            ViewSelection::Farthest { count: 8, seed: 3 },
             ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 3 },
             ViewSelection::Wide { count: 8, seed: 3 },
             ViewSelection::All,

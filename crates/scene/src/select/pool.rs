@@ -18,8 +18,8 @@ pub fn train(
     named: &Named,
 ) -> Result<Vec<usize>, SceneError> {
     match selection {
-        ViewSelection::Ids(wanted) => positions("train", wanted, ids),
-        ViewSelection::Named(name) => positions("train", by_name("train", name, named)?, ids),
+        ViewSelection::Ids { ids: wanted } => positions("train", wanted, ids),
+        ViewSelection::Named { name } => positions("train", by_name("train", name, named)?, ids),
         other => other.select(cameras),
     }
 }
@@ -76,14 +76,14 @@ mod tests {
         let named = vec![("two".to_owned(), vec![9, 3]), ("lost".to_owned(), vec![4])];
         let cameras = &train_cameras(8)[..3];
         let choose = |selection| train(&selection, cameras, &ids, &named);
-        assert_eq!(choose(ViewSelection::Ids(vec![5, 3])).unwrap(), [1, 0]);
-        assert_eq!(choose(ViewSelection::Named("two".into())).unwrap(), [2, 0]);
+        assert_eq!(choose(ViewSelection::Ids { ids: vec![5, 3] }).unwrap(), [1, 0]);
+        assert_eq!(choose("two".parse().unwrap()).unwrap(), [2, 0]);
         assert_eq!(choose(ViewSelection::All).unwrap(), [0, 1, 2]);
-        let text = choose(ViewSelection::Ids(vec![4])).unwrap_err().to_string();
+        let text = choose(ViewSelection::Ids { ids: vec![4] }).unwrap_err().to_string();
         assert!(text.contains("view ids among 3 5 9, found 4"), "{text}");
-        let text = choose(ViewSelection::Named("three".into())).unwrap_err().to_string();
+        let text = choose("three".parse().unwrap()).unwrap_err().to_string();
         assert!(text.contains("one of two, lost, found `three`"), "{text}");
-        assert!(choose(ViewSelection::Ids(vec![5, 5])).is_err());
+        assert!(choose(ViewSelection::Ids { ids: vec![5, 5] }).is_err());
         assert_eq!(test(&TestProtocol::Split, &ids, Some(&[9]), &named).unwrap(), [2]);
         assert_eq!(test(&TestProtocol::Split, &ids, None, &named).unwrap(), [0, 1, 2]);
         assert_eq!(test(&TestProtocol::Published("two".into()), &ids, None, &named).unwrap(), [2, 0]);

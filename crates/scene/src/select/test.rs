@@ -7,8 +7,7 @@ use crate::error::SceneError;
 ///
 /// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, `training`, or
 /// the name of a published protocol.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TestProtocol {
     /// Every test view.
     All,

@@ -4,7 +4,6 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::{TestProtocol, ViewSelection};
-use crate::error::SceneError;
 
 /// Published protocols of test views; each format knows some of them.
 const PUBLISHED: [&str; 4] = ["regnerf", "pixelnerf", "infonerf", "neural-body"];
@@ -24,11 +23,11 @@ impl fmt::Display for TestProtocol {
 }
 
 impl FromStr for TestProtocol {
-    type Err = SceneError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, SceneError> {
+    fn from_str(text: &str) -> Result<Self, String> {
         let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `training`, `regnerf`, `pixelnerf`, `infonerf` or `neural-body`";
-        let error = || SceneError::request("test", expected, format!("`{text}`"));
+        let error = || format!("expected {expected}, found `{text}`");
         let positive = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
         match (text, text.split_once('-')) {
             ("all", _) => Ok(Self::All),
@@ -46,28 +45,28 @@ impl fmt::Display for ViewSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::All => write!(f, "all"),
-            Self::Ids(ids) => f.write_str(&list(ids)),
+            Self::Ids { ids } => f.write_str(&list(ids)),
             Self::Seed { seed, count } => write!(f, "seed-{count}@{seed}"),
-            Self::FarthestPoint { count, seed } => write!(f, "farthest-{count}@{seed}"),
+            Self::Farthest { count, seed } => write!(f, "farthest-{count}@{seed}"),
             Self::Wide { count, seed } => write!(f, "wide-{count}@{seed}"),
             Self::Narrow { count, angle_deg, seed } => write!(f, "narrow-{count}/{angle_deg}@{seed}"),
-            Self::Named(name) => f.write_str(name),
+            Self::Named { name } => f.write_str(name),
         }
     }
 }
 
 impl FromStr for ViewSelection {
-    type Err = SceneError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, SceneError> {
+    fn from_str(text: &str) -> Result<Self, String> {
         let expected = "`all`, view ids `26,86,2,55`, `seed-4@0`, `farthest-4@0`, `wide-4@0`, `narrow-4/30@0`, a \
                         selection's name such as `regnerf-3`, or names of images such as `image006,image008`";
-        let error = || SceneError::request("train", expected, format!("`{text}`"));
+        let error = || format!("expected {expected}, found `{text}`");
         if text == "all" {
             return Ok(Self::All);
         }
         if let Some(ids) = ids(text) {
-            return Ok(Self::Ids(ids));
+            return Ok(Self::Ids { ids });
         }
         let (rule, stated) = match text.split_once('@') {
             Some((rule, seed)) => (rule, Some(seed.parse::<u64>().map_err(|_| error())?)),
@@ -77,13 +76,13 @@ impl FromStr for ViewSelection {
         let count = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
         match (rule.split_once('-'), rule.split_once('/')) {
             (Some(("seed", n)), _) => Ok(Self::Seed { count: count(n)?, seed }),
-            (Some(("farthest", n)), _) => Ok(Self::FarthestPoint { count: count(n)?, seed }),
+            (Some(("farthest", n)), _) => Ok(Self::Farthest { count: count(n)?, seed }),
             (Some(("wide", n)), _) => Ok(Self::Wide { count: count(n)?, seed }),
             (Some(("narrow", _)), Some((narrow, angle))) => {
                 let angle_deg = angle.parse::<f64>().ok().filter(|a| a.is_finite() && *a > 0.0).ok_or_else(error)?;
                 Ok(Self::Narrow { count: count(&narrow["narrow-".len()..])?, angle_deg, seed })
             }
-            _ if stated.is_none() && is_name(text) => Ok(Self::Named(text.into())),
+            _ if stated.is_none() && is_name(text) => Ok(Self::Named { name: text.into() }),
             _ => Err(error()),
         }
     }
@@ -133,7 +132,7 @@ mod tests {
     #[test]
     fn other_texts_are_refused() {
         for text in ["", "every-0", "every-x", "first-", "1,,2", "-1", "Split", "a b"] {
-            let error = text.parse::<TestProtocol>().unwrap_err().to_string();
+            let error = text.parse::<TestProtocol>().unwrap_err();
             assert!(error.contains(&format!("found `{text}`")), "{error}");
         }
         for text in ["", "seed-0", "seed-x@1", "seed-4@x", "narrow-4/0", "regnerf-3@1", "1,x", "a,,b", "a b"] {

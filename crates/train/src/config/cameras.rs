@@ -10,7 +10,7 @@ pub struct CameraConfig {
     pub refine: Refine,
     /// Adam's learning rate of the corrections: radians, and shares of the cameras' mean distance from the scene's centre.
     pub lr: Schedule,
-    /// Focal lengths that are refined as well; matches refine all of them by one factor.
+    /// Focal lengths that are refined as well.
     pub focal: Focal,
     /// Weight of the mean square of the corrections in the objective, which keeps cameras near their start.
     pub prior: f32,
@@ -55,8 +55,6 @@ impl Default for CameraConfig {
 impl CameraConfig {
     pub(super) fn validate(&self) -> Result<(), Fault> {
         Fault::unless_always_within(0.0..=1.0, "lr", &self.lr)?;
-        Fault::unless_within(0.0..=1e6, "prior", self.prior.into())?;
-        let goes = self.refine != Refine::Matches || self.focal != Focal::Each;
-        Fault::unless(goes, "focal", "\"fixed\" or \"shared\" with refine = \"matches\"", "each")
+        Fault::unless_within(0.0..=1e6, "prior", self.prior.into())
     }
 }

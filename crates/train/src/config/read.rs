@@ -118,6 +118,10 @@ mod tests {
             ("train.init=3", "train.init: expected a path in quotes, found 3"),
             ("train.rayz=3", "train.rayz: unknown key `rayz`, expected one of `iterations`, "),
             ("scene.views={kind='wide'}", "scene.views: missing key `count`"),
+            ("scene.views.ids=[1]", "scene.views"),
+            ("loss.entropy.weight={from=0.0}", "loss.entropy.weight"),
+            ("train.lr={from=1e-3,to=1e-4,shape='cosine'}", "train.lr"),
+            ("nonsense", "nonsense: expected dotted.key=value"),
             ("train.batch={a=1,b=2}", "train.batch: expected a name in quotes, found a table"),
             ("train.batch=3", "train.batch: expected a name in quotes, found another kind of value"),
         ] {

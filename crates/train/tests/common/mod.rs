@@ -19,7 +19,7 @@ const PAPER: &str = "\
 const FAST: &str = "\
     field.resolutions=[4,8,16] field.channels=2 field.width=16 field.layers=1 loss.kl.weight=1e-3 train.target_samples=400 \
     render.samples={from=12,to=24,end=0.5,curve='exponential'} train.exposure_compensation=true \
-    train.cameras={refine='photometric',focal='each'}";
+    train.cameras={refine='photometric',focal='shared'}";
 
 /// The field of mip-NeRF, with smaller images first.
 const MIP: &str = "\

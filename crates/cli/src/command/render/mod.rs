@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use infonerf_experiment::{RunPlan, Trained, save_png};
+use infonerf_experiment::{RunPlan, Trained};
 use infonerf_field::FieldSpec;
 use infonerf_metrics::to_rgb8;
 use infonerf_render::{render_image, render_normals};
-use infonerf_report::{depth_image, normal_image};
+use infonerf_report::{depth_image, normal_image, save_png};
 use infonerf_scene::{Camera, resized_dimensions};
 
 use crate::interrupt;

@@ -71,7 +71,7 @@ impl CubeKernel for Count {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
         let count = rays.meta.shape()[0];
-        let (streams, settings) = (integers(streams), crate::cube::numbers(&self.0.settings, rays));
+        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.0.settings, rays));
         let counts = empty(rays, [count]);
         launch!(count::launch, count; rays, &streams, density, &settings, &counts; self.0.jittered, self.0.has_cells);
         counts
@@ -88,7 +88,7 @@ struct Write {
 impl CubeKernel for Write {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
-        let (streams, settings) = (integers(streams), crate::cube::numbers(&self.walk.settings, rays));
+        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.walk.settings, rays));
         let buffer = self.outputs.buffer(rays);
         let [distance, delta, positions] = self.outputs.parts(&buffer);
         launch!(

@@ -10,7 +10,7 @@ use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{FactoredLayout, Level, PLANES, Query};
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers, zeros};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, uploaded, zeros};
 use kernels::{CompareExchange, Native};
 
 /// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
@@ -43,7 +43,7 @@ impl CubeKernel for FeatureKernel {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];
         let out = empty(tables, [samples, self.layout.features()]);
-        let weights = numbers(&self.weights, tables);
+        let weights = uploaded(&self.weights, tables);
         let (frequencies, levels) = self.sizes();
         launch!(kernels::features::launch, samples * PLANES.len(); tables, positions, &weights, &out; frequencies, levels);
         (out, vec![weights])

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 
 use super::{FactoredLayout, weight};
 use crate::kernel::{Kernel, Pass};
-use crate::parts::in_parts;
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
@@ -108,19 +107,16 @@ impl Kernel for VariationKernel {
 
     fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let tables = pass.inputs[0];
-        let grad = in_parts(self.layout.table_parts(), |parts| {
-            parts.into_par_iter().enumerate().for_each(|(index, part)| {
-                let out = part.zeros();
-                // Three planes of each level, then its three lines.
-                let (level, p) = (&self.layout.levels[index / 6], index % 6);
-                if p < 3 {
-                    let plane = &tables[level.plane(p)..][..level.plane_len()];
-                    let factor = 2.0 * weight(level.resolution) * pass.grad[0];
-                    let width = level.line_len();
-                    simd::run(DifferenceGradient { plane, width, step: level.channels, factor, out });
-                }
-            });
+        let mut gradient = vec![0.0; tables.len()];
+        self.layout.split_tables(&mut gradient).into_par_iter().enumerate().for_each(|(index, out)| {
+            let (level, p) = (&self.layout.levels[index / 6], index % 6);
+            if p < 3 {
+                let plane = &tables[level.plane(p)..][..level.plane_len()];
+                let factor = 2.0 * weight(level.resolution) * pass.grad[0];
+                let width = level.line_len();
+                simd::run(DifferenceGradient { plane, width, step: level.channels, factor, out });
+            }
         });
-        vec![Some(grad)]
+        vec![Some(gradient)]
     }
 }
