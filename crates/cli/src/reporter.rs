@@ -136,8 +136,8 @@ pub(crate) fn summary(record: &Record) -> String {
     let on = if record.test_views.protocol == "training" { " on training views" } else { "" };
     let collapsed = if record.collapsed { ", COLLAPSED" } else { "" };
     let [psnr, ssim] = [Quantity::PSNR, Quantity::SSIM].map(shown);
-    let (steps, seconds) = (record.iterations, record.train_seconds);
-    format!("PSNR {psnr} dB{on}, SSIM {ssim}, {steps} steps in {seconds:.1} s{collapsed}")
+    let (steps, seconds) = (counted(record.iterations as usize, "step"), record.train_seconds);
+    format!("PSNR {psnr} dB{on}, SSIM {ssim}, {steps} in {seconds:.1} s{collapsed}")
 }
 
 /// Prints the experiment's claims on the order of variants, each with its verdict and findings.

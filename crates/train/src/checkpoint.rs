@@ -30,7 +30,7 @@ pub struct Checkpoint {
 
 const MODEL: &str = "model.bpk";
 const AVERAGE: &str = "average.bpk";
-const OPTIMIZER: &str = "optimiser.bpk";
+const OPTIMIZER: &str = "optimizer.bpk";
 const OCCUPANCY: &str = "occupancy.bin";
 
 #[derive(Serialize, Deserialize)]

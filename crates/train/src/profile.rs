@@ -36,7 +36,7 @@ impl Phase {
             Self::Unseen => "unseen rays",
             Self::Neighbours => "neighbours",
             Self::Backward => "backward",
-            Self::Optimizer => "optimiser",
+            Self::Optimizer => "optimizer",
         }
     }
 }

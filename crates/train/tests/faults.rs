@@ -43,7 +43,7 @@ fn the_newest_intact_checkpoint_is_used() {
         let [reason] = &refused[..] else { panic!("{part}, {damage}: {refused:?}") };
         assert!(reason.contains(part) && reason.lines().count() == 1, "{part}, {damage}: {reason}");
     };
-    for part in ["model.bpk", "optimiser.bpk", "occupancy.bin", "manifest.json"] {
+    for part in ["model.bpk", "optimizer.bpk", "occupancy.bin", "manifest.json"] {
         let path = folder.path().join("checkpoint").join(part);
         let whole = fs::read(&path).unwrap();
         for (name, damage) in damages {

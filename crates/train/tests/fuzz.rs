@@ -64,7 +64,7 @@ fn mutated_assignments_are_read_or_refused() {
     let valid = [
         "train.rays=64",
         "field={kind='nerf'}",
-        "train.pyramid=[[0.1, 4]]",
+        "scene.views={kind='ids', ids=[0, 4]}",
         "scene.views={kind='all'}",
         "eval.test=every-8",
     ];

@@ -216,8 +216,8 @@ fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<
 /// Describes the result of a run: metrics on held-out photographs if there are any, otherwise steps and time.
 fn result(record: &Record) -> String {
     if record.test_views.protocol == "training" {
-        let (steps, seconds) = (record.iterations, record.train_seconds);
-        return format!("{steps} steps in {seconds:.1} s; no photograph is held out, so no figure is measured");
+        let (steps, seconds) = (counted(record.iterations as usize, "step"), record.train_seconds);
+        return format!("{steps} in {seconds:.1} s; no photograph is held out, so no figure is measured");
     }
     let held_out = counted(record.test_views.count, "held-out photograph");
     format!("{}, measured on {held_out}", summary(record))

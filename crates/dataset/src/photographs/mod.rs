@@ -214,7 +214,7 @@ fn unread_warning(folder: &Path) -> Option<String> {
     let kinds = unread.iter().filter_map(|path| Some(format!("*.{}", path.extension()?.to_str()?)));
     let kinds = Vec::from_iter(kinds.collect::<BTreeSet<_>>()).join(" ");
     let convert = format!("convert them, such as with ImageMagick: `magick mogrify -format jpg {kinds}`");
-    (!unread.is_empty()).then(|| format!("{} files are not read; {convert}", unread.len()))
+    (!unread.is_empty()).then(|| format!("files in formats that are not read: {}; {convert}", unread.len()))
 }
 
 /// Returns the folder of photographs, or an error if it has fewer than [`MIN_IMAGES`] images.
@@ -260,7 +260,10 @@ mod tests {
         assert!(fault(guard.path()).ends_with("at least two photographs: it has 0; subfolders with images: my shots"));
         ["c.HEIC", "d.HEIC", "e.cr2", "a.DNG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let warning = unread_warning(&shots).unwrap();
-        assert!(warning.starts_with("3 files are not read; ") && warning.ends_with(" *.HEIC *.cr2`"), "{warning}");
+        assert!(
+            warning.starts_with("files in formats that are not read: 3; ") && warning.ends_with(" *.HEIC *.cr2`"),
+            "{warning}"
+        );
         fs::write(shots.join(WORK), "").unwrap();
         assert!(fault(&shots).contains("my shots: expected a folder that can be written: "));
         assert!(fault(&guard.path().join("none")).contains("not found"));

@@ -23,10 +23,5 @@ pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
         segments.ranges().enumerate().flat_map(|(ray, range)| (0..range.len()).map(move |i| ray * longest + i));
     let packed: Vec<i32> = packed.map(|index| index as i32).collect();
     let count = packed.len();
-    let depth = depth.reshape([rays * longest]).select(0, upload(packed, [count], &device)).cast(FloatDType::F32);
-    match segments.samples() - count {
-        0 => depth,
-        // Unused capacity at the end belongs to no ray.
-        tail => Tensor::cat(vec![depth, Tensor::zeros([tail], &device)], 0),
-    }
+    depth.reshape([rays * longest]).select(0, upload(packed, [count], &device)).cast(FloatDType::F32)
 }
