@@ -28,12 +28,13 @@ const TRIMMED: f64 = 2.0;
 const MAX_TRIMMED: f64 = 0.02;
 /// Max number of pixels in the fingerprint by which candidates for equal images are found.
 const FINGERPRINT: usize = 997;
-/// Max distance between two cameras, divided by the scene's radius, and between their unit axes at which they count as
-/// one: what they see shifts by a few of a thousand pixels, and less than between frames of a video that moves.
+/// Max distance between two cameras, divided by the scene's radius, and between their unit axes at which they count as one
+/// camera: their images differ by a few pixels of a thousand, less than neighbouring frames of a moving video.
 const SAME_CAMERA: f64 = 3e-3;
-/// Side in pixels of the pictures by which such views are compared, and their correlation above which they show one
-/// photograph: three published photographs after edits of tone and white balance had 0.95 to 1.
+/// Side in pixels of the reduced images by which views of one camera are compared.
 const THUMBNAIL: u32 = 16;
+/// Correlation of reduced images above which two views of one camera show one photograph: photographs of three published
+/// scenes and their copies with other tones and white balance have 0.95 to 1.
 const SAME_PHOTOGRAPH: f32 = 0.94;
 /// End of the warning about exact depths of resized images.
 pub(crate) const DEPTHS_LEFT_OUT: &str =
@@ -255,7 +256,7 @@ fn is_edited(a: &View, b: &View, radius: f32) -> bool {
         small.rgb.into_iter().flatten().map(|value| value - mean).collect::<Vec<f32>>()
     });
     let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
-    // Blank pictures are all alike.
+    // The lower bound keeps blank images, whose correlation is 0/0, from counting as one photograph.
     dot(&a, &b) > SAME_PHOTOGRAPH * (dot(&a, &a) * dot(&b, &b)).sqrt().max(1e-3)
 }
 
