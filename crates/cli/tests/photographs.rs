@@ -67,8 +67,9 @@ fn photographs_that_cannot_be_placed() {
     let run = || place.run("scene from-images photos").env("PATH", place.path(""));
     run().fails_with(&["at least two photographs: it has 1"]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("b.png")).unwrap();
+    place.write("photos/masks/lost.png", "");
     run().fails_with(&["photos: expected photographs that overlap", "no two of 2 photographs have 20 matches"]);
-    assert_has(&text(&run().into_command().output().unwrap().stdout), &["colmap failed: ", "oops"]);
+    assert_has(&text(&run().into_command().output().unwrap().stdout), &["colmap failed: ", "oops", "to no image"]);
     assert!(!dir.join("sparse").exists() && !dir.join("colmap.db").exists());
     Image::filled(360, 300, [0.5; 3]).write_png(&dir.join("c.png")).unwrap();
     run().fails_with(&["no two of 3 photographs have 20 matches"]);

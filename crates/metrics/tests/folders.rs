@@ -101,6 +101,7 @@ fn jpeg_is_read_and_partial_leaves_out_images_without_a_render() {
     let (render, truth) = workspace.pair("a", 32, 32);
     std::fs::remove_file(workspace.path("truth/a.png")).unwrap();
     workspace.write("truth/a.JPG", &render);
+    std::fs::rename(workspace.path("renders/a.png"), workspace.path("renders/a.jfif")).unwrap();
     workspace.write("truth/b.png", &truth);
     let (renders, truth) = (workspace.path("renders"), workspace.path("truth"));
     let folders = Folders { renders: &renders, truth: &truth, masks: None, partial: true };

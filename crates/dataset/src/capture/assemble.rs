@@ -113,7 +113,8 @@ fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) ->
         };
         frames.iter().find(is_named).map(|frame| frame.id)
     };
-    let names: Vec<&str> = text.split(',').collect();
+    // A name may have a comma itself.
+    let names: Vec<&str> = if id(text).is_some() { vec![text.as_str()] } else { text.split(',').collect() };
     match names.iter().map(|name| id(name)).collect::<Option<Vec<usize>>>() {
         Some(ids) if known.iter().all(|(name, _)| name != text) => Ok(ViewSelection::Ids { ids }),
         None if names.len() > 1 => {

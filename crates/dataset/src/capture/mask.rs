@@ -117,6 +117,20 @@ pub(crate) fn read_mask(
     read_turned(path, *role, size, if is_turned { turn } else { own })
 }
 
+/// Reads the mask of an `image` for its stored pixels: one of their proportions as it is, another one turned back.
+pub(crate) fn read_stored_mask(image: &Path, (path, role): &(PathBuf, MaskRole)) -> Result<Vec<bool>, SceneError> {
+    let (own, turn, size) = (orientation(path), orientation(image), stored_dimensions(image)?);
+    let turned_back = match turn {
+        Orientation::NoTransforms => own,
+        _ if own == turn || same_proportions(stored_dimensions(path)?, size) => Orientation::NoTransforms,
+        Orientation::Rotate90 => Orientation::Rotate270,
+        Orientation::Rotate270 => Orientation::Rotate90,
+        // Mirroring and half turns are their own inverses.
+        other => other,
+    };
+    read_turned(path, *role, size, turned_back)
+}
+
 /// Reads which pixels of an image of `size` count, row-major, from a mask that is turned by `turn`. A capture's mask of the
 /// same proportions is resized.
 ///
@@ -184,7 +198,7 @@ pub(super) fn check_valid(
     if test.is_empty() {
         return Err(SceneError::request("test", "a view whose mask is not black throughout", "none"));
     }
-    let partial = train.iter().chain(test.iter()).filter(|view| view.valid.is_some());
+    let partial = train.iter().chain(test.iter()).filter(|view| view.valid.iter().any(|v| v.contains(&false)));
     let (bent, whole): (Vec<&View>, Vec<&View>) = partial.partition(|view| exceeds_lens(&view.camera));
     let masked = whole.into_iter().filter(|view| view.mask.is_some()).collect();
     for (what, views) in [("the lens cannot be inverted at the border", bent), ("masks leave out pixels", masked)] {
@@ -264,13 +278,19 @@ mod tests {
         let pixels = (0..8).map(|i| if i % 4 < 2 { [255; 4] } else { [0, 0, 0, 255] }).collect();
         Rgba8 { width: 4, height: 2, pixels }.write_png(&path).unwrap();
         let mask = (path, MaskRole::Capture);
+        let bits = |counts: &[bool]| counts.iter().fold(0, |bits, &bit| 2 * bits + u32::from(bit));
         for (exif, size, by_stored, expected) in
-            [(6, (2, 4), false, 0b1111_0000), (3, (4, 2), true, 0b0011_0011), (3, (4, 2), false, 0b1100_1100)]
+            [(3, (4, 2), true, 0b0011_0011), (3, (4, 2), false, 0b1100_1100), (6, (2, 4), false, 0b1111_0000)]
         {
             image::RgbImage::new(4, 2).save(&photograph).unwrap();
             set_orientation(&photograph, exif);
             let counts = read_mask(&photograph, &mask, size, by_stored).unwrap();
-            assert_eq!(counts.iter().fold(0, |bits, &bit| 2 * bits + u32::from(bit)), expected, "{exif}");
+            assert_eq!(bits(&counts), expected, "{exif}");
+        }
+        let shown = (guard.path().join("shown.png"), MaskRole::Capture);
+        image::GrayImage::from_fn(2, 4, |_, y| image::Luma([255 * u8::from(y < 2)])).save(&shown.0).unwrap();
+        for mask in [mask, shown] {
+            assert_eq!(bits(&read_stored_mask(&photograph, &mask).unwrap()), 0b1100_1100, "{mask:?}");
         }
     }
 

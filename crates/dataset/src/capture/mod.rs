@@ -15,7 +15,7 @@ mod sizes;
 pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, seen_at};
-pub(crate) use mask::{is_mask_name, list_photographs, mask_of, read_mask, stray_masks};
+pub(crate) use mask::{is_mask_name, list_photographs, mask_of, read_mask, read_stored_mask, stray_masks};
 
 use std::path::Path;
 
@@ -373,6 +373,9 @@ mod tests {
         assert_eq!(names, ["images/p06.png", "images/p02.png", "images/p05.png"]);
         let text = message(guard.path(), &named("p06,p77"));
         assert!(text.contains("names of training images, such as images/p01, found `p77`"), "{text}");
+        fs::rename(guard.path().join("images/p05.png"), guard.path().join("images/p05,p06.png")).unwrap();
+        edit(&guard.path().join("transforms.json"), "/frames/5/file_path", Some("images/p05,p06.png".into()));
+        assert_eq!(load(guard.path(), &named("p05,p06")).unwrap().train[0].file, "images/p05,p06.png");
     }
 
     #[test]

@@ -136,7 +136,7 @@ fn baseline(scene: &Scene) -> Option<String> {
 }
 
 fn images(scene: &Scene) -> Vec<String> {
-    let mut found = Vec::new();
+    let (mut found, mut whole) = (Vec::new(), Vec::new());
     let tested = scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file));
     let views = scene.train.iter().chain(tested);
     let measured: Vec<(&View, f32, f32)> = views.map(|v| (v, detail(&v.image), spread(&v.image))).collect();
@@ -155,8 +155,11 @@ fn images(scene: &Scene) -> Vec<String> {
             if share < SMALL_MASK {
                 found.push(format!("the mask of {} leaves in {:.2} % of its pixels", view.name, 100.0 * share));
             }
+            whole.extend((!mask.contains(&false)).then_some(view.name.as_str()));
         }
     }
+    let names = join_names(whole.iter().copied());
+    found.extend((!whole.is_empty()).then(|| format!("masks of {} views hide nothing: {names}", whole.len())));
     found
 }
 
@@ -229,7 +232,7 @@ mod tests {
         let narrow = Range::Distance { near: 1.0, far: 2.0 };
         /// A change of the scene, and a part of each warning that it leads to.
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
-        let cases: [Case<'_>; 8] = [
+        let cases: [Case<'_>; 10] = [
             (&|s| s.warnings.push("x".into()), &["x"]),
             (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
@@ -237,6 +240,8 @@ mod tests {
             (&|s| (s.space.points, s.space.range) = (vec![Vec3::ZERO; 4], narrow), &["lie outside near and far"]),
             (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
+            (&|s| s.train[1].mask = Some(vec![false; 24 * 24].into()), &["leaves in 0.00 % of its pixels"]),
+            (&|s| s.test[0].mask = Some(vec![true; 24 * 24].into()), &["masks of 1 views hide nothing: "]),
             (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),
         ];
         let changed = |change: &dyn Fn(&mut Scene)| {

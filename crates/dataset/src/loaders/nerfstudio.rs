@@ -216,7 +216,7 @@ mod tests {
         assert!(!mask[13] && mask[14] && mask.len() == 64 && view.valid == view.mask);
         // The photograph is left as it is.
         assert_eq!(*view.image, image(8, 2).to_f32().composite([1.0; 3]));
-        assert_warns(&scene, 0, "masks leave out pixels of 4 views: those pixels are neither trained on nor measured");
+        assert_warns(&scene, 0, "masks leave out pixels of 3 views: those pixels are neither trained on nor measured");
         let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());

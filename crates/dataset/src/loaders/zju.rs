@@ -195,17 +195,14 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     let cams = get(pickle.root(), "cams", "cams")?;
     let [k, d, r, t] = ["K", "D", "R", "T"].map(|key| {
         let place = format!("cams.{key}");
-        items(&get(&cams, key, &place)?, &place)
+        let list = items(&get(&cams, key, &place)?, &place)?;
+        let expected = format!("one entry for each of {} images", images.len());
+        if list.len() == images.len() { Ok(list) } else { Err(field(&place, &expected, &list.len())) }
     });
     let (k, d, r, t) = (k?, d?, r?, t?);
     let cameras = k.iter().zip(&d).zip(&r).zip(&t).enumerate();
     let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, &pickle, i, [k, d, r, t]));
-    let cameras = cameras.take(images.len()).collect::<Result<Vec<_>, _>>()?;
-    if cameras.len() < images.len() {
-        let found = format!("{} cameras for {} images", cameras.len(), images.len());
-        return Err(field("cams", "one camera for each image", &found));
-    }
-    Ok(Annotations { cameras, images, frames: ims.len() })
+    Ok(Annotations { cameras: cameras.collect::<Result<_, _>>()?, images, frames: ims.len() })
 }
 
 /// Returns the object in a `.npy` file of objects.
@@ -361,6 +358,8 @@ mod tests {
         assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
         assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
         assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
+        let more = with(&replaced(&text("Camera_B7/000001.png"), &[]));
+        assert!(more.contains("annots.npy: field `cams.K`: expected one entry for each of 7 images, found 8"));
         write(&path, &annotations(&cameras[..2], 2));
         fs::remove_file(dir.join("mask_cihp/Camera_B0/000001.png")).unwrap();
         assert!(message(dir, &second()).contains("mask_cihp/Camera_B0/000001.png: not found"));

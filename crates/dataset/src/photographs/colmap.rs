@@ -7,11 +7,11 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use infonerf_scene::SceneError;
 use infonerf_scene::image::stored_dimensions;
+use infonerf_scene::{Image, SceneError};
 
 use super::OVERLAPPING;
-use crate::capture::list_photographs;
+use crate::capture::{list_photographs, mask_of, read_stored_mask};
 use crate::colmap::{Reconstruction, models};
 use crate::files::{file_name, make_folder, write_file};
 
@@ -43,7 +43,7 @@ const REPEATED: usize = 3;
 /// The settings are for few images: affine-invariant features, guided exhaustive matching, and a mapper that starts
 /// from pairs with little parallax. All images share one lens if they have one size. A lens has one distortion coefficient:
 /// with more, the mapper fits absurd lenses to few photographs and leaves most of them without a pose. Subfolders of
-/// `images` and masks are not read.
+/// `images` are not read. Features count within the masks of the capture, which is in the folder that contains `work`.
 pub(super) fn find(
     program: &Path,
     work: &Path,
@@ -55,6 +55,14 @@ pub(super) fn find(
     make_folder(&sparse)?;
     let (photographs, list) = (list_photographs(images)?, work.join("photographs.txt"));
     write_file(&list, photographs.iter().map(|path| file_name(path) + "\n").collect::<String>())?;
+    let (dir, masks) = (work.parent().unwrap_or(images), work.join("masks"));
+    for path in &photographs {
+        let Some(mask) = mask_of(dir, path) else { continue };
+        make_folder(&masks)?;
+        let (width, height) = stored_dimensions(path)?;
+        let rgb = read_stored_mask(path, &mask)?.into_iter().map(|counts| [f32::from(u8::from(counts)); 3]).collect();
+        Image { width, height, rgb, alpha: None }.write_png(&masks.join(file_name(path) + ".png"))?;
+    }
     let sizes = photographs.iter().map(|path| stored_dimensions(path)).collect::<Result<HashSet<_>, _>>()?;
     for (step, count, options) in STEPS {
         progress(step);
@@ -63,6 +71,9 @@ pub(super) fn find(
         let _ = run(program, step, &["-h".into()], &mut |line: &str| help += line);
         let options = if sizes.len() > 1 { options.replace(ONE_LENS, "") } else { options.into() };
         let mut all = arguments((step, count, options.as_str()), [&database, images, &sparse], &help);
+        if step == STEPS[0].0 && masks.is_dir() {
+            all.extend(["--ImageReader.mask_path".into(), masks.clone().into_os_string()]);
+        }
         if step == STEPS[0].0 {
             all.extend(["--image_list_path".into(), list.clone().into_os_string()]);
         }
@@ -163,6 +174,8 @@ mod tests {
             find(&program, &dir.join("work"), dir, &mut |line: &str| lines += &format!("{line}\n")).unwrap_err();
             assert!(lines.contains("oops\na.png\nb c.png\nexhaustive_matcher"), "{lines}");
             assert_eq!(lines.contains("single_camera 1"), width == 8, "{lines}");
+            assert!(lines.contains(&format!("mask_path {} ", dir.join("work/masks").display())), "{lines}");
+            assert!(dir.join("work/masks/a.png.png").is_file() && !dir.join("work/masks/b c.png.png").exists());
         }
     }
 }

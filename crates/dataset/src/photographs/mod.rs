@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use infonerf_scene::SceneError;
 use infonerf_scene::image::{find_image, list_images, unread_format};
 
-use crate::capture::list_photographs;
+use crate::capture::{join_names, list_photographs, stray_masks};
 use crate::colmap::{ColmapImage, Reconstruction};
 use crate::files::file_name;
 
@@ -65,7 +65,8 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
         let expected = "a folder without a reconstruction; remove this one to make another";
         return Err(SceneError::malformed(&sparse, expected, "it exists"));
     }
-    unread_warning(&images).iter().for_each(|warning| progress(warning));
+    let warnings = [unread_warning(&images), same_name_warning(&images)];
+    warnings.iter().flatten().for_each(|warning| progress(warning));
     let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
     let work = dir.join(WORK);
     fs::create_dir_all(&work).and_then(|()| fs::remove_dir_all(&work)).map_err(|e| {
@@ -96,6 +97,8 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
             }
         }
     };
+    // If poses are found, the scene has this warning.
+    let found = found.inspect_err(|_| stray_masks(dir, &images).iter().for_each(|warning| progress(warning)));
     let moved = found.and_then(|()| {
         // Settings of the user's own are not known to a later search.
         if *search == PoseSearch::default() {
@@ -217,6 +220,15 @@ fn unread_warning(folder: &Path) -> Option<String> {
     (!unread.is_empty()).then(|| format!("files in formats that are not read: {}; {convert}", unread.len()))
 }
 
+/// Returns a warning that names the photographs in `folder` whose names differ in the extension alone.
+fn same_name_warning(folder: &Path) -> Option<String> {
+    let all = list_photographs(folder).ok()?;
+    let is_alike = |path: &&PathBuf| all.iter().any(|other| other != *path && other.file_stem() == path.file_stem());
+    let names: Vec<String> = all.iter().filter(is_alike).map(|path| file_name(path)).collect();
+    let listed = join_names(names.iter().map(String::as_str));
+    (!names.is_empty()).then(|| format!("photographs with one name: {listed}; if two show one picture, remove one"))
+}
+
 /// Returns the folder of photographs, or an error if it has fewer than [`MIN_IMAGES`] images.
 fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
     let folder = photograph_folder(dir);
@@ -264,8 +276,11 @@ mod tests {
             warning.starts_with("files in formats that are not read: 3; ") && warning.ends_with(" *.HEIC *.cr2`"),
             "{warning}"
         );
-        fs::write(shots.join(WORK), "").unwrap();
-        assert!(fault(&shots).contains("my shots: expected a folder that can be written: "));
+        [WORK, "a.b.png", "a.JPG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
+        let mut lines = Vec::new();
+        let text = from_images(&shots, &search, |line| lines.push(line.to_owned())).unwrap_err().to_string();
+        assert!(text.contains("my shots: expected a folder that can be written: "));
+        assert!(lines[0] == warning && lines[1].starts_with("photographs with one name: a.JPG, a.png; "), "{lines:?}");
         assert!(fault(&guard.path().join("none")).contains("not found"));
     }
 }

@@ -12,7 +12,7 @@ use infonerf_sfm::{Photograph, Point, reconstruct};
 use rayon::prelude::*;
 
 use super::OVERLAPPING;
-use crate::capture::{list_photographs, mask_of, read_mask, stray_masks};
+use crate::capture::{list_photographs, mask_of, read_mask};
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 use crate::files::file_name;
 
@@ -77,13 +77,12 @@ pub(super) fn find(
     if masked > 0 {
         progress(&format!("features are looked for within the masks of {masked} photographs"));
     }
-    stray_masks(dir, images).iter().for_each(|warning| progress(warning));
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
-    let found = reconstruct(&input, focal, &mut progress).map_err(fault)?;
+    let found = reconstruct(&input, focal, &mut progress).map_err(|reason| fault(reason + cause(&photographs)))?;
     let mut lost = Vec::new();
-    for (path, pose) in paths.iter().zip(&found.poses) {
+    for (i, (path, pose)) in paths.iter().zip(&found.poses).enumerate() {
         let Err(reason) = pose else { continue };
-        let line = format!("{}: not placed: {reason}", file_name(path));
+        let line = format!("{}: not placed: {reason}{}", file_name(path), cause(&photographs[i..=i]));
         progress(&line);
         lost.push(line);
     }
@@ -120,6 +119,13 @@ pub(super) fn find(
     };
     let colours = found.points.iter().map(colour).collect();
     Ok(OwnPoses { model: all, colours, left_out: lost.len() + small.len() })
+}
+
+/// Returns the cause of missing poses if less than a twentieth of each photograph counts; otherwise an empty text.
+fn cause(photographs: &[SmallPhotograph]) -> &'static str {
+    let is_covered = |mask: &Vec<bool>| 20 * mask.iter().filter(|&&counts| counts).count() < mask.len();
+    let are_covered = photographs.iter().all(|photograph| photograph.mask.as_ref().is_some_and(is_covered));
+    if are_covered { "; masks or transparency cover nearly all pixels" } else { "" }
 }
 
 struct SmallPhotograph {
@@ -264,6 +270,12 @@ mod tests {
         Rgba8 { width: 360, height: 360, pixels }.write_png(&dir.join("masks/0.png")).unwrap();
         let masked = lowest();
         assert!(masked[0] < 202.0 && masked[1] > 202.0 && masked[2] < 202.0, "{masked:?}");
+        fs::remove_file(dir.join("masks/0.png")).unwrap();
+        image::RgbImage::new(360, 360).save(dir.join("masks/2.png")).unwrap();
+        let mut lines = Vec::new();
+        find(dir, &images, None, |line| lines.push(line.to_owned())).unwrap();
+        let reason = "15 needed; masks or transparency cover nearly all pixels";
+        assert!(lines.iter().any(|line| line.starts_with("2.png: ") && line.ends_with(reason)), "{lines:?}");
     }
 
     /// Prints the table of docs/photographs.md: the poses of this crate's solver, and COLMAP's if it is on PATH.

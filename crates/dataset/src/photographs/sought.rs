@@ -5,10 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
-use infonerf_scene::image::list_images;
 
 use super::photograph_folder;
-use crate::capture::is_mask_name;
+use crate::capture::list_photographs;
 use crate::files::{file_name, write_file};
 
 /// File next to the poses that lists the photographs, each in a line: its size in bytes and its name.
@@ -16,13 +15,11 @@ const NAME: &str = "photographs.txt";
 
 /// Returns a line of the list for each photograph in `dir`.
 pub(super) fn lines(dir: &Path) -> Result<BTreeSet<String>, SceneError> {
-    let mut paths = list_images(&photograph_folder(dir))?;
-    paths.retain(|path| !is_mask_name(path));
     let line = |path: &PathBuf| {
         let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
         Ok(format!("{size} {}\n", file_name(path)))
     };
-    paths.iter().map(line).collect()
+    list_photographs(&photograph_folder(dir))?.iter().map(line).collect()
 }
 
 /// Writes the list to the folder `poses`.

@@ -9,7 +9,7 @@ use crate::picture::Picture;
 use crate::protocol::Background;
 
 /// Extensions of the formats that are read, in lower case.
-const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
+const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
 /// Extensions of formats that keep black exactly.
 const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "bmp"];
 
