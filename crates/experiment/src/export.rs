@@ -13,6 +13,7 @@ use infonerf_metrics::{Picture, psnr};
 use infonerf_procedural as procedural;
 use infonerf_render::render_image;
 use infonerf_report::Quantity;
+use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Camera, Lens, TestProtocol, View, ViewRegion, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -159,7 +160,7 @@ impl RunPlan {
 /// Scales the camera of `view` to the size of its image file below `folder`. If the file has another aspect ratio, such as one
 /// that EXIF rotates, the camera is left as it is.
 fn at_file_size(view: &mut View, folder: &Path) {
-    let Ok((width, height)) = image::image_dimensions(folder.join(&view.file)) else { return };
+    let Ok((width, height)) = stored_dimensions(&folder.join(&view.file)) else { return };
     let camera = &view.camera;
     let shape = |width: u32, height: u32| f64::from(width) / f64::from(height);
     let stretch = shape(width, height) / shape(camera.width, camera.height);

@@ -129,7 +129,7 @@ fn data(path: &Path) -> Result<String, ReportError> {
     if format != ImageFormat::Tiff {
         return Ok(format!("data:{};base64,{}", format.to_mime_type(), BASE64_STANDARD.encode(bytes)));
     }
-    let image = image::load_from_memory_with_format(&bytes, format);
+    let image = image::load_from_memory(&bytes);
     let png = image.and_then(|image| png_bytes(&image.to_rgba8().into())).map_err(ReportError::io("read", path))?;
     Ok(format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png)))
 }

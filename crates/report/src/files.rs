@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use image::{DynamicImage, ImageFormat, ImageResult, RgbImage};
+use image::codecs::png::PngEncoder;
+use image::{DynamicImage, ImageResult, RgbImage};
 
 use crate::error::ReportError;
 
@@ -48,7 +49,7 @@ pub fn save_png(picture: &RgbImage, path: &Path) -> Result<(), ReportError> {
 
 pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
     let mut png = Cursor::new(Vec::new());
-    image.write_to(&mut png, ImageFormat::Png)?;
+    image.write_with_encoder(PngEncoder::new(&mut png))?;
     Ok(png.into_inner())
 }
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use image::{ImageFormat, imageops::FilterType};
+use image::imageops::FilterType;
 
 use crate::files::png_bytes;
 use crate::quantity::Quantity;
@@ -123,7 +123,7 @@ fn read(root: &Path, record: &Record, folder: &str, name: &str) -> Result<Galler
     let path = record.directory().join(folder).join(format!("{name}.png"));
     let described = |error: &dyn std::fmt::Display| format!("{}: {error}", with_forward_slashes(&path));
     let mut png = fs::read(root.join(&path)).map_err(|error| described(&error))?;
-    let mut shown = image::load_from_memory_with_format(&png, ImageFormat::Png).map_err(|error| described(&error))?;
+    let mut shown = image::load_from_memory(&png).map_err(|error| described(&error))?;
     if shown.width().max(shown.height()) > MAX_SIDE {
         shown = shown.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
         png = png_bytes(&shown).map_err(|error| described(&error))?;

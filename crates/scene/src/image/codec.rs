@@ -19,6 +19,13 @@ const MAX_PIXELS: u64 = 1 << 26;
 const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
 /// Extensions of photographs that cameras, phones and browsers write and that are not read.
 const UNREAD: [&str; 9] = ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "arw"];
+/// Reader of the bytes of an image. One type for files and memory: all decoders are compiled for each.
+type Source<'a> = Box<dyn BufReadSeek + 'a>;
+
+trait BufReadSeek: BufRead + Seek {}
+
+impl<R: BufRead + Seek> BufReadSeek for R {}
+
 const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
 
 /// Whether the file's name has the extension of an image format that is read, in any case.
@@ -111,7 +118,7 @@ pub fn read_rgba_turned(path: &Path, turn: Orientation) -> Result<RgbaImage, Sce
 /// Decodes the file at `path`, whose header states `size`.
 fn decode(
     path: &Path,
-    reader: ImageReader<impl BufRead + Seek>,
+    reader: ImageReader<Source<'_>>,
     size: (u32, u32),
     turned: Orientation,
 ) -> Result<RgbaImage, SceneError> {
@@ -137,7 +144,7 @@ fn decode(
 /// # Errors
 /// The bytes are not an image, or larger than this crate reads.
 pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
-    let reader = || guessed(path, Cursor::new(bytes));
+    let reader = || guessed(path, Box::new(Cursor::new(bytes)));
     let size = checked_dimensions(path, reader()?)?;
     decode(path, reader()?, size, Orientation::NoTransforms)
 }
@@ -151,7 +158,7 @@ pub fn unread_format(path: &Path) -> Option<SceneError> {
     is_unread.then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
 }
 
-fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
+fn open(path: &Path) -> Result<ImageReader<Source<'static>>, SceneError> {
     let fault = |source: io::Error| match source.kind() {
         io::ErrorKind::NotFound => SceneError::NotFound { path: path.into(), expected: "an image".into() },
         _ => SceneError::io(path, source),
@@ -163,16 +170,16 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     if let Some(error) = unread_format(path) {
         return Err(error);
     }
-    guessed(path, BufReader::new(File::open(path).map_err(fault)?))
+    guessed(path, Box::new(BufReader::new(File::open(path).map_err(fault)?)))
 }
 
 /// Makes a reader for the format that the first bytes of `source` show.
-fn guessed<R: BufRead + Seek>(path: &Path, source: R) -> Result<ImageReader<R>, SceneError> {
+fn guessed<'a>(path: &Path, source: Source<'a>) -> Result<ImageReader<Source<'a>>, SceneError> {
     ImageReader::new(source).with_guessed_format().map_err(|error| SceneError::io(path, error))
 }
 
 /// Returns the `(width, height)` that the header of an image states, or an error if a side is too long.
-fn checked_dimensions(path: &Path, reader: ImageReader<impl BufRead + Seek>) -> Result<(u32, u32), SceneError> {
+fn checked_dimensions(path: &Path, reader: ImageReader<Source<'_>>) -> Result<(u32, u32), SceneError> {
     let (width, height) = reader.into_dimensions().map_err(|e| decode_error(path, e))?;
     let (size, limit) = (u64::from(width.max(height)), u64::from(MAX_SIDE));
     if size > limit {
