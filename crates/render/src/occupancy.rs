@@ -167,9 +167,10 @@ impl OccupancyGrid {
         displacement * self.cells_per_unit
     }
 
+    /// Returns the states of the cells at `N` points, given by their axes.
     #[inline]
-    pub(crate) fn state_at(&self, p: Vec3) -> CellState {
-        self.cell(p).map_or(CellState::UNKNOWN, |cell| self.states[cell])
+    pub(crate) fn states_at<const N: usize>(&self, points: [[f32; N]; 3]) -> [CellState; N] {
+        self.cells_at(points).map(|cell| cell.map_or(CellState::UNKNOWN, |cell| self.states[cell]))
     }
 
     /// Computes the box of the occupied cells and the state of each cell, which includes the density `nearby` if it is given.
@@ -258,10 +259,22 @@ impl OccupancyGrid {
     }
 
     fn cell(&self, p: Vec3) -> Option<usize> {
-        let (n, c) = (self.config.resolution, self.cells_along(p - self.bounds.min));
+        self.cells_at(p.to_array().map(|x| [x]))[0]
+    }
+
+    /// Returns the cells at `N` points, given by their axes; `None` outside the box.
+    #[inline]
+    fn cells_at<const N: usize>(&self, points: [[f32; N]; 3]) -> [Option<usize>; N] {
+        let (n, low, per_unit) = (self.config.resolution, self.bounds.min.to_array(), self.cells_per_unit.to_array());
+        let cells: [[f32; N]; 3] = [0, 1, 2].map(|axis| points[axis].map(|p| (p - low[axis]) * per_unit[axis]));
+        // SAFETY: the number lies between 0 and `n`; of NaN and 0, `max` takes 0.
+        #[allow(unsafe_code, reason = "a checked conversion is not vectorised")]
+        let whole = |cell: f32| unsafe { cell.max(0.0).min(n as f32).to_int_unchecked::<i32>() };
+        let [x, y, z] = cells.map(|axis| axis.map(whole));
         // Both comparisons are false for NaN, which is thus outside.
-        let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
-        inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
+        let inside = |axis: usize, i: usize| (cells[axis][i] >= 0.0) & (cells[axis][i] < n as f32);
+        let inside: [bool; N] = std::array::from_fn(|i| inside(0, i) & inside(1, i) & inside(2, i));
+        std::array::from_fn(|i| inside[i].then(|| x[i] as usize + n * (y[i] as usize + n * z[i] as usize)))
     }
 }
 
@@ -299,7 +312,7 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        let distance = |p: Vec3| grid.state_at(p).distance();
+        let distance = |p: Vec3| grid.states_at(p.to_array().map(|x| [x]))[0].distance();
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
@@ -346,7 +359,7 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let distance = grid.state_at(ray.origin).distance();
+            let distance = grid.states_at(ray.origin.to_array().map(|x| [x]))[0].distance();
             let pace = grid.cells_along(ray.direction).abs().max_element();
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {

@@ -10,7 +10,7 @@ use crate::occupancy::OccupancyGrid;
 use crate::renderer::Renderer;
 use crate::warp::WarpedRay;
 
-/// Number of steps whose cells are looked up at a time, so that their arithmetic overlaps in the processor.
+/// Number of steps whose cells are looked up at a time, so that their arithmetic shares vector registers.
 const BLOCK: usize = 8;
 
 /// Samples along a ray, front to back: steps of one length, without those in empty cells of a grid. Two or four steps
@@ -46,11 +46,12 @@ pub(crate) struct Step {
     pub(crate) point: Vec3,
 }
 
-/// Samples of consecutive steps and the states of their cells.
+/// Distances and axes of the points of consecutive steps, and the states of their cells.
 #[derive(Clone, Debug)]
 struct Block {
     range: Range<usize>,
-    steps: [Step; BLOCK],
+    t: [f32; BLOCK],
+    points: [[f32; BLOCK]; 3],
     states: [CellState; BLOCK],
 }
 
@@ -69,7 +70,7 @@ impl<'a> UniformSteps<'a> {
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
         let (line, last) = (renderer.warp.along(ray), count as usize);
-        let block = Block { range: 0..0, steps: [Step::default(); BLOCK], states: [joined[0]; BLOCK] };
+        let block = Block { range: 0..0, t: [0.0; BLOCK], points: [[0.0; BLOCK]; 3], states: [joined[0]; BLOCK] };
         let all = Self { line, grid, steps_per_cell: 0.0, near, length, shift, joined, block, next: 0, last };
         let Some(grid) = grid else { return all };
         // The factor 0.999 allows for the rounding of cells and steps.
@@ -89,22 +90,30 @@ impl<'a> UniformSteps<'a> {
         self.joined = depths.map(|depth| CellState::of_density(depth / self.length));
     }
 
+    /// Returns the distances and the axes of the points of `N` steps from `first` on, which may lie between two steps.
+    #[inline]
+    fn points<const N: usize>(&self, first: f32) -> ([f32; N], [[f32; N]; 3]) {
+        self.line.points(std::array::from_fn(|ahead| self.near + (first + ahead as f32 + self.shift) * self.length))
+    }
+
     /// Returns the sample of step `at`, which may lie between two steps, with an interval of `count` steps.
     #[inline]
     fn step(&self, at: f32, count: usize) -> Step {
-        let t = self.line.warp.distance(self.near + (at + self.shift) * self.length);
-        Step { t, delta: count as f32 * self.length, point: self.line.point(t) }
+        let ([t], point) = self.points(at);
+        Step { t, delta: count as f32 * self.length, point: point.map(|[x]| x).into() }
     }
 
-    /// Returns the sample of step `index` and the state of its cell, which is looked up with those of the steps that follow.
+    /// Returns the sample of step `index`, the next one or one of the three behind it, and the state of its cell, which is
+    /// looked up with those of the steps that follow.
+    #[inline]
     fn look_up(&mut self, grid: &OccupancyGrid, index: usize) -> (Step, CellState) {
         if !self.block.range.contains(&index) {
-            let steps = std::array::from_fn(|ahead| self.step((index + ahead) as f32, 1));
-            let states = steps.map(|step| grid.state_at(step.point));
-            self.block = Block { range: index..index + BLOCK, steps, states };
+            let (t, points) = self.points(self.next as f32);
+            self.block = Block { range: self.next..self.next + BLOCK, t, points, states: grid.states_at(points) };
         }
         let place = index - self.block.range.start;
-        (self.block.steps[place], self.block.states[place])
+        let point = self.block.points.map(|axis| axis[place]).into();
+        (Step { t: self.block.t[place], delta: self.length, point }, self.block.states[place])
     }
 
     /// Returns how many steps, from the next one on, share a sample; `first` is the state of the next step's cell.

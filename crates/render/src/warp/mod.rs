@@ -53,26 +53,32 @@ impl Warp {
 
     /// Returns the point at which a field is evaluated for the point `p` of the world.
     pub fn point(&self, p: Vec3) -> Vec3 {
-        self.curved(match self {
+        let x = match self {
             Self::Identity => p,
             Self::Ndc { to_camera, .. } => to_camera.transform_point3(p),
             Self::Contraction { centre, radius } => (p - *centre) / *radius,
-        })
+        };
+        self.curved(x.to_array().map(|x| [x])).map(|[x]| x).into()
     }
 
-    /// Applies the nonlinear part of [`Self::point`] to a point in the axes of the mean camera, or in radii.
-    fn curved(&self, x: Vec3) -> Vec3 {
+    /// Applies the nonlinear part of [`Self::point`] to `N` points in the axes of the mean camera, or in radii.
+    #[inline]
+    fn curved<const N: usize>(&self, [x, y, z]: [[f32; N]; 3]) -> [[f32; N]; 3] {
         match self {
-            Self::Identity => x,
+            Self::Identity => [x, y, z],
             Self::Ndc { scale, near, .. } => {
                 // Depths are clamped to at least half of `near`.
-                let share = 1.0 / (-x.z).max(0.5 * near);
-                Vec3::new(scale.x * x.x * share, scale.y * x.y * share, 1.0 - 2.0 * near * share)
+                let share = z.map(|z| 1.0 / (-z).max(0.5 * near));
+                let across = |x: [f32; N], scale: f32| std::array::from_fn(|i| scale * x[i] * share[i]);
+                [across(x, scale.x), across(y, scale.y), share.map(|share| 1.0 - 2.0 * near * share)]
             }
             Self::Contraction { .. } => {
-                let length = x.length();
-                let share = 1.0 / length;
-                if length <= 1.0 { x } else { x * ((2.0 - share) * share) }
+                let factor: [f32; N] = std::array::from_fn(|i| {
+                    let length = Vec3::new(x[i], y[i], z[i]).length();
+                    let share = 1.0 / length;
+                    if length <= 1.0 { 1.0 } else { (2.0 - share) * share }
+                });
+                [x, y, z].map(|axis| std::array::from_fn(|i| axis[i] * factor[i]))
             }
         }
     }
@@ -187,11 +193,16 @@ impl Warp {
 
     /// Returns the distance at coordinate `s`: the inverse of [`Self::coordinate`].
     pub fn distance(&self, s: f32) -> f32 {
+        self.distances_at([s])[0]
+    }
+
+    #[inline]
+    fn distances_at<const N: usize>(&self, s: [f32; N]) -> [f32; N] {
         match self {
             Self::Identity => s,
-            Self::Ndc { near, .. } => near / (1.0 - s / MAX_COORDINATE).max(1.0 / HORIZON),
+            Self::Ndc { near, .. } => s.map(|s| near / (1.0 - s / MAX_COORDINATE).max(1.0 / HORIZON)),
             Self::Contraction { radius, .. } => {
-                radius * if s <= 2.0 { s } else { 4.0 / (MAX_COORDINATE - s).max(4.0 / HORIZON) }
+                s.map(|s| radius * if s <= 2.0 { s } else { 4.0 / (MAX_COORDINATE - s).max(4.0 / HORIZON) })
             }
         }
     }
@@ -207,10 +218,12 @@ pub(crate) struct WarpedRay<'a> {
 }
 
 impl WarpedRay<'_> {
-    /// Returns [`Warp::point`] at distance `t`.
+    /// Returns the distances at the coordinates `s`, and the axes of [`Warp::point`] there. Many points at once are
+    /// computed in vector registers.
     #[inline]
-    pub(crate) fn point(&self, t: f32) -> Vec3 {
-        self.warp.curved(self.origin + t * self.direction)
+    pub(crate) fn points<const N: usize>(&self, s: [f32; N]) -> ([f32; N], [[f32; N]; 3]) {
+        let (t, o, d) = (self.warp.distances_at(s), self.origin, self.direction);
+        (t, self.warp.curved([(o.x, d.x), (o.y, d.y), (o.z, d.z)].map(|(o, d)| t.map(|t| o + t * d))))
     }
 
     /// Returns an upper bound of |dq/ds| along each axis between the coordinates `near` and `far`, q = [`Self::point`];
