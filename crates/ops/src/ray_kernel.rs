@@ -26,11 +26,8 @@ impl Segments {
     pub(crate) fn split_mut<'a, T>(&self, mut values: &'a mut [T], width: usize) -> Vec<&'a mut [T]> {
         let offsets = self.offsets();
         let groups = (0..self.rays()).step_by(GROUP).map(|start| {
-            let end = (start + GROUP).min(self.rays());
-            let samples = (offsets[end] - offsets[start]) as usize;
-            let (head, tail) = std::mem::take(&mut values).split_at_mut(samples * width);
-            values = tail;
-            head
+            let samples = offsets[(start + GROUP).min(self.rays())] - offsets[start];
+            values.split_off_mut(..samples as usize * width).expect("there are values of every sample")
         });
         groups.collect()
     }

@@ -10,20 +10,14 @@ pub fn rotate(vectors: Tensor<2>, rotations: Tensor<2>) -> Tensor<2> {
     let squared = rotations.clone().square().sum_dim(1);
     let a = polynomial(&squared, [1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0]);
     let b = polynomial(&squared, [0.5, -1.0 / 24.0, 1.0 / 720.0, -1.0 / 40_320.0, 1.0 / 3_628_800.0]);
-    let once = cross(rotations.clone(), vectors.clone());
-    let twice = cross(rotations, once.clone());
+    let once = rotations.clone().cross(vectors.clone(), 1);
+    let twice = rotations.cross(once.clone(), 1);
     vectors + once * a + twice * b
 }
 
 fn polynomial(x: &Tensor<2>, coefficients: [f64; 5]) -> Tensor<2> {
     let [rest @ .., last] = coefficients;
     rest.into_iter().rev().fold(x.zeros_like() + last, |sum, c| sum * x.clone() + c)
-}
-
-fn cross(a: Tensor<2>, b: Tensor<2>) -> Tensor<2> {
-    // Maps (x, y, z) to (y, z, x).
-    let turned = |v: &Tensor<2>| Tensor::cat(vec![v.clone().narrow(1, 1, 2), v.clone().narrow(1, 0, 1)], 1);
-    turned(&(a.clone() * turned(&b) - turned(&a) * b))
 }
 
 #[cfg(test)]

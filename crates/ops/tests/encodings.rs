@@ -48,6 +48,7 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
             }
             let [mut along, fading] = infonerf_oracle::waves_gradient(x, variance, &window, &u);
             if !integrate {
+                assert_eq!(out[start + axis], x, "{body:?}");
                 along += f64::from(upstream[start + axis]);
             }
             let highest = 2f64.powi(WINDOW.len() as i32);

@@ -5,16 +5,17 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use burn::module::{Module, ModuleVisitor, Param};
+use burn::module::Module;
 use burn::optim::{ModuleOptimizer, OptimizerRecord};
 use burn::store::ModuleRecord;
-use burn::tensor::{Bytes, Tensor};
+use burn::tensor::Bytes;
 use infonerf_field::Field;
 use infonerf_ops::to_host;
 use infonerf_render::{Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
+use crate::model::weights;
 use crate::progress::Progress;
 use crate::weight_averaging::WeightAverage;
 
@@ -62,7 +63,8 @@ impl Checkpoint {
         optimizer: &ModuleOptimizer,
         occupancy: Option<&OccupancyGrid>,
     ) -> Result<Self, TrainError> {
-        if let Some(value) = not_finite(model) {
+        // A model with such a weight must not replace the previous checkpoint.
+        if let Some(value) = weights(model).into_iter().flat_map(to_host).find(|value| !value.is_finite()) {
             return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
@@ -181,19 +183,6 @@ impl Checkpoint {
             TrainError::Config(format!("checkpoint: occupancy.bin: expected {expected} cells, found {cells}"))
         })
     }
-}
-
-/// Finds a weight that is not finite: such a model must not replace the previous checkpoint.
-fn not_finite<F: Field>(model: &Model<F>) -> Option<f32> {
-    struct Search(Option<f32>);
-    impl ModuleVisitor for Search {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            self.0 = self.0.or_else(|| to_host(param.val()).into_iter().find(|value| !value.is_finite()));
-        }
-    }
-    let mut search = Search(None);
-    model.visit(&mut search);
-    search.0
 }
 
 fn load<F: Field>(model: Model<F>, bytes: &[u8]) -> Result<Model<F>, TrainError> {

@@ -35,6 +35,7 @@ pub use event::Event;
 pub use images::SeenPixels;
 pub use information::{Information, InformationQuery, information};
 pub use memory::{MemoryPlan, available_memory};
+pub use model::weights;
 pub use pixels::Pixels;
 pub use profile::{Phase, Profile};
 pub use progress::Progress;

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use burn::lr_scheduler::module_lr_scheduler::{ModuleLearningRate, ModuleLrScheduler};
-use burn::module::ParamGroup;
+use burn::module::{Module, ModuleVisitor, Param, ParamGroup};
 use burn::optim::ModuleOptimizer;
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use infonerf_field::{BodyVertices, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField, SourceImages};
 use infonerf_ops::adam::Adam;
 use infonerf_render::{CameraRefinement, Exposure, Model, Pivot, Warp};
@@ -118,4 +118,17 @@ pub(crate) fn optimizer(config: &Config) -> ModuleOptimizer {
     let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
     let tables = Adam { rate: t.grid_lr_multiplier, ..adam.clone() };
     ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
+}
+
+/// Lists all weights of a module, each flattened, in the module's order.
+pub fn weights(module: &impl Module) -> Vec<Tensor<1>> {
+    struct Visited(Vec<Tensor<1>>);
+    impl ModuleVisitor for Visited {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.0.push(param.val().flatten(0, D - 1));
+        }
+    }
+    let mut visited = Visited(Vec::new());
+    module.visit(&mut visited);
+    visited.0
 }

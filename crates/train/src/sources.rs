@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DVec2, Vec3};
 use infonerf_field::{SourceView, Sources};
 use infonerf_render::{Noise, RandomStream};
-use infonerf_scene::{Scene, View};
+use infonerf_scene::{Scene, View, bilinear};
 use rand::seq::index::sample;
 
 use crate::config::{Batch, TrainConfig};
@@ -64,16 +64,12 @@ fn source(view: &View, background: [f32; 3]) -> SourceView {
 fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
     let (camera, image) = (&view.camera, &view.image);
     let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));
-    let last = DVec2::new(f64::from(image.width - 1), f64::from(image.height - 1));
+    let size = [image.width as usize, image.height as usize];
     let seen = |x: u32, y: u32| {
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
         let Some(bent) = camera.lens.distort((pixel - centre) / focal) else { return background };
-        let at = (centre + focal * bent - 0.5).clamp(DVec2::ZERO, last);
-        let (low, high) = (at.floor().as_u64vec2(), at.ceil().as_u64vec2());
-        let share = at.fract().as_vec2();
-        let color = |x: u64, y: u64| Vec3::from(image.rgb[(y * u64::from(image.width) + x) as usize]);
-        let row = |y: u64| color(low.x, y).lerp(color(high.x, y), share.x);
-        row(low.y).lerp(row(high.y), share.y).to_array()
+        let at = (centre + focal * bent).as_vec2();
+        bilinear(size, (at.x, at.y), |pixel| Vec3::from(image.rgb[pixel])).to_array()
     };
     (0..image.height).flat_map(|y| (0..image.width).map(move |x| (x, y))).map(|(x, y)| seen(x, y)).collect()
 }

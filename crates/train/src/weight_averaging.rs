@@ -3,12 +3,14 @@
 //! Few views leave much of a scene undetermined, and there the weights keep fluctuating with the batches. Their mean has
 //! less noise than the weights of any one step.
 
-use std::collections::VecDeque;
+use std::vec::IntoIter;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::Tensor;
 use infonerf_field::Field;
 use infonerf_render::Model;
+
+use crate::model::weights;
 
 /// Number of steps between averaged models: successive ones are nearly the same, and each costs a pass over all weights.
 const EVERY: usize = 8;
@@ -45,26 +47,18 @@ impl<F: Field> WeightAverage<F> {
 
 /// Returns a + share · (b − a), weight by weight, for two models of one shape.
 fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
-    let mut blend = Blend { weights: VecDeque::new(), share };
-    b.visit(&mut blend);
-    a.map(&mut blend)
+    a.map(&mut Blend { weights: weights(b).into_iter(), share })
 }
 
 struct Blend {
     /// All weights of a model, each flattened, in the module's order.
-    weights: VecDeque<Tensor<1>>,
+    weights: IntoIter<Tensor<1>>,
     share: f32,
-}
-
-impl ModuleVisitor for Blend {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.weights.push_back(param.val().flatten(0, D - 1));
-    }
 }
 
 impl ModuleMapper for Blend {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let other = self.weights.pop_front().expect("models of one shape");
+        let other = self.weights.next().expect("models of one shape");
         param.map(|weight| {
             let shape = weight.shape();
             weight.clone() + (other.reshape(shape) - weight) * self.share

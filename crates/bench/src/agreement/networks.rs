@@ -1,12 +1,12 @@
 //! Networks of density and colour, with sizes that are no multiples of the tiles of a matrix product.
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{Segments, from_host};
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
-use crate::values::{leaf, uniform};
+use crate::values::{layer, leaf, leaves, trunk, uniform};
 
 /// Outputs whose gradient is compared.
 #[derive(Clone, Copy)]
@@ -33,45 +33,15 @@ pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     density(rng, compare);
 }
 
-/// Number of outputs of a layer, and its matrix and bias one after the other.
-type LayerValues = (usize, Vec<f32>);
-
-/// Draws a layer whose outputs are about as large as its inputs.
-fn layer(rng: &mut Rng, inputs: usize, outputs: usize) -> LayerValues {
-    let bound = (6.0 / inputs as f32).sqrt();
-    (outputs, uniform(rng, (inputs + 1) * outputs, -bound, bound))
-}
-
-fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: usize) -> Vec<LayerValues> {
-    let inputs = |index| match index {
-        0 => encoded,
-        _ if index == skip => encoded + width,
-        _ => width,
-    };
-    (0..layers).map(|index| layer(rng, inputs(index), width)).collect()
-}
-
-fn leaves(layers: &[LayerValues], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense>) {
-    let leaves: Vec<_> = layers.iter().map(|(_, values)| leaf(values, device)).collect();
-    let dense = |(leaf, (outputs, _)): (&Tensor<1>, &LayerValues)| {
-        let weights = leaf.dims()[0] - outputs;
-        let weight = leaf.clone().narrow(0, 0, weights).reshape([-1, *outputs as i32]);
-        Dense { weight, bias: leaf.clone().narrow(0, weights, *outputs) }
-    };
-    let dense = leaves.iter().zip(layers).map(dense).collect();
-    (leaves, dense)
-}
-
 /// Compares a network with colour; directions are per ray, and some rays have no samples.
 fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
-    let (name, [samples, rays], widths, [in_trunk, skip], upstream) = *case;
-    let [inputs, width, directed] = widths;
+    let (name, [samples, rays], [inputs, width, directed], [in_trunk, skip], upstream) = *case;
     let octaves = (directed / 3 - 1) / 2;
     let counts = (1..rays).map(|_| rng.usize(0..samples)).collect::<Vec<_>>();
     let segments = Segments::from_counts(std::iter::once(samples - 1).chain(counts));
     let encoded = uniform(rng, inputs * segments.samples(), -1.0, 1.0);
     let directions = uniform(rng, 3 * segments.rays(), -1.0, 1.0);
-    let mut layers = trunk(rng, widths, in_trunk, skip);
+    let mut layers = trunk(rng, [inputs, width], in_trunk, skip);
     for [inputs, outputs] in [[width, 1], [width, width], [width + directed, width / 2], [width / 2, 3]] {
         layers.push(layer(rng, inputs, outputs));
     }
@@ -108,7 +78,7 @@ fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_
 
 /// Compares a network without colour and without gradients of the weights.
 fn density(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
-    const WIDTHS: [usize; 3] = [9, 70, 0];
+    const WIDTHS: [usize; 2] = [9, 70];
     const LAYERS: usize = 3;
     const SAMPLES: usize = 131;
     let encoded = uniform(rng, WIDTHS[0] * SAMPLES, -1.0, 1.0);

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
-use burn::module::{Module, ModuleVisitor, Param};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use infonerf_experiment::RunPlan;
 use infonerf_ops::to_host;
-use infonerf_train::{Config, Event, Outcome, Preset, Trainer, evaluate_view};
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer, evaluate_view, weights};
 
 use super::comparison::max_or_nan;
 
@@ -82,12 +81,13 @@ impl FieldCase {
         let lr = format!("train.lr={RATE:?}");
         let settings = ["train.iterations=12", &lr, "train.adam_epsilon=1.0", "train.weight_averaging=0.0"];
         let mut trainer = self.trainer(plan, &settings, device)?;
-        let before = weights(&trainer);
+        let read = |trainer: &Trainer| weights(&trainer.model()).into_iter().map(to_host).collect::<Vec<_>>();
+        let before = read(&trainer);
         trainer.step(&mut |_| ())?;
         let moved = |(before, after): (&Vec<f32>, Vec<f32>)| {
             before.iter().zip(after).map(|(before, after)| (after - before) / RATE).collect()
         };
-        Ok(before.iter().zip(weights(&trainer)).map(moved).collect())
+        Ok(before.iter().zip(read(&trainer)).map(moved).collect())
     }
 
     /// Takes [`STEPS`] steps from the start, and returns their losses and a render.
@@ -104,20 +104,6 @@ impl FieldCase {
         let view = evaluate_view(trainer.renderer(), &[trainer.trained()], view)?;
         Ok(Course { losses: steps, render: view.image.rgb.into_iter().flatten().collect() })
     }
-}
-
-fn weights(trainer: &Trainer) -> Vec<Vec<f32>> {
-    struct WeightVisitor(Vec<Vec<f32>>);
-
-    impl ModuleVisitor for WeightVisitor {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            self.0.push(to_host(param.val()));
-        }
-    }
-
-    let mut weights = WeightVisitor(Vec::new());
-    trainer.model().visit(&mut weights);
-    weights.0
 }
 
 /// Computes the largest relative difference of all losses of all steps; `None` if steps or terms differ.

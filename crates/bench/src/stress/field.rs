@@ -13,6 +13,7 @@ use infonerf_ops::{
 };
 
 use super::errors::Errors;
+use super::geometry::on_sphere;
 use super::rays::log_uniform;
 use crate::values::{gradient_of, leaf, wide};
 
@@ -36,10 +37,9 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
     let mut errors = Errors::default();
     for (row, &x) in encoded.chunks_exact(encoded_width(1, FREQUENCIES)).zip(&points) {
         errors.value(row[0], f64::from(x));
-        for (frequency, pair) in row[1..].chunks_exact(2).enumerate() {
-            let phase = f64::from(x) * 2f64.powi(frequency as i32);
-            errors.value(pair[0], phase.sin());
-            errors.value(pair[1], phase.cos());
+        let waves = infonerf_oracle::waves(f64::from(x), 0.0, &[1.0; FREQUENCIES]);
+        for (&got, &want) in row[1..].iter().zip(waves.as_flattened()) {
+            errors.value(got, want);
         }
     }
     errors
@@ -47,21 +47,17 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
 
 /// Measures the integrated encoding of `count` Gaussians around drawn coordinates, from nearly points to a unit wide.
 pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
-    /// Weight below which the operation rounds weights to 0.
-    const NOTHING: f64 = 1e-9;
     let (means, variances) = (drawn(rng, 3 * count, draw), drawn(rng, 3 * count, |rng| log_uniform(rng, -12.0, 0.0)));
     let [mean, variance] = [&means, &variances].map(|rows| from_host(rows, 3, device));
     let encoded = to_host(integrated_encode(mean, variance, FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (sample, row) in encoded.chunks_exact(6 * FREQUENCIES).enumerate() {
-        for (frequency, block) in row.chunks_exact(6).enumerate() {
-            for axis in 0..3 {
-                let scale = 2f64.powi(frequency as i32);
-                let phase = f64::from(means[3 * sample + axis]) * scale;
-                let weight = (-0.5 * scale * scale * f64::from(variances[3 * sample + axis])).exp();
-                let weight = if weight > NOTHING { weight } else { 0.0 };
-                errors.value(block[axis], weight * phase.sin());
-                errors.value(block[3 + axis], weight * phase.cos());
+        for axis in 0..3 {
+            let [mean, variance] = [&means, &variances].map(|values| f64::from(values[3 * sample + axis]));
+            let waves = infonerf_oracle::waves(mean, variance, &[1.0; FREQUENCIES]);
+            for (block, [sine, cosine]) in row.chunks_exact(6).zip(waves) {
+                errors.value(block[axis], sine);
+                errors.value(block[3 + axis], cosine);
             }
         }
     }
@@ -128,13 +124,8 @@ pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device
             2 => log_uniform(rng, -44.0, -3.0),
             _ => rng.f32(),
         };
-        let direction = |rng: &mut Rng| {
-            let d = [signed(rng), signed(rng), signed(rng) + 1e-3];
-            let length = d.iter().map(|x| x * x).sum::<f32>().sqrt();
-            d.map(|x| x / length)
-        };
         let positions: Vec<f32> = (0..3 * SAMPLES).map(|_| coordinate(rng)).collect();
-        let directions: Vec<f32> = (0..SAMPLES).flat_map(|_| direction(rng)).collect();
+        let directions: Vec<f32> = (0..SAMPLES).flat_map(|_| on_sphere(rng, 1.0)).collect();
         let query = Query {
             positions: from_host(&positions, 3, &device),
             directions: Some(from_host(&directions, 3, &device)),

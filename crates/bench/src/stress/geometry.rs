@@ -41,7 +41,7 @@ fn signed(rng: &mut Rng) -> f32 {
     2.0 * rng.f32() - 1.0
 }
 
-fn on_sphere(rng: &mut Rng, radius: f32) -> [f32; 3] {
+pub(super) fn on_sphere(rng: &mut Rng, radius: f32) -> [f32; 3] {
     let p = [signed(rng), signed(rng), signed(rng) + 1e-3];
     let length = p.iter().map(|x| x * x).sum::<f32>().sqrt();
     p.map(|x| radius * x / length)

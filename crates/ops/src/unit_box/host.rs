@@ -2,41 +2,29 @@
 
 use rayon::prelude::*;
 
+use super::share_of_box;
 use crate::kernel::{Kernel, Pass};
 
-const CHUNK: usize = 3 << 12;
+const CHUNK: usize = 1 << 12;
 
 #[derive(Debug)]
 pub(super) struct UnitBoxKernel {
-    pub(super) low: [f32; 3],
-    pub(super) scale: [f32; 3],
-}
-
-impl UnitBoxKernel {
-    /// Computes `f(unclamped result, scale, index)` of each coordinate.
-    fn each(&self, positions: &[f32], f: impl Fn(f32, f32, usize) -> f32 + Sync) -> Vec<f32> {
-        let mut out = vec![0.0; positions.len()];
-        let chunks = out.par_chunks_mut(CHUNK).zip(positions.par_chunks(CHUNK)).enumerate();
-        chunks.for_each(|(chunk, (out, positions))| {
-            for (row, (out, p)) in out.chunks_exact_mut(3).zip(positions.chunks_exact(3)).enumerate() {
-                for axis in 0..3 {
-                    let share = (p[axis] - self.low[axis]) * self.scale[axis];
-                    out[axis] = f(share, self.scale[axis], chunk * CHUNK + 3 * row + axis);
-                }
-            }
-        });
-        out
-    }
+    pub(super) bounds: [[f32; 3]; 2],
 }
 
 impl Kernel for UnitBoxKernel {
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        self.each(inputs[0], |share, _, _| share.clamp(0.0, 1.0))
+        let positions = inputs[0].as_chunks::<3>().0.par_iter().with_min_len(CHUNK);
+        positions.map(|&position| share_of_box(position, self.bounds)).collect::<Vec<_>>().into_flattened()
     }
 
     fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let inside = |share: f32| (0.0..=1.0).contains(&share);
-        let gradient = |share, scale, index: usize| if inside(share) { scale * pass.grad[index] } else { 0.0 };
-        vec![Some(self.each(pass.inputs[0], gradient))]
+        let [low, high] = self.bounds;
+        let shares = pass.output.as_chunks::<3>().0.par_iter().zip(pass.grad.as_chunks::<3>().0).with_min_len(CHUNK);
+        let gradient = |(share, grad): (&[f32; 3], &[f32; 3])| {
+            let inside = |axis: usize| share[axis] > 0.0 && share[axis] < 1.0;
+            [0, 1, 2].map(|axis| if inside(axis) { grad[axis] / (high[axis] - low[axis]) } else { 0.0 })
+        };
+        vec![Some(shares.map(gradient).collect::<Vec<_>>().into_flattened())]
     }
 }

@@ -10,14 +10,14 @@ use crate::traffic::upload;
 
 /// Maps `positions` `[M, 3]` into the unit cube, clamped: min(max((x − low)/(high − low), 0), 1) of each axis. Differentiable;
 /// the gradient is 0 outside the box.
-pub fn unit_box(positions: Tensor<2>, [low, high]: [[f32; 3]; 2]) -> Tensor<2> {
-    let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
+pub fn unit_box(positions: Tensor<2>, bounds: [[f32; 3]; 2]) -> Tensor<2> {
     dispatch! {
         &positions.device();
-        host => crate::kernel::apply(host::UnitBoxKernel { low, scale }, positions.dims(), positions),
+        host => crate::kernel::apply(host::UnitBoxKernel { bounds }, positions.dims(), positions),
         plain => {
-            let row = |row: [f32; 3]| upload(row.to_vec(), [1, 3], &positions.device());
-            let (low, scale) = (row(low), row(scale));
+            let [low, high] = bounds;
+            let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
+            let [low, scale] = [low, scale].map(|row| upload(row.to_vec(), [1, 3], &positions.device()));
             ((positions - low) * scale).clamp(0.0, 1.0)
         },
     }

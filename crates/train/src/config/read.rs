@@ -124,9 +124,19 @@ mod tests {
             ("nonsense", "nonsense: expected dotted.key=value"),
             ("train.batch={a=1,b=2}", "train.batch: expected a name in quotes, found a table"),
             ("train.batch=3", "train.batch: expected a name in quotes, found another kind of value"),
+            ("a..b=1", "a..b: expected dotted.key=value"),
+            ("train.rays=0", "train.rays: "),
+            ("loss.entropy.weight=nan", "loss.entropy.weight: "),
+            ("field.width=7", "field.width: "),
+            ("train.downscale=0.5", "train.downscale: "),
+            ("train.unseen_rays=0", "train.unseen_rays: "),
+            (
+                "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}",
+                "render.placement: ",
+            ),
         ] {
             let message = Config::of(Preset::Paper, [assignment]).unwrap_err().to_string();
-            assert!(message.starts_with(expected), "{assignment}: {message}");
+            assert!(message.starts_with(expected) && message.lines().count() == 1, "{assignment}: {message}");
         }
     }
 }

@@ -18,34 +18,18 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
     let jitter = rays.jitter.as_ref().map_or_else(|| geometry.clone().flatten(0, 1), |streams| streams.0.clone());
     let density = cells.map_or_else(|| geometry.clone().flatten(0, 1), |cells| cells.density.clone());
-    let (corner, per_unit, resolution) =
+    let ([x, y, z], [per_x, per_y, per_z], resolution) =
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
-    let settings = [
-        march.step,
-        march.hidden_depth,
-        corner[0],
-        corner[1],
-        corner[2],
-        per_unit[0],
-        per_unit[1],
-        per_unit[2],
-        resolution as f32,
-    ];
+    let settings = [march.step, march.hidden_depth, x, y, z, per_x, per_y, per_z, resolution as f32];
     let walk = Walk { settings, jittered: rays.jitter.is_some(), has_cells: cells.is_some() };
     let counts: tensor::Tensor<1> = apply(Count(walk), (geometry.clone(), jitter.clone(), density.clone()));
     // Counts are whole numbers below 2^24, which f32 holds exactly.
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
     if samples == 0 {
-        let device = geometry.device();
-        let [distance, delta] = [(); 2].map(|()| tensor::Tensor::empty([0], &device));
-        return PackedSamples {
-            segments,
-            distance,
-            delta,
-            positions: tensor::Tensor::empty([0, 3], &device),
-            on_host: None,
-        };
+        let none = tensor::Tensor::<1>::empty([0], &geometry.device());
+        let positions = tensor::Tensor::empty([0, 3], &geometry.device());
+        return PackedSamples { segments, distance: none.clone(), delta: none, positions, on_host: None };
     }
     let outputs = Outputs::new([[samples, 1], [samples, 1], [samples, 3]].map(Shape::new));
     let kernel = Write { walk, rays: RayOffsets::new(&segments), outputs: outputs.clone() };
