@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use burn::tensor::Tensor;
-use infonerf_ops::{Segments, additive_depth, composite, composite_over, from_host, has_host_kernels};
+use infonerf_ops::{Segments, composite, composite_over, from_host, has_host_kernels};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
@@ -204,7 +204,7 @@ fn check_divergence(body: RayImplementation, segments: &Segments, tau: &[f32], n
 fn check_additive(body: RayImplementation, Rays { segments, tau }: &Rays, draws: &mut Draws) {
     let values = draws.row(tau.len());
     let evaluate = |[tau, values]: [Tensor<1>; 2]| {
-        let out = body.composite(additive_depth(tau, segments), values.unsqueeze_dim(1), segments);
+        let out = body.composite(body.additive_depth(tau, segments), values.unsqueeze_dim(1), segments);
         vec![column(&out.values, 0), out.acc]
     };
     compare(body, segments, [tau, &values], draws, evaluate, |[tau, values], u| {
@@ -281,7 +281,7 @@ fn no_rays_and_rays_without_samples() {
             assert_eq!(out.values.dims(), [rays, 2], "{body:?}");
             let entropy = body.entropy(empty(), &segments, 0.0).bits;
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
-            assert_eq!(additive_depth(empty(), &segments).dims(), [0], "{body:?}");
+            assert_eq!(body.additive_depth(empty(), &segments).dims(), [0], "{body:?}");
             for column in [entropy, out.acc, divergence] {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }

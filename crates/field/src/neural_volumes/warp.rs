@@ -101,14 +101,25 @@ impl VolumeWarp {
     }
 }
 
-/// Returns the rotations `[N, 3, 3]` of quaternions (w, u), `[N, 4]`, of any length: they map an axis v to v + 2w u × v + 2 u × (u × v),
-/// where (w, u) is scaled to length 1.
+/// Returns the rotations `[N, 3, 3]` of quaternions (w, x, y, z), `[N, 4]`, of any length.
 fn rotations(quaternions: Tensor<2>) -> Tensor<3> {
     let count = quaternions.dims()[0];
     let length = (quaternions.clone().square().sum_dim(1) + SQUARE_EPSILON).sqrt();
-    let unit: Tensor<3> = (quaternions / length).unsqueeze_dim::<3>(1).expand([count, 3, 4]);
-    let (w, u) = (unit.clone().narrow(2, 0, 1), unit.narrow(2, 1, 3));
-    let axes: Tensor<3> = Tensor::<2>::eye(3, &w.device()).unsqueeze::<3>().expand([count, 3, 3]);
-    let once = u.clone().cross(axes.clone(), 2);
-    (axes + (once.clone() * w + u.cross(once, 2)) * 2.0).swap_dims(1, 2)
+    let unit = quaternions / length;
+    let part = |index: usize| unit.clone().narrow(1, index, 1);
+    let [w, x, y, z] = [0, 1, 2, 3].map(part);
+    let product = |a: &Tensor<2>, b: &Tensor<2>| a.clone() * b.clone() * 2.0;
+    let diagonal = |a: &Tensor<2>, b: &Tensor<2>| (product(a, a) + product(b, b)).neg() + 1.0;
+    let entries = vec![
+        diagonal(&y, &z),
+        product(&x, &y) - product(&w, &z),
+        product(&x, &z) + product(&w, &y),
+        product(&x, &y) + product(&w, &z),
+        diagonal(&x, &z),
+        product(&y, &z) - product(&w, &x),
+        product(&x, &z) - product(&w, &y),
+        product(&y, &z) + product(&w, &x),
+        diagonal(&x, &y),
+    ];
+    Tensor::cat(entries, 1).reshape([count, 3, 3])
 }

@@ -13,44 +13,71 @@ pub(super) struct TrilinearKernel {
     pub(super) channels: usize,
 }
 
-/// Returns the voxels below and above a coordinate, each with its weight and the weight's derivative; `None` beyond the grid.
-fn neighbours(at: f32, size: usize, padding: PaddingMode) -> [Option<(usize, f32, f32)>; 2] {
-    let last = (size - 1) as f32;
-    let (least, largest) = match padding {
-        PaddingMode::Border => (0.0, last),
-        PaddingMode::Zero => (-1.0, last + 1.0),
-    };
-    let within = at.clamp(least, largest);
-    let below = within.floor();
-    let (fraction, derivative) = (within - below, if at > least && at < largest { 1.0 } else { 0.0 });
-    [(0, 1.0 - fraction, -derivative), (1, fraction, derivative)].map(|(side, weight, derivative)| {
-        let voxel = usize::try_from(below as isize + side).ok().filter(|voxel| *voxel < size)?;
-        Some((voxel, weight, derivative))
-    })
+/// Place of a coordinate: the voxel below it, the fraction beyond that, and whether the value changes with the coordinate.
+#[derive(Clone, Copy)]
+struct GridAxis {
+    below: isize,
+    fraction: f32,
+    moves: bool,
+}
+
+impl GridAxis {
+    fn new(at: f32, size: usize, padding: PaddingMode) -> Self {
+        let last = (size - 1) as f32;
+        let (least, largest) = match padding {
+            PaddingMode::Border => (0.0, last),
+            PaddingMode::Zero => (-1.0, last + 1.0),
+        };
+        let within = at.clamp(least, largest);
+        let below = within.floor();
+        Self { below: below as isize, fraction: within - below, moves: at > least && at < largest }
+    }
+}
+
+/// One of the eight voxels around a place: its row, its weight, and the derivative of the weight along each axis.
+struct VoxelCorner {
+    row: usize,
+    weight: f32,
+    derivative: [f32; 3],
 }
 
 impl TrilinearKernel {
-    /// Iterates over those of the eight voxels around a place that lie within the grid: the row of each, its weight, and the
-    /// derivative of the weight along each axis.
-    fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = (usize, f32, [f32; 3])> {
+    /// Iterates over those of the eight voxels around a place that lie within the grid.
+    fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = VoxelCorner> {
         let Voxels { grids, size, padding } = self.voxels;
-        let axes = [0, 1, 2].map(|axis| neighbours(place[axis], size[axis], padding));
+        let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], padding));
         let grid = index % grids * (size[0] * size[1] * size[2]);
         (0..8).filter_map(move |corner: usize| {
-            let [x, y, z] = [0, 1, 2].map(|axis| axes[axis][corner >> axis & 1]);
-            let ((x, wx, dx), (y, wy, dy), (z, wz, dz)) = (x?, y?, z?);
-            let row = grid + (z * size[1] + y) * size[0] + x;
-            Some((row, wx * wy * wz, [dx * wy * wz, wx * dy * wz, wx * wy * dz]))
+            let sides = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let [x, y, z] = [0, 1, 2].map(|axis| {
+                let voxel = axes[axis].below + sides[axis] as isize;
+                usize::try_from(voxel).ok().filter(|voxel| *voxel < size[axis])
+            });
+            let row = grid + (z? * size[1] + y?) * size[0] + x?;
+            let weights = [0, 1, 2].map(|axis| {
+                let GridAxis { fraction, .. } = axes[axis];
+                if sides[axis] == 1 { fraction } else { 1.0 - fraction }
+            });
+            let derivative = [0, 1, 2].map(|axis| {
+                let sign = if sides[axis] == 1 { 1.0 } else { -1.0 };
+                if axes[axis].moves { sign * weights[(axis + 1) % 3] * weights[(axis + 2) % 3] } else { 0.0 }
+            });
+            Some(VoxelCorner { row, weight: weights[0] * weights[1] * weights[2], derivative })
         })
+    }
+
+    fn voxel<'a>(&self, table: &'a [f32], row: usize) -> &'a [f32] {
+        &table[row * self.channels..(row + 1) * self.channels]
     }
 
     /// Computes the gradient of the table in one thread, as it is not known in advance which places share a voxel.
     fn table_gradient(&self, places: &[f32], grad: &[f32]) -> Vec<f32> {
         let mut table = vec![0.0; self.voxels.rows() * self.channels];
         for (index, (place, grad)) in places.chunks_exact(3).zip(grad.chunks_exact(self.channels)).enumerate() {
-            for (row, weight, _) in self.corners(index, place) {
-                for (sum, g) in table[row * self.channels..].iter_mut().zip(grad) {
-                    *sum += weight * g;
+            for corner in self.corners(index, place) {
+                let start = corner.row * self.channels;
+                for (sum, g) in table[start..start + self.channels].iter_mut().zip(grad) {
+                    *sum += corner.weight * g;
                 }
             }
         }
@@ -61,9 +88,10 @@ impl TrilinearKernel {
         let mut out = vec![0.0; places.len()];
         let rows = places.par_chunks_exact(3).zip(grad.par_chunks_exact(self.channels)).with_min_len(CHUNK);
         rows.zip(out.par_chunks_exact_mut(3)).enumerate().for_each(|(index, ((place, grad), out))| {
-            for (row, _, derivatives) in self.corners(index, place) {
-                let d: f32 = table[row * self.channels..].iter().zip(grad).map(|(value, g)| value * g).sum();
-                for (out, derivative) in out.iter_mut().zip(derivatives) {
+            for corner in self.corners(index, place) {
+                let voxel = self.voxel(table, corner.row);
+                let d: f32 = voxel.iter().zip(grad).map(|(value, g)| value * g).sum();
+                for (out, derivative) in out.iter_mut().zip(corner.derivative) {
                     *out += derivative * d;
                 }
             }
@@ -78,9 +106,9 @@ impl Kernel for TrilinearKernel {
         let mut out = vec![0.0; places.len() / 3 * self.channels];
         let rows = out.par_chunks_exact_mut(self.channels).zip(places.par_chunks_exact(3)).with_min_len(CHUNK);
         rows.enumerate().for_each(|(index, (out, place))| {
-            for (row, weight, _) in self.corners(index, place) {
-                for (sum, value) in out.iter_mut().zip(&table[row * self.channels..]) {
-                    *sum += weight * value;
+            for corner in self.corners(index, place) {
+                for (sum, value) in out.iter_mut().zip(self.voxel(table, corner.row)) {
+                    *sum += corner.weight * value;
                 }
             }
         });

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::random::mix;
-use infonerf_ops::{Composite, RayEntropy, Segments, composite, divergence, entropy, to_host, upload};
+use infonerf_ops::{Composite, RayEntropy, Segments, additive, composite, divergence, entropy, to_host, upload};
 
 /// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,6 +22,10 @@ impl RayImplementation {
 
     pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
         if self == Self::Kernel { composite(tau, values, segments) } else { composite::plain(tau, values, segments) }
+    }
+
+    pub fn additive_depth(self, tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
+        if self == Self::Kernel { additive::additive_depth(tau, segments) } else { additive::plain(tau, segments) }
     }
 
     pub fn entropy(self, tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntropy {

@@ -1,10 +1,14 @@
 //! The additive march of Neural Volumes, as optical depths.
 
-use burn::tensor::{FloatDType, Tensor};
+#[cfg(feature = "flex")]
+mod host;
+mod plain;
 
-use crate::composite::{Padding, exclusive_sum, working_dtype};
+use burn::tensor::Tensor;
+
+pub use self::plain::plain;
+use crate::dispatch::dispatch;
 use crate::segments::Segments;
-use crate::traffic::upload;
 
 /// Computes optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
 /// Eq. 7), `[M]`, differentiable in `tau`.
@@ -39,22 +43,12 @@ use crate::traffic::upload;
 /// ```
 pub fn additive_depth(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one value per packed sample");
-    if segments.samples() == 0 {
-        return tau;
+    dispatch! {
+        &tau.device();
+        host => {
+            let kernel = host::AdditiveKernel { segments: segments.clone() };
+            crate::kernel::apply(kernel, tau.dims(), tau)
+        },
+        plain => plain(tau, segments),
     }
-    let device = tau.device();
-    let dtype = working_dtype(&device);
-    let tau = Padding::new(segments, &device).apply(tau.cast(dtype));
-    let [rays, longest] = tau.dims();
-    let left = exclusive_sum(tau.clone()).neg() + 1.0;
-    let full = tau.clone().greater_equal(left.clone());
-    let behind = left.clone().lower_equal_elem(0.0);
-    // Both are masked before the division, as a quotient that is discarded later must not be infinite.
-    let share = tau.mask_fill(full.clone(), 0.0) / left.mask_fill(full.clone(), 1.0);
-    let depth = share.neg().log1p().neg().mask_fill(full, f32::INFINITY).mask_fill(behind, 0.0);
-    let packed =
-        segments.ranges().enumerate().flat_map(|(ray, range)| (0..range.len()).map(move |i| ray * longest + i));
-    let packed: Vec<i32> = packed.map(|index| index as i32).collect();
-    let count = packed.len();
-    depth.reshape([rays * longest]).select(0, upload(packed, [count], &device)).cast(FloatDType::F32)
 }

@@ -1,12 +1,18 @@
 //! Bilinear reading of feature maps at many places.
 
+#[cfg(feature = "flex")]
+mod host;
+
+use std::sync::Arc;
+
 use burn::tensor::Tensor;
 
+use crate::dispatch::dispatch;
 use crate::traffic::upload;
 
 /// Places at which maps are read: four rows of a table with their weights for each place.
 #[derive(Clone, Debug)]
-pub struct Taps(Vec<([i32; 4], [f32; 4])>);
+pub struct Taps(Arc<[([u32; 4], [f32; 4])]>);
 
 impl Taps {
     /// Creates taps at places `(map, x, y)` in a stack of `height × width` maps. Their texels are the rows of a table,
@@ -26,7 +32,7 @@ impl Taps {
         };
         let taps = places.map(|(map, x, y)| {
             let ((left, right, u), (top, bottom, v)) = (axis(x, width), axis(y, height));
-            let row = |y: usize, x: usize| ((map * height + y) * width + x) as i32;
+            let row = |y: usize, x: usize| ((map * height + y) * width + x) as u32;
             let rows = [row(top, left), row(top, right), row(bottom, left), row(bottom, right)];
             (rows, [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v])
         });
@@ -50,11 +56,25 @@ impl Taps {
 /// # Panics
 /// If a tap lies beyond the table.
 pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
-    let (device, count) = (table.device(), taps.0.len());
+    dispatch! {
+        &table.device();
+        host => {
+            let [rows, channels] = table.dims();
+            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, [taps.0.len(), channels], table)
+        },
+        plain => plain(table, taps),
+    }
+}
+
+/// Computes [`bilinear`] by plain tensor operations, on any backend.
+pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
+    let device = table.device();
+    let count = taps.0.len();
     let tap = |k: usize| {
-        let rows = taps.0.iter().map(|(rows, _)| rows[k]).collect();
-        let weights = taps.0.iter().map(|(_, weights)| weights[k]).collect();
-        table.clone().select(0, upload(rows, [count], &device)) * upload(weights, [count, 1], &device)
+        let rows: Vec<i32> = taps.0.iter().map(|(rows, _)| rows[k] as i32).collect();
+        let weights: Vec<f32> = taps.0.iter().map(|(_, weights)| weights[k]).collect();
+        let rows = upload(rows, [count], &device);
+        table.clone().select(0, rows) * upload(weights, [count, 1], &device)
     };
     tap(0) + tap(1) + tap(2) + tap(3)
 }
@@ -73,18 +93,17 @@ mod tests {
         upload(values, [12, 2], device)
     }
 
+    fn places() -> Taps {
+        let places = [(0, 0.0, 0.0), (0, 1.25, 0.5), (1, 2.0, 1.0), (1, -3.0, 9.0), (0, f32::NAN, 0.0), (1, 0.5, 0.0)];
+        Taps::new(places.into_iter(), 2, 3)
+    }
+
     #[test]
     fn by_hand() {
-        let places = [(0, 0.0, 0.0), (0, 1.25, 0.5), (1, 2.0, 1.0), (1, -3.0, 9.0), (0, f32::NAN, 0.0), (1, 0.5, 0.0)];
-        let table = table(&Device::flex().autodiff()).require_grad();
-        let read = bilinear(table.clone(), &Taps::new(places.into_iter(), 2, 3));
-        let gradient = to_host(table.grad(&read.clone().sum().backward()).unwrap());
-        let got = to_host(read);
+        let got = to_host(bilinear(table(&Device::flex()), &places()));
         let first: Vec<f32> = got.chunks(2).map(|pair| pair[0]).collect();
         assert_eq!(first, [0.0, 1.25 + 1.5, 15.0, 13.0, 0.0, 10.5]);
         assert_eq!(got[11], 0.5 * (100.0 + 121.0));
-        // Two places read the first texel alone. The weights of each place sum to 1.
-        assert_eq!((gradient[0], gradient.iter().sum::<f32>()), (2.0, 6.0 * 2.0));
     }
 
     #[test]
@@ -94,5 +113,22 @@ mod tests {
         let first: Vec<f32> = got.chunks(2).map(|pair| pair[0]).take(15).collect();
         assert_eq!(first, [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 2.0, 2.5, 3.0, 3.5, 3.0, 3.5, 4.0, 4.5, 5.0]);
         assert_eq!(got[2 * 29], 15.0);
+    }
+
+    #[test]
+    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
+    fn host_and_plain_bodies_agree_with_their_gradients() {
+        let run = |read: fn(Tensor<2>, &Taps) -> Tensor<2>, device: Device| {
+            let table = table(&device.autodiff()).require_grad();
+            let out = read(table.clone(), &places());
+            let grads = (out.clone() * out.clone().sin()).sum().backward();
+            (to_host(out), to_host(table.grad(&grads).expect("the table was read")))
+        };
+        let host = run(bilinear, Device::flex());
+        for plain in [run(plain, Device::flex()), run(plain, Device::ndarray())] {
+            for (a, b) in host.0.iter().zip(&plain.0).chain(host.1.iter().zip(&plain.1)) {
+                assert!((a - b).abs() <= 1e-4 * b.abs().max(1.0), "{a} {b}");
+            }
+        }
     }
 }
