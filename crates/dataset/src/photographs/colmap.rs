@@ -71,10 +71,10 @@ pub(super) fn find(
         let _ = run(program, step, &["-h".into()], &mut |line: &str| help += line);
         let options = if sizes.len() > 1 { options.replace(ONE_LENS, "") } else { options.into() };
         let mut all = arguments((step, count, options.as_str()), [&database, images, &sparse], &help);
-        if step == STEPS[0].0 && masks.is_dir() {
-            all.extend(["--ImageReader.mask_path".into(), masks.clone().into_os_string()]);
-        }
         if step == STEPS[0].0 {
+            if masks.is_dir() {
+                all.extend(["--ImageReader.mask_path".into(), masks.clone().into_os_string()]);
+            }
             all.extend(["--image_list_path".into(), list.clone().into_os_string()]);
         }
         run(program, step, &all, &mut progress)?;

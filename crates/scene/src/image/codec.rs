@@ -19,14 +19,14 @@ const MAX_PIXELS: u64 = 1 << 26;
 const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
 /// Extensions of photographs that cameras, phones and browsers write and that are not read.
 const UNREAD: [&str; 9] = ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "arw"];
-/// Reader of the bytes of an image. One type for files and memory: all decoders are compiled for each.
+const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
+
+/// Bytes of an image, in a file or in memory: one type, as all decoders are compiled for each type of reader.
 type Source<'a> = Box<dyn BufReadSeek + 'a>;
 
 trait BufReadSeek: BufRead + Seek {}
 
 impl<R: BufRead + Seek> BufReadSeek for R {}
-
-const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
 
 /// Whether the file's name has the extension of an image format that is read, in any case.
 pub fn is_image_name(path: &Path) -> bool {
