@@ -190,6 +190,19 @@ mod tests {
         assert_eq!(config("").needs(), []);
         let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1");
         assert_eq!(both.needs(), [SeenColor, Unseen, SeenNeighbours, UnseenNeighbours]);
+        let kinds = [SeenColor, Unseen, SeenNeighbours, UnseenNeighbours, Need::Picture { size: 64 }];
+        assert_eq!(kinds.map(|need| need.is_unseen()), [false, true, false, true, true]);
+        assert_eq!(kinds.map(|need| need.is_of_neighbours()), [false, false, true, true, false]);
+    }
+
+    /// Only the silhouette learns from more than colours, and only the semantic term reads a file.
+    #[test]
+    fn terms_name_their_files_and_what_supervises_them() {
+        let mut config = config("");
+        let supervised = config.specs().filter_map(|(name, spec)| Some((name, spec.extra_supervision()?)));
+        assert_eq!(supervised.collect::<Vec<_>>(), [("silhouette", "the colour of the background")]);
+        let files = config.specs_mut().filter_map(|(name, spec)| Some((name, spec.weights_file()?.0)));
+        assert_eq!(files.collect::<Vec<_>>(), [("semantic", "weights")]);
     }
 
     #[test]
@@ -241,6 +254,7 @@ mod tests {
         let setup = TermSetup { scene: &scene, device: &Device::flex() };
         let objective = Objective::new(&config, &setup).unwrap();
         assert_eq!(objective.terms.iter().map(|term| term.name).collect::<Vec<_>>(), ["rgb"]);
-        assert!(config.silhouette.skip_reason(&scene).is_some());
+        assert_eq!(config.specs().filter(|(_, spec)| spec.skip_reason(&scene).is_some()).count(), 2, "and stereo");
+        assert_eq!(config.silhouette.skip_reason(&Scene::default()), None);
     }
 }

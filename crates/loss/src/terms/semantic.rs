@@ -1,7 +1,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use infonerf_pretrained::{ClipConfig, ClipVision};
 use infonerf_scene::View;
 use infonerf_schedule::{Fault, Moment, Schedule};
@@ -40,14 +41,7 @@ impl TermSpec for SemanticConfig {
             let expected = "the tensors of openai/clip-vit-base-patch32, as safetensors or PyTorch's";
             Fault::new("weights", expected, cause)
         })?;
-        let embed = |view: &View| {
-            let image = &view.image;
-            let (height, width) = (image.height as usize, image.width as usize);
-            let pixels = TensorData::new(image.rgb.as_flattened().to_vec(), [height * width, 3]);
-            clip.embed(Tensor::from_data(pixels, setup.device), (height, width)).detach()
-        };
-        let targets = setup.scene.train.iter().map(embed).collect();
-        Ok(Box::new(SemanticTerm { config: self.clone(), clip, targets }))
+        Ok(Box::new(SemanticTerm::new(self, clip, setup)))
     }
 
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
@@ -59,6 +53,17 @@ struct SemanticTerm {
     config: SemanticConfig,
     clip: ClipVision,
     targets: Vec<Tensor<1>>,
+}
+
+impl SemanticTerm {
+    fn new(config: &SemanticConfig, clip: ClipVision, setup: &TermSetup<'_>) -> Self {
+        let embed = |View { image, .. }: &View| {
+            let pixels = upload(image.rgb.as_flattened().to_vec(), [image.rgb.len(), 3], setup.device);
+            clip.embed(pixels, (image.height as usize, image.width as usize)).detach()
+        };
+        let targets = setup.scene.train.iter().map(embed).collect();
+        Self { config: config.clone(), clip, targets }
+    }
 }
 
 impl fmt::Debug for SemanticTerm {
@@ -88,9 +93,52 @@ pub fn semantic_loss(embedding: Tensor<1>, target: Tensor<1>) -> Tensor<1> {
 mod tests {
     use burn::tensor::Device;
     use infonerf_ops::to_host;
+    use infonerf_scene::{Camera, Image, Scene};
 
     use super::*;
-    use crate::testing::config;
+    use crate::renders::UnseenImage;
+    use crate::testing::{config, scenario};
+
+    /// Writes a small encoder as safetensors: the header's length, the header, and the numbers.
+    fn write_clip(config: ClipConfig, path: &std::path::Path) {
+        let (mut tensors, mut numbers) = (Vec::new(), Vec::new());
+        for (name, shape) in config.tensors() {
+            let (start, count): (usize, usize) = (numbers.len(), shape.iter().product());
+            numbers.extend((0..count).flat_map(|i| (((i * 37 + start) % 23) as f32 / 23.0 - 0.4).to_le_bytes()));
+            let end = numbers.len();
+            tensors.push(format!(r#""{name}":{{"dtype":"F32","shape":{shape:?},"data_offsets":[{start},{end}]}}"#));
+        }
+        let header = format!("{{{}}}", tensors.join(","));
+        std::fs::write(path, [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &numbers].concat()).unwrap();
+    }
+
+    /// A training image is at distance 0 from itself and at another one from another image; the term is due every tenth step.
+    #[test]
+    fn a_picture_is_compared_with_the_training_image_of_its_view() {
+        let sizes = ClipConfig { image: 8, patch: 4, width: 8, layers: 1, heads: 2, hidden: 8, embedding: 4 };
+        let path = std::env::temp_dir().join(format!("infonerf-clip-{}.safetensors", std::process::id()));
+        write_clip(sizes, &path);
+        let device = Device::flex();
+        let clip = ClipVision::read(&path, sizes, &device).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let image = |grey: f32| {
+            let rgb = (0..6 * 4).map(|i| [grey, (grey * i as f32).fract(), 1.0 - grey]).collect();
+            Image { width: 6, height: 4, rgb, alpha: None }
+        };
+        let camera = Camera::from_fov(6, 4, 1.0, glam::DMat4::IDENTITY);
+        let views = [0.1, 0.9].map(|grey| View::new(0, "", camera.clone(), image(grey)));
+        let scene = Scene { train: views.to_vec(), ..Scene::default() };
+        let term = SemanticTerm::new(&config("").semantic, clip, &TermSetup { scene: &scene, device: &device });
+        let (_, mut renders) = scenario(&device);
+        let mut distance = |view: usize| {
+            let rgb = upload(image(0.9).rgb.as_flattened().to_vec(), [24, 3], &device);
+            renders.picture = Some(UnseenImage { rgb, size: (4, 6), view });
+            term.value(&renders).into_scalar::<f32>()
+        };
+        assert!(distance(1).abs() < 1e-5 && distance(0) > 1e-5, "{} {}", distance(1), distance(0));
+        let is_due = |step| term.is_due(Moment { step, progress: 0.5 });
+        assert_eq!([0, 9, 10, 11].map(is_due), [true, false, true, false]);
+    }
 
     #[test]
     fn the_loss_is_a_distance_on_the_sphere_and_its_gradient_the_target() {

@@ -169,10 +169,17 @@ mod tests {
     #[test]
     fn one_view_and_many_views_are_left_out() {
         let view = &term(1.0, None).scene.train[0];
-        let is_left_out = |views: usize| {
+        let reason = |views: usize| {
             let scene = Scene { train: vec![view.clone(); views], ..Scene::default() };
-            config("").stereo.skip_reason(&scene).is_some()
+            config("").stereo.skip_reason(&scene)
         };
-        assert_eq!([1, 2, 100, 101].map(is_left_out), [true, false, false, true]);
+        let [one, many] = ["one view has no depth", "more than 100 views show depth by themselves"];
+        let found = [1, 2, 100, 101].map(reason).map(|reason| reason.map(|reason| &reason["left out: ".len()..]));
+        assert_eq!(found, [Some(one), None, None, Some(many)]);
+    }
+
+    #[test]
+    fn the_nearest_surface_itself_is_no_obstacle() {
+        assert_eq!([1.01, 1.0, 0.99].map(|t| RayEnd::Beyond(1.0).value(t)), [0.0, 0.0, -1.0]);
     }
 }
