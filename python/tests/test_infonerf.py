@@ -114,6 +114,8 @@ class Runs(unittest.TestCase):
                 stderr=subprocess.DEVNULL,
                 text=True,
                 start_new_session=True,
+                # A shell starts its background jobs, such as this test may be, with the signal ignored.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
             assert caller.stdout is not None
             with caller.stdout:
