@@ -51,10 +51,10 @@ mod tests {
     #[test]
     fn background_is_pressed_down_and_foreground_pulled_up() {
         let signs = [1.0, -1.0, -1.0, -1.0];
-        // The second pixel differs from the background by less than one part in a hundred.
+        // The third pixel differs from the background by less than one part in a hundred.
         let with_background = |Renders { target, .. }: &mut Renders| {
             target.on_host[0] = target.background;
-            target.on_host[1] = target.background.map(|c| c - 0.008);
+            target.on_host[2] = target.background.map(|c| c - 0.008);
         };
         check_with(&config("").silhouette, with_background, |d| {
             d[SEEN].iter().zip(signs).map(|(ray, sign)| sign * opacity(ray)).sum::<f64>() / 4.0
