@@ -112,7 +112,8 @@ mod tests {
         std::fs::write(path, [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &numbers].concat()).unwrap();
     }
 
-    /// A training image is at distance 0 from itself and at another one from another image; the term is due every tenth step.
+    /// Checks that the loss is 0 for the training image of the picture's view and positive for that of another view, and that
+    /// the term is due every tenth step.
     #[test]
     fn a_picture_is_compared_with_the_training_image_of_its_view() {
         let sizes = ClipConfig { image: 8, patch: 4, width: 8, layers: 1, heads: 2, hidden: 8, embedding: 4 };
