@@ -160,9 +160,11 @@ fn check(device: &Device) {
     compare(last, &fixture["grad_last_bias"], "gradient of the last convolution's bias");
 }
 
+/// Checks every device but the older CPU backend, which takes a minute for convolutions of this size.
 #[test]
-fn agrees_with_pytorch_on_every_device() {
-    infonerf_tests::devices().iter().for_each(check);
+#[allow(deprecated, reason = "the name of the older backend")]
+fn agrees_with_pytorch() {
+    infonerf_tests::devices().iter().filter(|device| **device != Device::ndarray()).for_each(check);
 }
 
 #[test]

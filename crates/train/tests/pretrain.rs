@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::common::{config, configs, devices, losses, pixel_config, scene_of, steps, trainer};
+use crate::common::{config, configs, losses, pixel_config, scene_of, steps, trainer};
 use burn::tensor::Device;
 use infonerf_render::TrainedModel;
 use infonerf_scene::Scene;
@@ -95,10 +95,8 @@ fn config_of_one_scene_cannot_learn_from_many() {
 #[test]
 fn every_field_learns_from_one_view() {
     for config in configs() {
-        for device in devices() {
-            let mut trainer = Trainer::new(&config, scene_of("knot", 1, 16), 0, None, &device).unwrap();
-            assert_eq!(steps(&mut trainer, 12).len(), 12);
-            assert!(picture(&trainer).iter().flatten().all(|value| value.is_finite()));
-        }
+        let mut trainer = Trainer::new(&config, scene_of("knot", 1, 16), 0, None, &Device::flex()).unwrap();
+        assert_eq!(steps(&mut trainer, 12).len(), 12);
+        assert!(picture(&trainer).iter().flatten().all(|value| value.is_finite()));
     }
 }
