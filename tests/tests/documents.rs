@@ -13,9 +13,6 @@ const MAX_BYTES: [usize; 2] = [90 << 10, 11 << 10];
 
 const README_LINES: usize = 100;
 
-/// Maximum number of characters of a line of prose, without the targets of its links.
-const MAX_LINE: usize = 160;
-
 /// First words of a doc comment that is not understood when it is read alone.
 const ANAPHORA: [&str; 18] = [
     "Of", "Those", "That", "The same", "Whose", "What", "Which", "It", "Its", "They", "Their", "He", "She", "This is",
@@ -211,24 +208,6 @@ fn documents_keep_their_size() {
 }
 
 #[test]
-fn lines_of_prose_are_short() {
-    let mut long = Vec::new();
-    for (path, text) in documents_and_readmes() {
-        // This document is written by `infonerf collect`.
-        if path.ends_with("docs/results.md") {
-            continue;
-        }
-        for (number, line) in prose(&text) {
-            let length = shown(line).chars().count();
-            if !line.starts_with('|') && length > MAX_LINE {
-                long.push(format!("{}:{number}: {length} characters, at most {MAX_LINE}", name_of(&path)));
-            }
-        }
-    }
-    assert!(long.is_empty(), "\n{}", long.join("\n"));
-}
-
-#[test]
 fn doc_comments_are_understood_alone() {
     let mut found = Vec::new();
     for (path, text) in sources() {
@@ -297,13 +276,6 @@ fn prose(text: &str) -> impl Iterator<Item = (usize, &str)> {
         code ^= fence;
         !fence && !code && !line.starts_with("    ")
     })
-}
-
-/// Returns a line of Markdown without the targets of its links.
-fn shown(line: &str) -> String {
-    let mut parts = line.split("](");
-    let first = parts.next().unwrap_or_default().to_owned();
-    parts.fold(first, |text, part| text + "]" + part.split_once(')').map_or("", |(_, rest)| rest))
 }
 
 fn doc_comment(line: &str) -> Option<&str> {

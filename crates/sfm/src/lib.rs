@@ -8,6 +8,7 @@
 
 mod bundle;
 mod camera;
+mod contradictions;
 mod essential;
 mod mapper;
 mod matching;

@@ -168,7 +168,8 @@ pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item 
     tracks
 }
 
-fn root(parent: &mut [usize], mut i: usize) -> usize {
+/// Returns the representative of the set of `i`, and shortens the path to it.
+pub(crate) fn root(parent: &mut [usize], mut i: usize) -> usize {
     while parent[i] != i {
         parent[i] = parent[parent[i]];
         i = parent[i];

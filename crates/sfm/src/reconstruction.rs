@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use crate::bundle::{Point, Prior};
 use crate::camera::{Pose, SimpleRadial};
-use crate::mapper::Mapper;
-use crate::matching::{MIN_MATCHES, Matches, matches_of_pairs, tracks};
+use crate::contradictions::map_without_false_pairs;
+use crate::matching::{MIN_MATCHES, Matches, matches_of_pairs};
 use crate::sift::{Features, features};
 use crate::two_view::{TwoView, verified};
 use infonerf_scene::image::GreyImage;
@@ -125,9 +125,10 @@ pub fn reconstruct(
         progress(&format!("finding the focal length from {few} of the photographs"));
         if let Ok(start) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
             let lens = (start.lens, prior(start.lens.focal));
-            let agreed = verified(&features, &matched, &start.lens, TOLERANCE * longer);
-            let tracks = tracks(&features, agreed.iter().map(|(matches, _)| matches));
-            let found = Mapper::new(&tracks, start.poses, lens, TOLERANCE * longer, None).run();
+            let tolerance = TOLERANCE * longer;
+            let agreed: Vec<Matches> =
+                verified(&features, &matched, &start.lens, tolerance).into_iter().map(|(matches, _)| matches).collect();
+            let found = map_without_false_pairs(&features, agreed, start.poses, lens, tolerance);
             let (placed, points) = (found.placed(), found.points.len());
             progress(&format!("{placed} of {count} photographs placed by {points} points"));
             return Ok(found);
@@ -237,7 +238,7 @@ fn map(
     tolerance: f64,
 ) -> Result<SparseModel, bool> {
     let mut agreed = verified(features, matched, &lens.0, tolerance);
-    let tracks = tracks(features, agreed.iter().map(|(matches, _)| matches));
+    let pairs: Vec<Matches> = agreed.iter().map(|(matches, _)| matches.clone()).collect();
     if !agreed.is_empty() && agreed.iter().all(|(_, view)| view.homography_share >= FLAT) {
         return Err(true);
     }
@@ -249,7 +250,7 @@ fn map(
     let start = |(matches, view): &(Matches, TwoView)| {
         let mut poses = vec![Err(String::new()); features.len()];
         (poses[matches.a], poses[matches.b]) = (Ok(Pose::IDENTITY), Ok(view.pose));
-        Mapper::new(&tracks, poses, lens, tolerance, None).run()
+        map_without_false_pairs(features, pairs.clone(), poses, lens, tolerance)
     };
     let starts: Vec<SparseModel> = agreed.par_iter().take(STARTS).map(start).collect();
     let score = |model: &SparseModel| (model.placed(), model.observations());

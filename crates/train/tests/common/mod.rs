@@ -1,7 +1,5 @@
 //! Configs and scenes of tiny runs.
 
-#![allow(dead_code, reason = "each test binary uses its own part")]
-
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
