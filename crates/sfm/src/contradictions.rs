@@ -31,7 +31,7 @@ pub(crate) fn map_without_false_pairs(
         if false_pairs.is_empty() {
             return found;
         }
-        agreed = agreed.into_iter().filter(|pair| !false_pairs.contains(&(pair.a, pair.b))).collect();
+        agreed.retain(|pair| !false_pairs.contains(&(pair.a, pair.b)));
         lens = found.lens;
         let kept = |(i, pose): (usize, _)| if largest.contains(&i) { pose } else { Err(String::new()) };
         poses = found.poses.into_iter().enumerate().map(kept).collect();
