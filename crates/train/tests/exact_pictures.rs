@@ -11,11 +11,11 @@ use infonerf_train::{Config, Preset, Trainer};
 #[allow(clippy::print_stdout, reason = "the figures of docs/numerics.md")]
 fn pictures_are_within_60_db_of_exact_ones() {
     for name in ["crane", "castle", "knot", "orrery"] {
-        let mut config = Config::of(Preset::Fast, ["train.iterations=150"]).unwrap();
-        let request = SceneRequest { image_size: Some(100), test: TestProtocol::First(2), ..SceneRequest::default() };
+        let mut config = Config::of(Preset::Fast, ["train.iterations=300"]).unwrap();
+        let request = SceneRequest { test: TestProtocol::First(2), ..SceneRequest::default() };
         let scene = infonerf_procedural::load(name, &request).unwrap();
         let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
-        steps(&mut trainer, 150);
+        steps(&mut trainer, 300);
         let trained = [trainer.trained()];
         config.render.early_stop_transmittance = 0.0;
         let exact = Renderer::new(&config.render, trainer.scene());

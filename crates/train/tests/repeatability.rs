@@ -72,6 +72,17 @@ fn runs_of_one_seed_agree() {
     }
 }
 
+/// Checks that the number of threads changes no value.
+#[test]
+fn number_of_threads_changes_nothing() {
+    for (config, device) in cases() {
+        let run = || steps(&mut trainer(&config, 3, &device), STEPS);
+        let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let many = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();
+        assert_eq!(single.install(run), many.install(run));
+    }
+}
+
 /// Checks that fields trained side by side have the values of each alone, and that their times add up to at most what passed.
 #[test]
 fn training_side_by_side_changes_nothing() {
