@@ -16,9 +16,14 @@ use crate::scratch::Scratch;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
 pub trait Kernel: Debug + Send + Sync + 'static {
-    /// Computes the output. If a backward pass will follow, `saved` is a buffer that keeps values for it. The buffer may hold
-    /// values of an earlier pass: set its length first.
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32>;
+    /// Returns the number of values that a forward pass keeps for the backward pass.
+    fn saved_len(&self, _inputs: &[&[f32]]) -> usize {
+        0
+    }
+
+    /// Computes the output. If a backward pass will follow, `saved` takes the [values](Self::saved_len) for it; it holds those
+    /// of other passes before.
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32>;
 
     /// Computes the vector–Jacobian product: for each input that is `wanted`, the gradient of `⟨grad, output⟩` with respect
     /// to that input.
@@ -80,28 +85,22 @@ impl KernelBackend for Flex {
     }
 }
 
-impl<K: Kernel> HostOperation<K> {
-    fn run(&self, inputs: &[Host], saved: Option<&mut Vec<f32>>) -> Host {
-        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
-        host(self.kernel.forward(&slices, saved), self.shape.clone())
-    }
-}
-
 impl<K: Kernel> Operation<Flex> for HostOperation<K> {
     fn infer(&self, inputs: &[Host]) -> Host {
-        self.run(inputs, None)
+        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
+        host(self.kernel.forward(&slices, None), self.shape.clone())
     }
 
     fn forward(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
-        let mut saved = Scratch::new();
-        let output = self.run(inputs, Some(&mut saved.0));
-        (output, Arc::new(saved))
+        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
+        let mut saved = Scratch::of_len(self.kernel.saved_len(&slices));
+        let output = self.kernel.forward(&slices, Some(&mut saved));
+        (host(output, self.shape.clone()), Arc::new(saved))
     }
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
         let slices: Vec<&[f32]> = pass.inputs.iter().map(slice).collect();
-        let host_pass =
-            Pass { inputs: &slices, output: slice(pass.output), saved: &pass.kept.0, grad: slice(pass.grad) };
+        let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
         let results = self.kernel.backward(host_pass, pass.wanted).into_iter().zip(pass.inputs);
         results.map(|(result, input)| result.map(|values| host(values, input.shape().to_vec()))).collect()
     }

@@ -1,18 +1,25 @@
-//! Arrays that several threads fill in parts.
+//! Arrays that several threads fill in parts, and sums that they share.
 
 use rayon::prelude::*;
+
+/// Number of partial sums of a network's gradient: fixed, so that the result does not depend on the number of threads.
+pub(crate) const GROUPS: usize = 16;
+
+/// Returns `len` zeros, which all threads write.
+pub(crate) fn zeros(len: usize) -> Vec<f32> {
+    rayon::iter::repeat_n(0.0, len).with_min_len(1 << 16).collect()
+}
 
 /// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved` if a backward pass will read the
 /// values, else a buffer that a thread reuses.
 pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
     blocks: B,
     length: usize,
-    saved: Option<&mut Vec<f32>>,
+    saved: Option<&mut [f32]>,
     job: impl Fn(B::Item, &mut [f32]) + Send + Sync,
 ) {
     match saved {
         Some(saved) => {
-            saved.resize(blocks.len() * length, 0.0);
             blocks.zip(saved.par_chunks_mut(length)).for_each(|(block, buffer)| job(block, buffer));
         }
         None => blocks.for_each_init(|| vec![0.0; length], |buffer, block| job(block, buffer)),

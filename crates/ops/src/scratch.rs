@@ -1,10 +1,15 @@
 //! Buffers that are reused: for the system to map and clear new pages takes longer than to fill a buffer.
 
+use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Buffer of `f32` that returns to a pool when it is dropped. A buffer from the pool still holds the values of its last user.
+/// Slice of `f32` whose memory returns to a pool when it is dropped. It holds the values of earlier users, or zeros.
 #[derive(Debug)]
-pub(crate) struct Scratch(pub(crate) Vec<f32>);
+pub(crate) struct Scratch {
+    /// Memory of at least `len` values.
+    buffer: Vec<f32>,
+    len: usize,
+}
 
 static POOL: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 
@@ -13,20 +18,28 @@ fn pool() -> MutexGuard<'static, Vec<Vec<f32>>> {
 }
 
 impl Scratch {
-    /// Takes the buffer that was returned last, or an empty one.
-    pub(crate) fn new() -> Self {
-        Self(pool().pop().unwrap_or_default())
-    }
-
-    /// Takes the smallest buffer that holds `len` values, or a new one, and sets its length.
+    /// Takes the smallest buffer of the pool that has `len` values, or else a new one.
     pub(crate) fn of_len(len: usize) -> Self {
         let mut pool = pool();
-        let fits = pool.iter().enumerate().filter(|(_, buffer)| buffer.capacity() >= len);
-        let smallest = fits.min_by_key(|(_, buffer)| buffer.capacity()).map(|(index, _)| index);
-        let mut buffer = smallest.map(|index| pool.remove(index)).unwrap_or_default();
+        let fits = pool.iter().enumerate().filter(|(_, buffer)| len > 0 && buffer.len() >= len);
+        let smallest = fits.min_by_key(|(_, buffer)| buffer.len()).map(|(index, _)| index);
+        let buffer = smallest.map(|index| pool.remove(index));
         drop(pool);
-        buffer.resize(len, 0.0);
-        Self(buffer)
+        Self { buffer: buffer.unwrap_or_else(|| vec![0.0; len]), len }
+    }
+}
+
+impl Deref for Scratch {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        &self.buffer[..self.len]
+    }
+}
+
+impl DerefMut for Scratch {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        &mut self.buffer[..self.len]
     }
 }
 
@@ -35,8 +48,10 @@ impl Drop for Scratch {
         /// Number of buffers that an optimizer step holds at once, in addition to one per thread.
         const BUFFERS_PER_STEP: usize = 4;
         let mut pool = pool();
-        if pool.len() < BUFFERS_PER_STEP + rayon::current_num_threads() {
-            pool.push(std::mem::take(&mut self.0));
+        pool.push(std::mem::take(&mut self.buffer));
+        if pool.len() > BUFFERS_PER_STEP + rayon::current_num_threads() {
+            let smallest = pool.iter().enumerate().min_by_key(|(_, buffer)| buffer.len()).map(|(index, _)| index);
+            pool.remove(smallest.unwrap_or(0));
         }
     }
 }

@@ -11,11 +11,10 @@ use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::mlp::{RadianceMlp, first_layer};
+use crate::parts::GROUPS;
 use crate::simd::{self, Job};
 
 const BLOCK: usize = 256;
-/// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
-const GROUPS: usize = 16;
 
 /// Network as matrices of activations, each computed from the one before:
 ///
@@ -345,8 +344,7 @@ impl Job for ReluGradient<'_> {
 }
 
 impl Kernel for RoundedMlpKernel {
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        saved.into_iter().for_each(Vec::clear);
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
         let samples = inputs[0].len() / self.widths[0];
         let mut out = vec![0.0; samples * self.width()];
         let layers = self.layers(self.parameters(inputs), false);

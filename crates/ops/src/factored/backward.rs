@@ -9,10 +9,9 @@ use super::layout::{FactoredLayout, Layer, Level, OUTPUTS, PLANES};
 use super::negligible;
 use crate::kernel::Pass;
 use crate::numeric::SampleOpacity;
+use crate::parts::{GROUPS, zeros};
+use crate::scratch::Scratch;
 use crate::simd::{self, Job};
-
-/// Partial sums of the MLP's gradient: a fixed number, so that the result does not depend on the number of threads.
-const GROUPS: usize = 16;
 
 impl FactoredKernel {
     /// Returns the number of features in front of those that tables hold.
@@ -41,7 +40,7 @@ impl FactoredKernel {
     /// Computes the gradient of the tables, with one task for each plane with its line: no two tasks write to the same place, and
     /// the order of sums is fixed.
     fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
-        let mut gradient = vec![0.0; tables.len()];
+        let mut gradient = zeros(tables.len());
         let mut tasks = Vec::new();
         let mut parts = self.layout.split_tables(&mut gradient).into_iter();
         for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {
@@ -84,7 +83,7 @@ impl FactoredKernel {
 
         // The MLP, block by block; the gradient of the features of tables is kept for all samples.
         let of_tables = self.of_tables() * BLOCK;
-        let mut dfeatures = vec![0.0; blocks.len() * of_tables];
+        let mut dfeatures = Scratch::of_len(blocks.len() * of_tables);
         let mut dpositions = vec![0.0; 3 * kept.len()];
         let groups: Vec<Vec<Vec<f32>>> = dfeatures
             .par_chunks_mut((per_group * of_tables).max(1))

@@ -28,7 +28,11 @@ impl FactoredKernel {
 }
 
 impl Kernel for FactoredKernel {
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+    fn saved_len(&self, inputs: &[&[f32]]) -> usize {
+        (inputs[2].len() / 3).div_ceil(BLOCK) * activations(&self.layout)
+    }
+
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
@@ -77,7 +81,7 @@ pub(super) fn field(
                 color: true,
                 positions: positions.as_flattened(),
                 directions: layout.view_dependent.then_some(directions.as_flattened()),
-                activations: &mut activations.0,
+                activations: &mut activations,
                 out: out.as_flattened_mut(),
             });
         }

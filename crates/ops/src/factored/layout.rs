@@ -99,26 +99,21 @@ impl FactoredLayout {
     ) -> Self {
         let mut feature = 3 + 6 * frequencies;
         let mut offset = 0;
-        let levels = levels
-            .iter()
-            .map(|&(resolution, channels)| {
-                let level = Level { resolution, channels, offset, feature };
-                offset += level.elements();
-                feature += 3 * channels;
-                level
-            })
-            .collect();
-        let mut weight = 0;
-        let mut inputs = feature;
-        let layers = std::iter::repeat_n(hidden, hidden_layers)
-            .chain([if view_dependent { RAW } else { OUTPUTS }])
-            .map(|outputs| {
-                let layer = Layer { inputs, outputs, weight };
-                weight = layer.end();
-                inputs = outputs;
-                layer
-            })
-            .collect();
+        let level = |&(resolution, channels): &(usize, usize)| {
+            let level = Level { resolution, channels, offset, feature };
+            offset += level.elements();
+            feature += 3 * channels;
+            level
+        };
+        let levels = levels.iter().map(level).collect();
+        let (mut weight, mut inputs) = (0, feature);
+        let layer = |outputs: usize| {
+            let layer = Layer { inputs, outputs, weight };
+            (weight, inputs) = (layer.end(), outputs);
+            layer
+        };
+        let widths = std::iter::repeat_n(hidden, hidden_layers).chain([if view_dependent { RAW } else { OUTPUTS }]);
+        let layers = widths.map(layer).collect();
         Self { frequencies, levels, layers, view_dependent, density_scale: density.0, density_bias: density.1 }
     }
 

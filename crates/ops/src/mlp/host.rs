@@ -6,12 +6,10 @@ use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::matmul::{InitialSum, Matrix, product};
-use crate::parts::each_with_buffer;
+use crate::parts::{GROUPS, each_with_buffer};
 
 /// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
 const BLOCK: usize = 256;
-/// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
-const GROUPS: usize = 16;
 
 /// Network as a list of layers, which read and write columns of the *activations* of a block of samples:
 ///
@@ -67,13 +65,6 @@ struct PlacedLayer {
     shared: bool,
 }
 
-impl PlacedLayer {
-    /// Returns the numbers of weights and of biases.
-    fn sizes(&self) -> [usize; 2] {
-        [self.x.columns * self.y.columns, self.y.columns]
-    }
-}
-
 impl MlpKernel {
     fn matrix(&mut self, columns: usize) -> Columns {
         let place = Columns { start: self.activations, stride: columns, columns };
@@ -123,6 +114,12 @@ impl MlpKernel {
             kernel.layer(&branch.rgb, view, output.part(1, 3), false);
         }
         Self { output, ..kernel }
+    }
+
+    /// Returns a zero for each weight and each bias of every layer.
+    fn zeros(&self) -> Vec<[Vec<f32>; 2]> {
+        let sizes = |layer: &PlacedLayer| [layer.x.columns * layer.y.columns, layer.y.columns];
+        self.layers.iter().map(|layer| sizes(layer).map(|size| vec![0.0; size])).collect()
     }
 
     /// Evaluates a block whose first sample is `first` and whose rows of x are `encoded`.
@@ -224,7 +221,7 @@ impl MlpKernel {
         let outputs = self.output.columns;
         let width = self.encoded[0].columns;
         let mut sums = GroupGradients {
-            dparameters: self.layers.iter().map(|layer| layer.sizes().map(|size| vec![0.0; size])).collect(),
+            dparameters: self.zeros(),
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * width]),
             dactivations: vec![0.0; self.activations],
         };
@@ -267,7 +264,11 @@ struct GroupGradients {
 }
 
 impl Kernel for MlpKernel {
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+    fn saved_len(&self, inputs: &[&[f32]]) -> usize {
+        inputs[0].len().div_ceil(self.encoded[0].columns * BLOCK) * self.activations
+    }
+
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
         let encoded = inputs[0];
         let (width, outputs) = (self.encoded[0].columns, self.output.columns);
         let samples = encoded.len() / width;
@@ -289,8 +290,7 @@ impl Kernel for MlpKernel {
             .collect();
         let dencoded =
             wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
-        let mut sums: Vec<[Vec<f32>; 2]> =
-            self.layers.iter().map(|layer| layer.sizes().map(|size| vec![0.0; size])).collect();
+        let mut sums = self.zeros();
         for part in groups {
             for (sum, part) in sums.iter_mut().flatten().zip(part.dparameters.iter().flatten()) {
                 sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);

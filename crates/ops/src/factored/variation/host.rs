@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{FactoredLayout, weight};
 use crate::kernel::{Kernel, Pass};
+use crate::parts::zeros;
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
@@ -91,7 +92,7 @@ impl Job for DifferenceGradient<'_> {
 }
 
 impl Kernel for VariationKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
         let levels = &self.layout.levels;
         let part = |index: usize| {
             let level = &levels[index / 3];
@@ -107,7 +108,7 @@ impl Kernel for VariationKernel {
 
     fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let tables = pass.inputs[0];
-        let mut gradient = vec![0.0; tables.len()];
+        let mut gradient = zeros(tables.len());
         self.layout.split_tables(&mut gradient).into_par_iter().enumerate().for_each(|(index, out)| {
             let (level, p) = (&self.layout.levels[index / 6], index % 6);
             if p < 3 {
