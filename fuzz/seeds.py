@@ -93,11 +93,9 @@ annots = {"cams": cams, "ims": [{"ims": ["Camera_B1/0.jpg", "Camera_B2/0.jpg"]}]
 np.save(place("annots", "lists.npy"), annots)
 arrays = {"cams": {k: np.array(v) for k, v in cams.items()}, "ims": [{"ims": np.array(["a.jpg", "b.jpg"])}]}
 np.save(place("annots", "arrays.npy"), arrays)
-for protocol in (2,):
-    with open(place("annots", f"protocol{protocol}.npy"), "wb") as file:
-        header = {"descr": "|O", "fortran_order": False, "shape": ()}
-        np.lib.format.write_array_header_1_0(file, header)
-        pickle.dump(np.array(annots, dtype=object), file, protocol=protocol)
+with open(place("annots", "protocol2.npy"), "wb") as file:
+    np.lib.format.write_array_header_1_0(file, {"descr": "|O", "fortran_order": False, "shape": ()})
+    pickle.dump(np.array(annots, dtype=object), file, protocol=2)
 
 for mode, shape in [("L", (5, 7)), ("RGB", (5, 7, 3)), ("RGBA", (5, 7, 4))]:
     Image.fromarray(rng.integers(0, 256, shape, dtype=np.uint8), mode).save(place("image", f"{mode}.png"))

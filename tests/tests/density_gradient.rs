@@ -1,5 +1,4 @@
-//! Gradients of every field that configs can name against finite differences: of density in positions, and of density and
-//! colour in each parameter.
+//! Gradients of every kind of field against finite differences: of density in positions, and of density and colour in parameters.
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{

@@ -129,8 +129,7 @@ fn the_paper_leads_to_code_and_keys() {
     }
 }
 
-/// The table of crates in ARCHITECTURE.md is in the order of their dependencies, and names them, but for crates that build on
-/// `experiment`.
+/// The table of crates in ARCHITECTURE.md is in the order of dependencies, and names those of all crates up to `experiment`.
 #[test]
 fn the_table_of_crates_is_true() {
     let text = fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();

@@ -1,7 +1,6 @@
 //! NeRF and mip-NeRF at full size against renderings of the same rays with the same weights, by PyTorch and by JAX.
 //!
-//! `fixtures/nerf_forward.py` and `fixtures/mip_forward.py` made the expected values; their heads state the rules that give every
-//! weight.
+//! `fixtures/nerf_forward.py` and `fixtures/mip_forward.py` made the expected values; their heads state the rules of the weights.
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};

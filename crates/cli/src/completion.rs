@@ -58,8 +58,7 @@ fn beginning_with(current: &OsStr, candidates: impl Iterator<Item = CompletionCa
     candidates.filter(|candidate| candidate.get_value().as_encoded_bytes().starts_with(current)).collect()
 }
 
-/// Returns the words after the subcommand of the command line that is being completed, which shells pass after
-/// `COMPLETER -- infonerf`.
+/// Returns the words after the subcommand of the command line to complete, which shells pass after `COMPLETER -- infonerf`.
 fn words() -> impl Iterator<Item = String> {
     std::env::args_os().skip(4).map(|word| word.to_string_lossy().into_owned())
 }

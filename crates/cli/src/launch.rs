@@ -7,9 +7,9 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use infonerf_experiment::DeviceName;
 use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runner, Slurm, Workers, execute};
 use infonerf_experiment::sweep::{Sweep, SweepFiles};
-use infonerf_experiment::{DeviceName, OpenDevice};
 use infonerf_report::counted;
 
 use crate::print::outln;
@@ -125,15 +125,10 @@ impl LaunchArgs {
             })
         } else {
             // A missing device and broken weights are reported before the runs begin.
-            let opened: OpenDevice = open_device(device)?;
-            selection.networks.open(&opened)?;
+            selection.networks.open(&open_device(device)?)?;
             interrupt::install()?;
-            let runner = self.runner(device, &selection.networks)?;
-            Executor::Processes(Workers {
-                runner,
-                jobs: self.jobs.unwrap_or(1) as usize,
-                stop: interrupt::stop_requested,
-            })
+            let (runner, jobs) = (self.runner(device, &selection.networks)?, self.jobs.unwrap_or(1) as usize);
+            Executor::Processes(Workers { runner, jobs, stop: interrupt::stop_requested })
         };
         let mut reporter = Reporter::new(&self.existing, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;

@@ -83,7 +83,7 @@ fn a_page_of_the_papers_field_is_baked() {
                  --set eval.test=first-1 --set eval.information_rays=16";
     place.run(small).args(format!("--set {mlp}")).succeeds();
     place.run(format!("render {RUN} --frames 1 --normals")).succeeds();
-    assert_eq!(frames(&place.path(RUN).join("render/normals")), 1);
+    assert_eq!(count(&place.path(RUN).join("render/normals"), ".png"), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
     let export = || place.run(format!("export {RUN} --format html --resolution 24"));
     export().succeeds_with(&["viewer.html", "read by browsers"]);
@@ -170,21 +170,17 @@ fn count(folder: &Path, extension: &str) -> usize {
     files(folder).iter().filter(|name| name.ends_with(extension)).count()
 }
 
-fn frames(folder: &Path) -> usize {
-    count(folder, ".png")
-}
-
 #[test]
 fn cameras_follow_every_path() {
     let place = with_run();
     place.run(format!("render {RUN} --frames 5 --normals")).succeeds();
-    assert_eq!(frames(&place.path(RUN).join("render/normals")), 5);
+    assert_eq!(count(&place.path(RUN).join("render/normals"), ".png"), 5);
     let render = |path: &str, args: &str| place.run(format!("render {RUN} --path {path}")).args(args);
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
         render(path, "--frames 3").succeeds_with(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
         // Frames and animation of the previous path are removed.
-        let left = [count(&folder, ".png"), frames(&folder.join("normals")), count(&folder, ".gif")];
+        let left = [count(&folder, ".png"), count(&folder.join("normals"), ".png"), count(&folder, ".gif")];
         assert_eq!(left, [3, 0, 1]);
     }
 
@@ -193,9 +189,9 @@ fn cameras_follow_every_path() {
     render("camera_path.json", "--out a").succeeds_with(&["2 frames of 30x20", "camera_path.gif"]);
     let keyframes = json!({"keyframes": [entry(0), entry(1)], "seconds": 0.5, "fps": 10, "is_cycle": true});
     place.write("mine.json", keyframes.to_string());
-    for (args, count) in [("--size 12 --out b", 5), ("--size 12 --out b --frames 4", 4)] {
+    for (args, frames) in [("--size 12 --out b", 5), ("--size 12 --out b --frames 4", 4)] {
         render("mine.json", args).succeeds();
-        assert_eq!(frames(&place.path("b")), count);
+        assert_eq!(count(&place.path("b"), ".png"), frames);
     }
     // The first frame is the first keyframe in both.
     let first = |folder: &str| image::open(place.path(folder).join("0000.png")).unwrap().to_rgb8();

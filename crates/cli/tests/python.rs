@@ -1,5 +1,4 @@
-//! The Python package and its notebook with the program that was built: `python/tests`, by the interpreter that `PYTHON` names,
-//! else `python3`.
+//! The Python package and its notebook with the program that was built: `python/tests`, run by `$PYTHON`, else `python3`.
 
 use std::env;
 use std::io::{self, Write};

@@ -78,8 +78,7 @@ impl CameraPath {
         let side = |node: Node<'_>| Ok(node.within(1.0..=8192.0, expected)?.round() as u32);
         let size = pair(|_| &root, ["render_width", "render_height"], expected, side)?;
         let is_cycle = root.optional("is_cycle", |node| node.flag("true or false"))?;
-        let closed = !complete && is_cycle.unwrap_or(false);
-        Ok(Self { keyframes, closed, fps, frames, size })
+        Ok(Self { keyframes, closed: !complete && is_cycle.unwrap_or(false), fps, frames, size })
     }
 
     /// Returns the path in the coordinates of a scene: `origin`, the scene's origin in its files' coordinates, is subtracted.

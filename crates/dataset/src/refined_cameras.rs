@@ -26,8 +26,7 @@ const ABSURD: f64 = 50.0;
 #[must_use]
 pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     let given = scene.given_cameras();
-    let count = given.len().max(1) as f64;
-    let mean = |of: &dyn Fn(&Camera) -> f64| given.iter().map(of).sum::<f64>() / count;
+    let mean = |of: &dyn Fn(&Camera) -> f64| given.iter().map(of).sum::<f64>() / given.len().max(1) as f64;
     let centre = scene.space.centre.as_dvec3();
     let shift = SHIFT * mean(&|camera| camera.position_f64().distance(centre)).max(1e-6);
     let uncertainty = Uncertainty { turn: TURN, shift, focal: if focal { FOCAL } else { 0.0 } };
@@ -48,9 +47,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
                     view.camera = view.camera.with_pose(opengl(pose.rotation.transpose(), pose.centre()));
                     refocus(&mut view.camera);
                 }
-                Err(reason) => {
-                    scene.warnings.push(format!("the camera of {} stays as given: {reason}", view.name));
-                }
+                Err(reason) => scene.warnings.push(format!("the camera of {} stays as given: {reason}", view.name)),
             }
         }
         // All cameras share the lens, so the factor applies to cameras of other views too.

@@ -39,7 +39,7 @@ pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, Scene
 /// Counts the pixels that [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
 ///
 /// # Errors
-/// As [`load`], except for faults within images.
+/// Errors of [`load`], except for faults within images.
 pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     match source {
         SceneSource::Procedural(name) => procedural::count_pixels(name, request),
@@ -72,8 +72,7 @@ mod tests {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path().join("toy");
         loaders::testing::blender(&dir, 5, 3);
-        let sources = [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }];
-        for source in sources {
+        for source in [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }] {
             for image_size in [Some(6), None] {
                 let train = ViewSelection::Ids { ids: vec![1, 3] };
                 let request = SceneRequest { train, test: TestProtocol::First(3), image_size, ..Default::default() };

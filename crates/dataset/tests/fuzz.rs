@@ -26,10 +26,7 @@ fn mutated(mut bytes: Vec<u8>, rng: &mut ChaCha8Rng) -> Vec<u8> {
             0 if length > 0 => bytes[at] = rng.random(),
             1 if length > 0 => bytes[at] ^= 1 << rng.random_range(0..8),
             2 => drop(bytes.drain(at..at + length)),
-            _ => {
-                let copy = bytes[at..at + length].to_vec();
-                bytes.splice(at..at, copy);
-            }
+            _ => drop(bytes.splice(at..at, bytes[at..at + length].to_vec())),
         }
     }
     bytes

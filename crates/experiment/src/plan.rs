@@ -245,18 +245,10 @@ impl About {
         known(name).or_else(swept).unwrap_or_else(|| Self { name: name.into(), title: name.into(), ..Self::default() })
     }
 
-    /// Describes a sweep of the experiment, without the paper's figures and the claims, which hold for other settings.
+    /// Describes a sweep of the experiment, without its time, the paper's figures, claims and plot, which hold for other settings.
     pub(crate) fn swept(self) -> Self {
-        let title = format!("Sweep of {}", self.title);
-        Self {
-            name: format!("{SWEEP}{}", self.name),
-            title,
-            paper: None,
-            claims: Vec::new(),
-            plot: None,
-            seconds_per_run: None,
-            ..self
-        }
+        let (name, title) = (format!("{SWEEP}{}", self.name), format!("Sweep of {}", self.title));
+        Self { name, title, data: self.data, ..Self::default() }
     }
 
     fn of(layers: &Layers, data: Option<PathBuf>) -> Self {

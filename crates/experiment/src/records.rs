@@ -148,8 +148,7 @@ mod tests {
         Record { metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(), ..record }
     }
 
-    /// Saving again replaces in place, the records of deleted runs stay, and a run that is finished after the others takes its
-    /// place among them.
+    /// Saving again replaces in place, records of deleted runs stay, and a run that ends late takes its place among the others.
     #[test]
     fn records_keep_their_places() {
         let folder = tempfile::tempdir().unwrap();

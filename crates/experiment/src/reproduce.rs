@@ -8,8 +8,7 @@ use infonerf_report::{ReportInput, write_collection};
 use crate::plan::{Experiment, Selection};
 use crate::sweep::Sweep;
 
-/// Chapter of the report: an experiment, and the runs of it that are the default. An empty field leaves the experiment's own
-/// value.
+/// Chapter of the report: an experiment, and its default runs. An empty field leaves the experiment's own value.
 struct Chapter {
     experiment: &'static str,
     /// Whether the scenes are captures (photographs), whose formats differ from those of the synthetic scenes.

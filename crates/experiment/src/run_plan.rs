@@ -258,8 +258,7 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
 
 /// Returns the paths of all files that a config names, except the scene's. The path of an unused file is empty.
 pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
-    let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
-    let of_terms = of_terms.map(|(_, path)| path);
+    let of_terms = config.loss.specs_mut().filter_map(|(_, term)| Some(term.weights_file()?.1));
     std::iter::once(&mut config.train.init)
         .chain(of_terms)
         .chain(config.field.files().into_iter().map(|file| file.path))

@@ -65,8 +65,7 @@ fn built_in(name: String) -> Result<(String, SceneSource)> {
     Ok((name.clone(), SceneSource::Procedural(name)))
 }
 
-/// Expands a range of random scenes: `random-0..3` stands for random-0, random-1, random-2 and random-3; any other name
-/// is itself.
+/// Expands a range of random scenes: `random-0..2` stands for random-0, random-1 and random-2; any other name is itself.
 fn expand(name: &str) -> Vec<String> {
     let range = name.strip_prefix("random-").and_then(|range| parse_seeds(range).ok());
     range.map_or_else(|| vec![name.to_owned()], |seeds| seeds.map(|seed| format!("random-{seed}")).collect())

@@ -57,18 +57,13 @@ pub(crate) struct Mlp {
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
         let MlpSize { inputs, layers, width, skip, direction_frequencies, .. } = size;
-        let trunk = (0..layers)
-            .map(|layer| {
-                let fan_in = match layer {
-                    0 => inputs,
-                    layer if layer == skip => width + inputs,
-                    _ => width,
-                };
-                init.linear(rng, fan_in, width, device)
-            })
-            .collect();
+        let fan_in = |layer: usize| match layer {
+            0 => inputs,
+            layer if layer == skip => width + inputs,
+            _ => width,
+        };
         Self {
-            trunk,
+            trunk: (0..layers).map(|layer| init.linear(rng, fan_in(layer), width, device)).collect(),
             sigma: init.linear(rng, width, 1, device),
             feature: init.linear(rng, width, width, device),
             view: init.linear(rng, width + encoded_width(3, direction_frequencies), width / 2, device),

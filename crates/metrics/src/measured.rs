@@ -48,8 +48,7 @@ impl Measured {
         Err(MetricError::other(format!("{}: {reason}", metric.key())))
     }
 
-    /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images. Notes name the removed
-    /// values of the set.
+    /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images; notes name those of the set.
     #[must_use]
     pub fn representable(mut self) -> Self {
         for value in self.views.iter_mut().flat_map(IndexMap::values_mut) {

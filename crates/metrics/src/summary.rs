@@ -1,9 +1,7 @@
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
-
 /// Mean and spread of several values, such as those of several seeds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
     /// Arithmetic mean.
     pub mean: f64,

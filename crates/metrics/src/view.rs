@@ -21,8 +21,7 @@ pub struct Pair<'a> {
     pub depths: Option<Depths<'a>>,
 }
 
-/// Rendered and true distance along each pixel's ray, row-major; +∞ where a ray hits nothing (the truth may have NaN
-/// there).
+/// Rendered and true distance along each pixel's ray, row-major; +∞ where a ray hits nothing (the truth may have NaN there).
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
     /// Rendered depth.
@@ -48,7 +47,7 @@ pub struct PreparedView<'a> {
     /// Protocol by which both were prepared.
     pub protocol: &'a Protocol,
     mask: Option<Mask>,
-    valid: Option<&'a Mask>,
+    pub(crate) valid: Option<&'a Mask>,
     depths: Option<[Cow<'a, [f32]>; 2]>,
     masked: OnceCell<(Picture, Picture)>,
 }
@@ -103,10 +102,6 @@ impl<'a> PreparedView<'a> {
     pub fn mask(&self) -> Result<&Mask, MetricError> {
         let mask = self.mask.as_ref().ok_or_else(|| MetricError::other("no mask"))?;
         mask.check_inside().map(|()| mask)
-    }
-
-    pub(crate) fn valid(&self) -> Option<&Mask> {
-        self.valid
     }
 
     /// Returns render and truth for SSIM and LPIPS over the mask, see [`Masked`].

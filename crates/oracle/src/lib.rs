@@ -18,13 +18,12 @@ pub fn alpha(tau: f64) -> f64 {
 
 /// Computes Tᵢ = exp(−Σ_{j<i} τⱼ) for i from 0 to N, where T_N is the transmittance of the whole ray of N samples.
 pub fn transmittance(tau: &[f64]) -> Vec<f64> {
-    let mut sum = 0.0;
-    std::iter::once(1.0)
-        .chain(tau.iter().map(|tau| {
-            sum += tau;
-            (-sum).exp()
-        }))
-        .collect()
+    let mut sum = 0f64;
+    let behind = tau.iter().map(|tau| {
+        sum += tau;
+        (-sum).exp()
+    });
+    std::iter::once(1.0).chain(behind).collect()
 }
 
 /// Computes wᵢ = Tᵢ αᵢ.
@@ -129,11 +128,8 @@ fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
 /// Each term of Σ p ln((p + ε)/(q + ε)) is reduced by p − q, whose sum is 0. Terms are then of second order where p ≈ q.
 pub fn divergence(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
-    p.iter()
-        .zip(&q)
-        .zip(ln_ratios(&p, &q, epsilon))
-        .map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln)
-        .sum()
+    let samples = p.iter().zip(&q).zip(ln_ratios(&p, &q, epsilon));
+    samples.map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln).sum()
 }
 
 /// Computes (∂KL/∂τ, ∂KL/∂τ̃).

@@ -39,25 +39,23 @@ pub fn train_cameras(size: u32) -> Vec<Camera> {
 fn hemisphere(seed: u64, size: u32) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (low, high) = (3f64.to_radians().sin(), 80f64.to_radians().sin());
-    (0..TRAIN_VIEWS)
-        .map(|_| {
-            let azimuth = TAU * rng.random::<f64>();
-            let height: f64 = low + (high - low) * rng.random::<f64>();
-            camera(size, azimuth, height.asin())
-        })
-        .collect()
+    let view = |_| {
+        let azimuth = TAU * rng.random::<f64>();
+        let height: f64 = low + (high - low) * rng.random::<f64>();
+        camera(size, azimuth, height.asin())
+    };
+    (0..TRAIN_VIEWS).map(view).collect()
 }
 
 /// Returns the 200 test cameras for `size`² images: once around, while the elevation swings
 /// between 10° and 60°, looking at the origin.
 pub fn test_cameras(size: u32) -> Vec<Camera> {
-    (0..TEST_VIEWS)
-        .map(|i| {
-            let turn = i as f64 / TEST_VIEWS as f64;
-            let elevation = (35.0 + 25.0 * (TAU * turn).cos()) * PI / 180.0;
-            camera(size, 0.5 * PI + TAU * turn, elevation)
-        })
-        .collect()
+    let view = |i: usize| {
+        let turn = i as f64 / TEST_VIEWS as f64;
+        let elevation = (35.0 + 25.0 * (TAU * turn).cos()) * PI / 180.0;
+        camera(size, 0.5 * PI + TAU * turn, elevation)
+    };
+    (0..TEST_VIEWS).map(view).collect()
 }
 
 fn camera(size: u32, azimuth: f64, elevation: f64) -> Camera {

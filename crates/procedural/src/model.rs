@@ -209,14 +209,13 @@ impl Builder {
 /// Returns the derivatives of the radius by the height at the points of an outline, so that the curve has no new extrema.
 fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
     let secants: Vec<f64> = outline.windows(2).map(|w| (w[1].0 - w[0].0) / (w[1].1 - w[0].1)).collect();
-    (0..outline.len())
-        .map(|i| match (i.checked_sub(1).and_then(|i| secants.get(i)), secants.get(i)) {
-            (Some(&a), Some(&b)) if a * b <= 0.0 => 0.0,
-            (Some(&a), Some(&b)) => (0.5 * (a + b)).clamp(-3.0 * a.abs().min(b.abs()), 3.0 * a.abs().min(b.abs())),
-            (Some(&a), None) | (None, Some(&a)) => a,
-            (None, None) => 0.0,
-        })
-        .collect()
+    let slant = |i: usize| match (i.checked_sub(1).and_then(|i| secants.get(i)), secants.get(i)) {
+        (Some(&a), Some(&b)) if a * b <= 0.0 => 0.0,
+        (Some(&a), Some(&b)) => (0.5 * (a + b)).clamp(-3.0 * a.abs().min(b.abs()), 3.0 * a.abs().min(b.abs())),
+        (Some(&a), None) | (None, Some(&a)) => a,
+        (None, None) => 0.0,
+    };
+    (0..outline.len()).map(slant).collect()
 }
 
 /// Objects in a hierarchy for ray tracing.

@@ -59,7 +59,7 @@ impl Shape {
         }
     }
 
-    /// Returns the nearest hit in `(NEAREST, farthest)`.
+    /// Returns the nearest hit in `(MIN_DISTANCE, farthest)`.
     pub fn hit(&self, line: &HalfLine, farthest: f64) -> Option<Hit> {
         let first = |base, cuts: &[Convex]| carve(base, cuts, line, farthest).filter(|&(t, _)| t < farthest);
         match self {

@@ -48,15 +48,14 @@ fn for_each_encounter<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: imp
 /// Returns linear RGB seen along `line`, premultiplied by coverage, and the coverage: 1 at any opaque surface, 0 if nothing is
 /// met. `sample` chooses among the positions over the lamps.
 pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec3, f64) {
+    let lit = |(hit, object): (Hit, &SceneObject)| surface(model, line, &hit, &object.material, sample, true);
     if !model.is_translucent {
-        return model
-            .nearest(line)
-            .map_or((DVec3::ZERO, 0.0), |(hit, object)| surface(model, line, &hit, &object.material, sample, true));
+        return model.nearest(line).map_or((DVec3::ZERO, 0.0), lit);
     }
     let (mut colour, mut passes) = (DVec3::ZERO, 1.0);
     for_each_encounter(model, line, |part| {
         let (light, hidden) = match part {
-            Encounter::Surface(hit, object) => surface(model, line, &hit, &object.material, sample, true),
+            Encounter::Surface(hit, object) => lit((hit, object)),
             Encounter::Matter(from, to, volume) => {
                 let hidden = 1.0 - (-(to - from) * volume.density).exp();
                 (volume.colour * hidden, hidden)

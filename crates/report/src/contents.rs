@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
@@ -16,6 +16,7 @@ use crate::protocol::protocol_lines;
 use crate::quantity::Quantity;
 use crate::record::{Record, VIEWER_PAGE, distinct};
 use crate::table::{Table, groups, measured, overview_table, scene_table};
+use crate::text::counted;
 
 const MAX_IMAGES: usize = 400;
 /// Maximum number of test views shown of each scene.
@@ -104,8 +105,14 @@ impl<'a> ReportContents<'a> {
         if let Some(png) = &self.panel {
             write_atomically(&root.join(PANEL), png)?;
         }
+        // Variants that differ in punctuation alone would share a name.
+        let mut names = BTreeSet::new();
         for figure in self.figures.iter().chain(self.scenes.iter().flat_map(|scene| &scene.figures)) {
-            write_atomically(&root.join(plot_path(figure)), standalone(&figure.svg).as_bytes())?;
+            let mut name = plot_name(figure);
+            while !names.insert(name.clone()) {
+                name.push_str("-2");
+            }
+            write_atomically(&root.join(format!("plots/{name}.svg")), standalone(&figure.svg).as_bytes())?;
         }
         Ok(())
     }
@@ -129,7 +136,7 @@ impl<'a> SceneContents<'a> {
                 continue;
             };
             if events.skipped > 0 {
-                missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));
+                missing.push(format!("{}: cannot read {}", path.display(), counted(events.skipped, "line")));
             }
             curves.push((label.clone(), events));
         }
@@ -148,10 +155,10 @@ fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
 }
 
 /// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
-fn plot_path(figure: &Figure) -> String {
+fn plot_name(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
-    format!("plots/{}.svg", name.chars().map(safe).collect::<String>())
+    name.chars().map(safe).collect()
 }
 
 fn warnings(input: &ReportInput, records: &[&Record]) -> Vec<String> {

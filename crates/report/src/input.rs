@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 
 use indexmap::IndexMap;
+use infonerf_metrics::Summary;
 
 use crate::claim::{Claim, TestedClaim};
 use crate::figures::Figure;
@@ -45,10 +46,7 @@ impl ReportInput {
         for record in &self.records {
             values.entry((&record.variant, &record.preset)).or_default().extend(Quantity::PSNR.value(record));
         }
-        let mean = |values: &Vec<f64>| match values.len() {
-            0 => f64::NEG_INFINITY,
-            count => values.iter().sum::<f64>() / count as f64,
-        };
+        let mean = |values: &Vec<f64>| Summary::of(values.iter().copied()).map_or(f64::NEG_INFINITY, |psnr| psnr.mean);
         values.sort_by(|_, a, _, b| mean(b).total_cmp(&mean(a)));
         values.truncate(MAX_VARIANTS);
         self.records.iter().filter(|record| values.contains_key(&(&*record.variant, &*record.preset))).collect()

@@ -50,13 +50,8 @@ impl Interval {
         let sum = |term: fn(&[f64; 3]) -> f64| moments.iter().map(term).sum::<f64>();
         let degrees = sum(|[n, ..]| *n) - count;
         let variance = sum(|[.., squares]| *squares) / degrees;
-        (degrees > 0.0).then(|| {
-            Self::student(
-                sum(|[_, mean, _]| *mean) / count,
-                (variance * sum(|[n, ..]| 1.0 / n)).sqrt() / count,
-                degrees,
-            )
-        })
+        let se = (variance * sum(|[n, ..]| 1.0 / n)).sqrt() / count;
+        (degrees > 0.0).then(|| Self::student(sum(|[_, mean, _]| *mean) / count, se, degrees))
     }
 
     /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e,

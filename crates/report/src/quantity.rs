@@ -11,27 +11,21 @@ use crate::record::Record;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quantity(Descriptor);
 
-const fn quantity(
-    key: &'static str,
-    name: &'static str,
-    unit: &'static str,
-    decimals: usize,
-    better: Better,
-) -> Quantity {
+const fn quantity([key, name, unit]: [&'static str; 3], decimals: usize, better: Better) -> Quantity {
     Quantity(Descriptor { key, name, unit, decimals, better })
 }
 
 /// Statistics of test rays (the paper's Figure A).
 const OF_RAYS: [Quantity; 2] = [
-    quantity("ray_entropy_bits", "Ray entropy", "bits", 2, Better::Lower),
-    quantity("information_gain", "Information gain", "", 3, Better::Lower),
+    quantity(["ray_entropy_bits", "Ray entropy", "bits"], 2, Better::Lower),
+    quantity(["information_gain", "Information gain", ""], 3, Better::Lower),
 ];
 
 const COSTS: [Quantity; 4] = [
     Quantity::TRAIN_SECONDS,
-    quantity("render_seconds_per_image", "Render", "s/image", 2, Better::Lower),
-    quantity("samples_skipped", "Samples skipped", "×", 1, Better::Higher),
-    quantity("peak_memory", "Peak memory", "MiB", 0, Better::Lower),
+    quantity(["render_seconds_per_image", "Render", "s/image"], 2, Better::Lower),
+    quantity(["samples_skipped", "Samples skipped", "×"], 1, Better::Higher),
+    quantity(["peak_memory", "Peak memory", "MiB"], 0, Better::Lower),
 ];
 
 impl Quantity {
@@ -42,7 +36,7 @@ impl Quantity {
     /// Mean entropy of the ray distribution.
     pub const RAY_ENTROPY: Self = OF_RAYS[0];
     /// Wall-clock time of training.
-    pub const TRAIN_SECONDS: Self = quantity("train_seconds", "Training", "s", 1, Better::Lower);
+    pub const TRAIN_SECONDS: Self = quantity(["train_seconds", "Training", "s"], 1, Better::Lower);
 
     /// Returns the metrics, and the statistics of the paper's Figure A.
     pub fn quality() -> Vec<Self> {

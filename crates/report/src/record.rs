@@ -133,8 +133,7 @@ pub fn run_directory(scene: &str, variant: &str, seed: u64) -> PathBuf {
 }
 
 impl Record {
-    /// Returns the identity of the run: experiment, scene, variant, seed and preset. Saving a record replaces the one
-    /// with the same key.
+    /// Returns the run's identity: experiment, scene, variant, seed and preset. Saving a record replaces the one of the same key.
     pub fn key(&self) -> (String, String, String, u64, String) {
         (self.experiment.clone(), self.scene.clone(), self.variant.clone(), self.seed, self.preset.clone())
     }

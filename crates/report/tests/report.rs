@@ -112,7 +112,7 @@ fn page_holds_everything_and_links_nothing() {
     for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
         assert!(!html.contains(link), "{link}");
     }
-    assert!(html.contains("<li>knot/nerf/seed0/metrics.jsonl: 1 lines were not understood</li>"));
+    assert!(html.contains("<li>knot/nerf/seed0/metrics.jsonl: cannot read 1 line</li>"));
 }
 
 /// A panel has a row per scene with the truth, and the render and depth of two variants.

@@ -79,8 +79,7 @@ impl Camera {
             let direction = self.lens.nearest_direction(DVec2::new(u, -v));
             DVec3::new(direction.x, -direction.y, -direction.z)
         };
-        let direction = (self.rotation() * local).normalize();
-        (self.to_world.w_axis.truncate(), direction)
+        (self.position_f64(), (self.rotation() * local).normalize())
     }
 
     /// Whether the lens can be inverted at the continuous pixel position `(x, y)`, so that its ray is known.
@@ -191,8 +190,7 @@ mod tests {
 
     #[test]
     fn turned_framed_and_resized_cameras_keep_their_rays() {
-        let lens = Lens::radial_tangential([0.05, -0.02, 0.0, 0.0], [1e-3, -2e-3]);
-        let mut camera = camera().with_lens(lens);
+        let mut camera = camera().with_lens(Lens::radial_tangential([0.05, -0.02, 0.0, 0.0], [1e-3, -2e-3]));
         (camera.fy, camera.cx, camera.cy) = (1.1 * camera.fx, 18.0, 16.5);
         let apart = |a: Ray, b: Ray| a.direction.distance(b.direction) + a.origin.distance(b.origin);
         for (x, y) in [(0.0, 0.0), (31.0, 4.0), (12.5, 29.0)] {

@@ -52,24 +52,18 @@ impl Layout {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::look_along;
+    use crate::testing::level_camera;
     use glam::DVec3;
 
     #[test]
     fn layouts() {
+        let around = |i: u32| DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.2).normalize();
         let ring = |outward: f64| -> Vec<Camera> {
-            (0..6)
-                .map(|i| {
-                    let d = DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.2).normalize();
-                    Camera::from_fov(8, 8, 0.8, look_along(3.0 * d, outward * d, DVec3::Z))
-                })
-                .collect()
+            (0..6).map(|i| level_camera(3.0 * around(i), outward * around(i))).collect()
         };
         assert_eq!(Layout::of(&ring(-1.0)), Layout::Object);
         assert_eq!(Layout::of(&ring(1.0)), Layout::Inside);
-        let row: Vec<_> = (0..4)
-            .map(|i| Camera::from_fov(8, 8, 0.8, look_along(DVec3::X * f64::from(i), DVec3::Y, DVec3::Z)))
-            .collect();
+        let row: Vec<_> = (0..4).map(|i| level_camera(DVec3::X * f64::from(i), DVec3::Y)).collect();
         assert_eq!(Layout::of(&row), Layout::Forward);
         assert_eq!(Layout::of(&row[..1]), Layout::Forward);
     }

@@ -71,8 +71,7 @@ mod tests {
         assert_eq!(depth.along(&Ray { cosine: -0.1, ..ahead }), None);
         let sphere = Range::Sphere { centre: Vec3::ZERO, radius: 1.0 };
         assert_eq!(sphere.along(&ahead), Some((2.0, 4.0)));
-        let within = Ray::new(Vec3::ZERO, Vec3::X);
-        assert_eq!(sphere.along(&within), Some((0.0, 1.0)));
+        assert_eq!(sphere.along(&Ray::new(Vec3::ZERO, Vec3::X)), Some((0.0, 1.0)));
         assert_eq!(sphere.along(&Ray::new(Vec3::X * 3.0, Vec3::X)), None);
     }
 }

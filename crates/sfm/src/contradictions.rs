@@ -26,8 +26,7 @@ pub(crate) fn map_without_false_pairs(
     tolerance: f64,
 ) -> SparseModel {
     loop {
-        let tracks = tracks(features, &agreed);
-        let found = Mapper::new(&tracks, poses, (lens, prior), tolerance, None).run();
+        let found = Mapper::new(&tracks(features, &agreed), poses, (lens, prior), tolerance, None).run();
         let (largest, false_pairs) = consistent_parts(&found, features, &agreed, tolerance);
         if false_pairs.is_empty() {
             return found;

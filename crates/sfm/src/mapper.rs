@@ -129,9 +129,7 @@ impl<'a> Mapper<'a> {
 
     fn triangulate(&mut self) {
         for track in 0..self.tracks.len() {
-            if self.positions[track].is_none() {
-                self.positions[track] = self.triangulated(track);
-            }
+            self.positions[track] = self.positions[track].or_else(|| self.triangulated(track));
         }
     }
 

@@ -103,8 +103,7 @@ impl Octave {
             let values = pair[1].values.iter().zip(&pair[0].values).map(|(a, b)| a - b).collect();
             GreyImage { values, ..pair[1] }
         };
-        let differences = levels.windows(2).map(difference).collect();
-        Self { levels, differences }
+        Self { differences: levels.windows(2).map(difference).collect(), levels }
     }
 
     fn extrema(&self) -> Vec<Extremum> {

@@ -221,8 +221,7 @@ fn cross_checked(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) ->
             })
         };
         let kept = |i: usize| if confirmed(i) { map.disparity[i] } else { f32::NAN };
-        let disparity = (0..map.disparity.len()).map(kept).collect();
-        DepthMap { disparity, ..map.clone() }
+        DepthMap { disparity: (0..map.disparity.len()).map(kept).collect(), ..map.clone() }
     };
     (0..maps.len()).into_par_iter().map(checked).collect()
 }

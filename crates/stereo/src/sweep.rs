@@ -26,16 +26,11 @@ pub(crate) struct PlaneSweep {
 }
 
 impl PlaneSweep {
-    pub(crate) fn new(
-        scene: &Scene,
-        camera: &Camera,
-        others: &[(&GreyImage, &Camera)],
-        within: DisparityRange,
-    ) -> Self {
+    pub(crate) fn new(scene: &Scene, camera: &Camera, others: &[(&GreyImage, &Camera)], range: DisparityRange) -> Self {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let ends = |i: usize| {
             let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-            within.along(scene, &ray).map(|(far, near)| (ray, far, near))
+            range.along(scene, &ray).map(|(far, near)| (ray, far, near))
         };
         let ends: Vec<_> = (0..width * height).map(ends).collect();
         // One plane for each pixel that a point moves in another view, extrapolated from the farthest of the max number

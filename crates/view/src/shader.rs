@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use infonerf_render::{Compositing, LastInterval, RenderConfig, Warp};
 use infonerf_report::turbo;
 use infonerf_scene::{Aabb, Range, Scene};
@@ -128,10 +128,6 @@ fn space(warp: &Warp) -> String {
 
 pub(crate) fn vector(v: Vec3) -> String {
     format!("vec3({:?}, {:?}, {:?})", v.x, v.y, v.z)
-}
-
-pub(crate) fn vector4(v: Vec4) -> String {
-    format!("vec4({:?}, {:?}, {:?}, {:?})", v.x, v.y, v.z, v.w)
 }
 
 pub(crate) fn integers3([x, y, z]: [usize; 3]) -> String {

@@ -36,28 +36,20 @@ pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
 /// Compares a network with colour; directions are per ray, and some rays have no samples.
 fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let (name, [samples, rays], [inputs, width, directed], [in_trunk, skip], upstream) = *case;
-    let octaves = (directed / 3 - 1) / 2;
+    let frequencies = (directed / 3 - 1) / 2;
     let counts = (1..rays).map(|_| rng.usize(0..samples)).collect::<Vec<_>>();
     let segments = Segments::from_counts(std::iter::once(samples - 1).chain(counts));
     let encoded = uniform(rng, inputs * segments.samples(), -1.0, 1.0);
     let directions = uniform(rng, 3 * segments.rays(), -1.0, 1.0);
     let mut layers = trunk(rng, [inputs, width], in_trunk, skip);
-    for [inputs, outputs] in [[width, 1], [width, width], [width + directed, width / 2], [width / 2, 3]] {
-        layers.push(layer(rng, inputs, outputs));
-    }
+    let heads = [[width, 1], [width, width], [width + directed, width / 2], [width / 2, 3]];
+    layers.extend(heads.map(|[inputs, outputs]| layer(rng, inputs, outputs)));
     compare.operation(name, |device| {
         let encoded = leaf(&encoded, device);
         let (leaves, mut dense) = leaves(&layers, device);
-        let heads: [Dense; 4] = dense.split_off(in_trunk).try_into().expect("there are four");
-        let [sigma, feature, view, rgb] = heads;
-        let color = ColorBranch {
-            feature,
-            view,
-            rgb,
-            directions: from_host(&directions, 3, device),
-            frequencies: octaves,
-            segments: segments.clone(),
-        };
+        let [sigma, feature, view, rgb]: [Dense; 4] = dense.split_off(in_trunk).try_into().expect("there are four");
+        let (directions, segments) = (from_host(&directions, 3, device), segments.clone());
+        let color = ColorBranch { feature, view, rgb, directions, frequencies, segments };
         let network = RadianceMlp { trunk: dense, skip, sigma, color: Some(color), precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, inputs as i32]);
         let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);

@@ -118,9 +118,8 @@ fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
 /// Parses a scale such as `1/8` into its denominator.
 fn parse_scale(text: &str) -> Result<u32, String> {
     let factor = text.trim().strip_prefix("1/").and_then(|factor| factor.parse().ok());
-    factor
-        .filter(|factor| (2..=64).contains(factor))
-        .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
+    let factor = factor.filter(|factor| (2..=64).contains(factor));
+    factor.ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
 }
 
 fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {

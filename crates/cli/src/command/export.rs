@@ -1,5 +1,5 @@
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
@@ -73,7 +73,11 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     }
     let plan = RunPlan::of_run(&args.run)?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join(args.format.file()));
-    make_folder_of(&out)?;
+    if out.is_dir() {
+        bail!("{}: expected a file to write, found a folder", out.display());
+    }
+    // An impossible path is reported before the work begins.
+    fs::create_dir_all(out.parent().unwrap_or(&out)).with_context(|| out.display().to_string())?;
     let read = || read_run(plan.clone(), &args.run, &open_device(args.device.device)?);
     let ((bytes, summary), surface) = match args.format {
         FormatName::Cameras => (cameras(&plan)?, None),
@@ -115,15 +119,6 @@ impl FormatName {
             Self::Html => VIEWER_PAGE,
         }
     }
-}
-
-/// Creates the folder of the file `out`, so that an impossible path is reported before the work begins.
-fn make_folder_of(out: &Path) -> Result<()> {
-    if out.is_dir() {
-        bail!("{}: expected a file to write, found a folder", out.display());
-    }
-    let folder = out.parent().unwrap_or(out);
-    fs::create_dir_all(folder).with_context(|| out.display().to_string())
 }
 
 /// Bytes of a file, and a description of its contents.

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::{Experiment, RunEvent, Session, pretrain};
+use infonerf_report::counted;
 use infonerf_train::Event;
 
 use crate::print::outln;
@@ -60,8 +61,10 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     }
     let last = &psnrs[psnrs.len().saturating_sub(LAST)..];
     let mean = last.iter().sum::<f32>() / last.len() as f32;
-    let psnr =
-        if last.is_empty() { String::new() } else { format!(", PSNR {mean:.2} dB over the last {LAST} steps' rays") };
+    let psnr = match last.len() {
+        0 => String::new(),
+        count => format!(", PSNR {mean:.2} dB over the rays of the last {}", counted(count, "step")),
+    };
     outln!("{} steps in {:.1} s{psnr}", pretrained.progress.step, pretrained.progress.seconds);
     outln!("to start from it: --set train.init={}", pretrained.folder.display());
     Ok(ExitCode::SUCCESS)

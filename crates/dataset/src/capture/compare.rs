@@ -156,12 +156,9 @@ fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
 fn conventions(given: &[DMat4], names: &[&str]) -> Vec<(&'static str, Vec<DMat4>)> {
     let flip = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
     let turn = |pose: &DMat4| DMat3::from_mat4(*pose);
-    let with_turn = |pose: &DMat4, turn: DMat3| {
-        DMat4::from_cols(turn.x_axis.extend(0.0), turn.y_axis.extend(0.0), turn.z_axis.extend(0.0), pose.w_axis)
-    };
     let each = |change: &dyn Fn(&DMat4) -> DMat4| given.iter().map(change).collect::<Vec<_>>();
     let rolled = |degrees: f64| each(&|pose| *pose * DMat4::from_rotation_z(degrees.to_radians()));
-    let transposed = |pose: &DMat4| with_turn(pose, turn(pose).transpose());
+    let transposed = |pose: &DMat4| DMat4 { w_axis: pose.w_axis, ..DMat4::from_mat3(turn(pose).transpose()) };
     let moved = |pose: &DMat4| DMat4 { w_axis: (-(turn(pose) * pose.w_axis.truncate())).extend(1.0), ..*pose };
     let shifted = |by: usize| (0..given.len()).map(|i| given[(i + by) % given.len()]).collect();
     let mut all = vec![

@@ -127,9 +127,9 @@ fn sorted(values: impl Iterator<Item = f32>) -> Vec<f32> {
 }
 
 /// Returns the quantile `q` of ascending values, or 0 without values.
-fn quantile(sorted: &[f32], q: f64) -> f32 {
+fn quantile<T: Copy + Default>(sorted: &[T], q: f64) -> T {
     let last = sorted.len().saturating_sub(1);
-    sorted.get((last as f64 * q).round() as usize).copied().unwrap_or(0.0)
+    sorted.get((last as f64 * q).round() as usize).copied().unwrap_or_default()
 }
 
 /// Returns the smallest box around the near and far ends, within `range`, of a grid of rays through each camera.
@@ -194,7 +194,7 @@ const MAX_LISTED: usize = 5;
 fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
     let quantile_of = |mut values: Vec<f64>, share: f64| {
         values.sort_by(f64::total_cmp);
-        values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
+        quantile(&values, share)
     };
     let middle =
         DVec3::from_array([0, 1, 2].map(|axis| quantile_of(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));

@@ -18,7 +18,7 @@ const DYNAMIC: &str = "dynamic_mask_";
 const MAX_LABELS: usize = 16;
 
 /// Whether a file has the name of a mask: instant-ngp's, or `NAME_mask` or `NAME.mask` next to the image `NAME`.
-pub(crate) fn is_mask_name(path: &Path) -> bool {
+fn is_mask_name(path: &Path) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let image = stem.strip_suffix("_mask").or_else(|| stem.strip_suffix(".mask"));
     stem.starts_with(DYNAMIC) || image.is_some_and(|image| find_image(&path.with_file_name(image)).is_some())
@@ -213,7 +213,7 @@ pub(super) fn check_valid(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::loaders::testing::set_orientation;
+    use crate::loaders::testing::{set_orientation, write_mask};
     use infonerf_scene::{Lens, Rgba8};
 
     #[test]
@@ -275,8 +275,7 @@ mod tests {
     fn masks_of_stored_pixels_are_turned_with_their_images() {
         let guard = tempfile::tempdir().unwrap();
         let (photograph, path) = (guard.path().join("a.jpg"), guard.path().join("m.png"));
-        let pixels = (0..8).map(|i| if i % 4 < 2 { [255; 4] } else { [0, 0, 0, 255] }).collect();
-        Rgba8 { width: 4, height: 2, pixels }.write_png(&path).unwrap();
+        write_mask(&path, (4, 2), |i| i % 4 < 2);
         let mask = (path, MaskRole::Capture);
         let bits = |counts: &[bool]| counts.iter().fold(0, |bits, &bit| 2 * bits + u32::from(bit));
         for (exif, size, by_stored, expected) in

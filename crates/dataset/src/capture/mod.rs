@@ -15,7 +15,7 @@ mod sizes;
 pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, seen_at};
-pub(crate) use mask::{is_mask_name, list_photographs, mask_of, read_mask, read_stored_mask, stray_masks};
+pub(crate) use mask::{list_photographs, mask_of, read_mask, read_stored_mask, stray_masks};
 
 use std::path::Path;
 
@@ -115,8 +115,7 @@ impl<'a> Found<'a> {
                 ));
             }
         }
-        let space = self.space(&cameras_of(&self.train)?)?;
-        Ok(Capture { found: self, space, origin })
+        Ok(Capture { space: self.space(&cameras_of(&self.train)?)?, found: self, origin })
     }
 
     /// Rotates each camera that is for the stored pixels of an image which EXIF data rotate, since images are decoded upright.
@@ -254,8 +253,7 @@ mod tests {
         }
         assert!((scene.space.near - near.space.near).abs() < 0.01 && (scene.space.far - near.space.far).abs() < 0.05);
         // Exports add the origin.
-        let written = crate::transforms(&scene);
-        let x = written["frames"][0]["transform_matrix"][0][3].as_f64().unwrap();
+        let x = crate::transforms(&scene)["frames"][0]["transform_matrix"][0][3].as_f64().unwrap();
         assert!((x - far.x - near.train[0].camera.position_f64().x).abs() < 1e-8);
     }
 
@@ -306,8 +304,7 @@ mod tests {
         let whole = Camera::pinhole((100, 100), [140.0; 2], [50.0; 2], DMat4::IDENTITY);
         let all: Vec<Camera> = cameras(4).iter().map(|camera| whole.with_pose(camera.to_world)).collect();
         let guard = photographs(&all);
-        let cut = Camera { height: 99, ..all[2].clone() };
-        write_view(&guard.path().join("images/p02.png"), &cut);
+        write_view(&guard.path().join("images/p02.png"), &Camera { height: 99, ..all[2].clone() });
         let scene = load(guard.path(), &request()).unwrap();
         let view = scene.train.iter().find(|view| view.name == "images/p02").unwrap();
         assert_same_rays(&view.camera, &all[2]);

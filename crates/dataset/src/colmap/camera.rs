@@ -34,8 +34,7 @@ pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
         "FOV" => Some(value("omega")).filter(|omega| *omega != 0.0 && omega.abs() < PI).map(Lens::fov),
         "FULL_OPENCV" => Some(Lens::rational(k, p)),
         "PERSPECTIVE" | "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
-            let is_polynomial = [k[4], k[5]] == [0.0; 2];
-            Some(if is_polynomial { Lens::radial_tangential(low, p) } else { Lens::rational(k, p) })
+            Some(if [k[4], k[5]] == [0.0; 2] { Lens::radial_tangential(low, p) } else { Lens::rational(k, p) })
         }
         _ => None,
     }

@@ -12,9 +12,6 @@ use crate::files::{make_folder, npy, write_file};
 
 /// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
 /// images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it hits nothing).
-///
-/// A scene with a body also gets `vertices.ply`, the file for `field.vertices`. Loading the folder at its own size
-/// gives the views of the procedural scene bit for bit.
 pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let (train, test) = procedural::cameras(name, size)?;
     let (near, far, bounds) = procedural::extent(name)?;

@@ -32,7 +32,7 @@ const CHECKED_SIZE: u32 = 512;
 /// Returns the number of views and the warnings.
 ///
 /// # Errors
-/// As [`crate::load`].
+/// Errors of [`crate::load`].
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
     let request = fitting_request(dir, MAX_BYTES)?;
     let doubts = compare(&loaders::read(dir, &request)?.prepared()?)?;

@@ -69,8 +69,7 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     let first = frames().find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
     let backdrop = first.map(shown_backdrop).transpose()?;
-    let camera =
-        frames().next().map(|f| size.map_or_else(|| f.nominal_camera(), |(width, height)| f.camera(width, height)));
+    let camera = frames().next().map(|f| size.map_or_else(|| f.nominal_camera(), |(w, h)| f.camera(w, h)));
     let mut kinds: Vec<Camera> = Vec::new();
     for frame in frames() {
         let (width, height) = frame.stated_size().or(size).unwrap_or(UNKNOWN_SIZE);

@@ -273,8 +273,7 @@ mod tests {
         depth[9] = 3.25;
         crate::files::npy::write(&dir.join("test/d.npy"), &[8, 8], &depth).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
-        let small = SceneRequest { image_size: Some(4), ..request() };
-        let resized = load(&dir, &small).unwrap();
+        let resized = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
         assert_eq!(resized.test[0].depth, None);
         assert_warns(&resized, 0, "exact depths of 1 views are left out: ");
         crate::files::npy::write(&dir.join("test/d.npy"), &[16, 4], &depth).unwrap();

@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use infonerf_scene::image::{list_images, stored_dimensions};
+use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
-use crate::capture::{Estimate, Found, is_mask_name};
+use crate::capture::{Estimate, Found, list_photographs};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
 use crate::frame::{Frame, find_by_end, keep_apart};
@@ -72,7 +72,7 @@ fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
 /// Returns a warning that counts the photographs in `folder` without a pose.
 fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
-    let all: Vec<PathBuf> = list_images(folder).ok()?.into_iter().filter(|path| !is_mask_name(path)).collect();
+    let all = list_photographs(folder).ok()?;
     let lost: Vec<&PathBuf> = all.iter().filter(|path| !known.contains(path.as_path())).collect();
     let (first, last) = (file_name(lost.first()?), file_name(lost.last()?));
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))

@@ -97,7 +97,7 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
 /// Returns the number that ends the name of an image of a scan from which others were removed.
 fn number_of(image: &Path, projections: usize) -> Result<usize, SceneError> {
     let stem = image.file_stem().unwrap_or_default().to_string_lossy();
-    let digits = stem.trim_start_matches(|c: char| !c.is_ascii_digit());
+    let digits = stem.rsplit(|c: char| !c.is_ascii_digit()).next().unwrap_or_default();
     digits.parse().map_err(|_| {
         let expected =
             format!("one image for each of the {projections} projections, or names that end in their numbers");
@@ -211,9 +211,7 @@ mod tests {
             write_view(&dir.join(format!("image/{i:06}.png")), camera);
             if masks {
                 fs::create_dir_all(dir.join("mask")).unwrap();
-                let pixels = (0..192).map(|p| if p < 96 { [0, 0, 0, 255] } else { [255; 4] }).collect();
-                let mask = infonerf_scene::Rgba8 { width: 16, height: 12, pixels };
-                mask.write_png(&dir.join(format!("mask/{i:03}.png"))).unwrap();
+                write_mask(&dir.join(format!("mask/{i:03}.png")), (16, 12), |pixel| pixel >= 96);
             }
         }
         cameras
@@ -250,6 +248,7 @@ mod tests {
         for removed in [0, 2, 3] {
             fs::remove_file(guard.path().join(format!("image/{removed:06}.png"))).unwrap();
         }
+        fs::rename(guard.path().join("image/000004.png"), guard.path().join("image/scan8_000004.png")).unwrap();
         let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Split, ..request() }).unwrap();
         assert_same_view(&scene.test[0], &cameras[1]);
         assert_same_view(&scene.train[0], &cameras[4]);

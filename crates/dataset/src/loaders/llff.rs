@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3};
-use infonerf_scene::image::{list_images, stored_dimensions};
+use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::select::published;
 use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
 use super::pose;
-use crate::capture::{Found, StatedExtent, hold_out, is_mask_name};
+use crate::capture::{Found, StatedExtent, hold_out, list_photographs};
 use crate::files::MAX_COORDINATE;
 use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
@@ -145,7 +145,7 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
         if !folder.is_dir() {
             continue;
         }
-        let images: Vec<PathBuf> = list_images(&folder)?.into_iter().filter(|path| !is_mask_name(path)).collect();
+        let images = list_photographs(&folder)?;
         let Some(first) = images.first() else { continue };
         if best.is_some() {
             let (width, height) = stored_dimensions(first)?;
@@ -187,8 +187,7 @@ mod tests {
         for (name, size) in [("images", 16), ("images_2", 8)] {
             fs::create_dir(guard.path().join(name)).unwrap();
             for i in 0..rows.len() {
-                let path = guard.path().join(format!("{name}/image{i:03}.png"));
-                image(size, i as u8).write_png(&path).unwrap();
+                image(size, i as u8).write_png(&guard.path().join(format!("{name}/image{i:03}.png"))).unwrap();
             }
         }
         guard

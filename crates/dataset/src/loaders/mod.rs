@@ -189,6 +189,12 @@ pub(crate) mod testing {
         Rgba8 { width: size, height: size, pixels }
     }
 
+    /// Writes a mask of `width × height` pixels, white where `is_white` is true of a pixel's index.
+    pub fn write_mask(path: &Path, (width, height): (u32, u32), is_white: impl Fn(u32) -> bool) {
+        let pixels = (0..width * height).map(|i| if is_white(i) { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        Rgba8 { width, height, pixels }.write_png(path).unwrap();
+    }
+
     /// Writes `count` images of 8×8 pixels, `folder/r_0.png` and so on, and returns their entries of `frames`.
     pub fn frames(dir: &Path, folder: &str, count: usize, salt: u8) -> Vec<Value> {
         fs::create_dir_all(dir.join(folder)).unwrap();
@@ -226,8 +232,7 @@ pub(crate) mod testing {
     pub fn edit(path: &Path, pointer: &str, value: Option<Value>) {
         let mut root: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
         let (parent, key) = pointer.rsplit_once('/').unwrap();
-        let parent = root.pointer_mut(parent).unwrap();
-        match (parent, value) {
+        match (root.pointer_mut(parent).unwrap(), value) {
             (Value::Object(map), Some(value)) => drop(map.insert(key.into(), value)),
             (Value::Object(map), None) => drop(map.remove(key)),
             (Value::Array(items), Some(value)) => items[key.parse::<usize>().unwrap()] = value,

@@ -58,7 +58,7 @@ mod tests {
     use serde_json::json;
 
     use super::super::testing::*;
-    use infonerf_scene::{Camera, Image, Lens, Rgba8, Scene, SceneRequest, View};
+    use infonerf_scene::{Camera, Image, Lens, Scene, SceneRequest, View};
 
     /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
@@ -200,20 +200,16 @@ mod tests {
     #[test]
     fn masks_leave_out_pixels_or_score() {
         let (_guard, dir, json) = folder();
-        let write_mask = |i: usize, black: usize| {
-            let pixels = (0..64).map(|j| if j < black { [0, 0, 0, 255] } else { [255; 4] }).collect();
-            let mask = Rgba8 { width: 8, height: 8, pixels };
-            mask.write_png(&dir.join(format!("images/m_{i}.png"))).unwrap();
-        };
+        let mask = |i: u32, black: u32| write_mask(&dir.join(format!("images/m_{i}.png")), (8, 8), |j| j >= black);
         for i in 0..10 {
-            write_mask(i, 7 * i);
+            mask(i, 7 * i);
             edit(&json, &format!("/frames/{i}/mask_path"), Some(json!(format!("images/m_{i}.png"))));
         }
         let chosen = SceneRequest { train: "0,1".parse().unwrap(), ..request() };
         let scene = load(&dir, &chosen).unwrap();
         let view = &scene.train[1];
-        let mask = view.mask.as_deref().unwrap();
-        assert!(!mask[13] && mask[14] && mask.len() == 64 && view.valid == view.mask);
+        let kept = view.mask.as_deref().unwrap();
+        assert!(!kept[13] && kept[14] && kept.len() == 64 && view.valid == view.mask);
         // The photograph is left as it is.
         assert_eq!(*view.image, image(8, 2).to_f32().composite([1.0; 3]));
         assert_warns(&scene, 0, "masks leave out pixels of 3 views: those pixels are neither trained on nor measured");
@@ -221,15 +217,15 @@ mod tests {
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
         // Views without a valid pixel are left out; without another training view that is an error.
-        write_mask(8, 64);
+        mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
         assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/r_8: they are not tested");
-        write_mask(1, 64);
+        mask(1, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.train.len(), scene.train[0].id), (1, 1));
         assert_warns(&scene, 0, "masks leave no pixel of the training views images/r_1: they are not trained on");
-        write_mask(2, 64);
+        mask(2, 64);
         assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
         assert_eq!(load(&dir, &score).unwrap().test.len(), 2);
         fs::remove_file(dir.join("images/m_1.png")).unwrap();

@@ -221,8 +221,7 @@ fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), 
 fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, SceneError> {
     let mut values = [0.0; DISTORTION.len()];
     for (value, key) in values.iter_mut().zip(DISTORTION) {
-        let range = -MAX_COEFFICIENT..=MAX_COEFFICIENT;
-        let read = |node: Node<'_>| node.within(range, "a distortion coefficient");
+        let read = |node: Node<'_>| node.within(-MAX_COEFFICIENT..=MAX_COEFFICIENT, "a distortion coefficient");
         *value = place(key).optional(key, read)?.unwrap_or(0.0);
     }
     let is_fisheye = place("is_fisheye").optional("is_fisheye", |node| node.flag("true or false"))?.unwrap_or(false);

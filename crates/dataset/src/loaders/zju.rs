@@ -184,8 +184,7 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     };
     let ims = items(&get(pickle.root(), "ims", "ims")?, "ims")?;
     let Some(chosen) = ims.get(frame) else {
-        let expected = format!("a frame from 0 to {}", ims.len() - 1);
-        return Err(SceneError::request("frame", expected, frame));
+        return Err(SceneError::request("frame", format!("a frame from 0 to {}", ims.len() - 1), frame));
     };
     let place = format!("ims[{frame}].ims");
     let images = items(&get(chosen, "ims", &place)?, &place)?;

@@ -191,8 +191,7 @@ pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     }
     let path = dir.display().to_string();
     let advice = format!("`infonerf capture {}` finds their poses and learns the scene", shlex::try_quote(&path).ok()?);
-    let reason = format!("these are photographs: {advice}");
-    Some(SceneError::malformed(dir, "a scene with poses", reason))
+    Some(SceneError::malformed(dir, "a scene with poses", format!("these are photographs: {advice}")))
 }
 
 /// Returns the error about a folder whose photographs are in a format that is not read.

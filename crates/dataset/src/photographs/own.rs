@@ -117,8 +117,7 @@ pub(super) fn find(
         let (by, pixel) = point.seen[0];
         photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
     };
-    let colours = found.points.iter().map(colour).collect();
-    Ok(OwnPoses { model: all, colours, left_out: lost.len() + small.len() })
+    Ok(OwnPoses { model: all, colours: found.points.iter().map(colour).collect(), left_out: lost.len() + small.len() })
 }
 
 /// Returns the cause of missing poses if less than a twentieth of each photograph counts; otherwise an empty text.
@@ -194,7 +193,7 @@ mod tests {
 
     use super::super::{colmap, program};
     use super::*;
-    use crate::loaders::testing::{load, request, set_orientation, shared_data};
+    use crate::loaders::testing::{load, request, set_orientation, shared_data, write_mask};
     use crate::source::SceneSource;
 
     /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
@@ -266,8 +265,7 @@ mod tests {
         let before = lowest();
         assert!(before[0] > 250.0 && before[1] > 250.0 && before[2] < 202.0, "{before:?}");
         fs::create_dir(dir.join("masks")).unwrap();
-        let pixels = (0..360 * 360).map(|i| if i < 360 * 200 { [255; 4] } else { [0, 0, 0, 255] }).collect();
-        Rgba8 { width: 360, height: 360, pixels }.write_png(&dir.join("masks/0.png")).unwrap();
+        write_mask(&dir.join("masks/0.png"), (360, 360), |i| i < 360 * 200);
         let masked = lowest();
         assert!(masked[0] < 202.0 && masked[1] > 202.0 && masked[2] < 202.0, "{masked:?}");
         fs::remove_file(dir.join("masks/0.png")).unwrap();

@@ -114,8 +114,7 @@ fn take(ffmpeg: &Path, video: &Path, partial: &Path, toned: &str) -> Result<(usi
     }
     let terms: Vec<String> = picks.iter().map(|pick| format!("eq(n,{pick})")).collect();
     let filter = format!("select='{}',{toned}format=rgb24", terms.join("+"));
-    let child = start(ffmpeg, video, partial, &filter, &["%03d.png"])?;
-    finish(child, video, partial)?;
+    finish(start(ffmpeg, video, partial, &filter, &["%03d.png"])?, video, partial)?;
     Ok((sharpness.len(), picks))
 }
 

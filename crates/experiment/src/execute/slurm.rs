@@ -228,8 +228,7 @@ fn write_jobs(folder: &Path, ids: &[String]) -> Result<()> {
 
 /// Returns the numbers of waiting and of running tasks of the jobs `ids`.
 fn live(ids: &[String]) -> Result<(usize, usize)> {
-    // One line per task; %F is the id of its array job. All jobs of the user are listed, since `squeue` fails for an id that
-    // Slurm has forgotten.
+    // One line per task; %F is the id of its array job. All jobs are listed, since `squeue` fails for an id that it has forgotten.
     let printed = output("squeue", &["--me", "--noheader", "--array", "--format=%F %t"])?;
     let own =
         printed.lines().map(str::trim).filter(|line| ids.iter().any(|id| line.split_whitespace().next() == Some(id)));

@@ -112,8 +112,7 @@ fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
-/// Returns the pose errors of the training cameras before and after training, the mean over the fields; `None` if the cameras
-/// were never disturbed.
+/// Returns the pose errors of the training cameras before and after training, the mean over the fields; `None` without true cameras.
 fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
     let scene = trainers[0].scene();
     let exact = scene.exact_cameras.as_ref()?;

@@ -29,7 +29,8 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     }
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
-        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || name.starts_with("member"));
+        let member = name.strip_prefix("member").is_some_and(|index| index.parse::<usize>().is_ok());
+        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || member);
         let is_file = is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str());
         let removed = if is_folder {
             fs::remove_dir_all(&path)

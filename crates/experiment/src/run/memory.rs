@@ -9,8 +9,7 @@ pub(crate) struct PeakMemory {
 }
 
 impl PeakMemory {
-    /// Starts a measurement. Linux resets the peak on request; where it cannot, only the first run of a process has a
-    /// peak of its own.
+    /// Starts a measurement. Linux resets the peak on request; without that, only a process's first run has a peak of its own.
     pub(crate) fn start() -> Self {
         static FIRST: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(true);
         let first = FIRST.swap(false, std::sync::atomic::Ordering::Relaxed);
@@ -18,8 +17,7 @@ impl PeakMemory {
         Self { own: reset || first }
     }
 
-    /// Returns the largest resident memory since the start, in bytes; `None` if the system does not report it for this
-    /// run alone.
+    /// Returns the largest resident memory since the start, in bytes; `None` if the system does not report it for this run alone.
     pub(crate) fn peak(&self) -> Option<u64> {
         if !self.own {
             return None;

@@ -21,8 +21,7 @@ pub struct Trained {
     /// Models that pictures are rendered from: the fields, with the residuals of the training views if `render.residuals` is set.
     /// A model keeps the residuals that a picture needed.
     pub models: Vec<TrainedModel>,
-    /// Warnings: why newer checkpoints were refused, which fields are left out, and whether training has come to its
-    /// end.
+    /// Warnings: why newer checkpoints were refused, which fields are left out, and whether training has come to its end.
     pub warnings: Vec<String>,
 }
 

@@ -44,8 +44,7 @@ pub fn collect(folder: &Path) -> Result<ReportInput> {
 }
 
 impl Sweep {
-    /// Writes the results of finished runs into `folder`, in the order of the sweep, without the items of `left_out`; `None` if
-    /// no run is finished.
+    /// Writes the results of finished runs but `left_out` into `folder`, in the order of the sweep; `None` if no run is finished.
     pub(crate) fn write_outcome(&self, folder: &Path, left_out: &BTreeSet<usize>) -> Result<Option<SweepFiles>> {
         let (mut items, mut records) = (Vec::new(), Vec::new());
         for (_, item) in self.items.iter().enumerate().filter(|(index, _)| !left_out.contains(index)) {

@@ -6,7 +6,7 @@ use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
 use rand::Rng;
 
-use super::{LEAKY_GAIN, LEAKY_SLOPE};
+use super::{LEAKY_GAIN, LEAKY_SLOPE, in_voxels};
 use crate::init::glorot_linear;
 
 /// Width of the branches that make the affine maps, and of the one that makes the mixture's weights.
@@ -76,7 +76,7 @@ impl VolumeWarp {
         // Row v·maps + i is Aᵢ of voxel v.
         let mapped = (points.matmul(linear) + offset).reshape([voxels * maps, 3]);
         let weights = self.weights.forward(code).exp().reshape([maps * voxels, 1]);
-        let places = (mapped.clone() + 1.0) * (0.5 * (self.resolution - 1) as f32);
+        let places = in_voxels(mapped.clone(), self.grid());
         let weights = trilinear(weights, places, Voxels { grids: maps, ..self.grid() }).reshape([voxels, maps, 1]);
         let mixed = (mapped.reshape([voxels, maps, 3]) * weights.clone()).sum_dim(1);
         (mixed / weights.sum_dim(1).clamp_min(MIN_WEIGHT)).squeeze_dim(1)

@@ -8,7 +8,7 @@ use crate::picture::{Picture, check_size, check_sizes};
 pub const PSNR: Metric = Metric {
     descriptor: Descriptor { key: "psnr", name: "PSNR", unit: "dB", decimals: 2, better: Better::Higher },
     definition: "−10 log₁₀ of the mean square error over pixels and channels",
-    measure: Measure::View(|view| match view.valid() {
+    measure: Measure::View(|view| match view.valid {
         Some(valid) => psnr_masked(&view.render, &view.truth, valid),
         None => psnr(&view.render, &view.truth),
     }),

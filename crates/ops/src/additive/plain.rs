@@ -21,7 +21,6 @@ pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     let depth = share.neg().log1p().neg().mask_fill(full, f32::INFINITY).mask_fill(behind, 0.0);
     let packed =
         segments.ranges().enumerate().flat_map(|(ray, range)| (0..range.len()).map(move |i| ray * longest + i));
-    let packed: Vec<i32> = packed.map(|index| index as i32).collect();
-    let count = packed.len();
-    depth.reshape([rays * longest]).select(0, upload(packed, [count], &device)).cast(FloatDType::F32)
+    let packed = upload(packed.map(|index| index as i32).collect(), [segments.samples()], &device);
+    depth.reshape([rays * longest]).select(0, packed).cast(FloatDType::F32)
 }

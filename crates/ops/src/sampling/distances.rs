@@ -15,16 +15,15 @@ pub fn stratified(near: f32, far: f32, count: usize, rule: SampleRule, jitter: O
         SampleRule::Left | SampleRule::Edges => {
             let count = if rule == SampleRule::Edges { count + 1 } else { count };
             let even = |i: usize| at(i as f32 / (count - 1) as f32);
-            (0..count)
-                .map(|i| match draw(i) {
-                    None => even(i),
-                    Some(u) => {
-                        let lower = if i == 0 { even(0) } else { 0.5 * (even(i - 1) + even(i)) };
-                        let upper = if i + 1 == count { even(i) } else { 0.5 * (even(i) + even(i + 1)) };
-                        lower + (upper - lower) * u
-                    }
-                })
-                .collect()
+            let place = |i: usize| match draw(i) {
+                None => even(i),
+                Some(u) => {
+                    let lower = if i == 0 { even(0) } else { 0.5 * (even(i - 1) + even(i)) };
+                    let upper = if i + 1 == count { even(i) } else { 0.5 * (even(i) + even(i + 1)) };
+                    lower + (upper - lower) * u
+                }
+            };
+            (0..count).map(place).collect()
         }
         SampleRule::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
     }
@@ -120,18 +119,17 @@ pub fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<Str
         cdf.push(f32::min(below, 1.0));
     }
     cdf.push(1.0);
-    (0..=count)
-        .map(|i| {
-            let u = match jitter {
-                Some(stream) => ((i as f32 + stream.uniform(i)) / (count + 1) as f32).min(LAST),
-                None => i as f32 / count as f32 * LAST,
-            };
-            // u is in [0, 1), and so in one of the intervals.
-            let interval = cdf.partition_point(|&c| c <= u) - 1;
-            let fraction = (u - cdf[interval]) / (cdf[interval + 1] - cdf[interval]);
-            edges[interval] + fraction.clamp(0.0, 1.0) * (edges[interval + 1] - edges[interval])
-        })
-        .collect()
+    let edge = |i: usize| {
+        let u = match jitter {
+            Some(stream) => ((i as f32 + stream.uniform(i)) / (count + 1) as f32).min(LAST),
+            None => i as f32 / count as f32 * LAST,
+        };
+        // u is in [0, 1), and so in one of the intervals.
+        let interval = cdf.partition_point(|&c| c <= u) - 1;
+        let fraction = (u - cdf[interval]) / (cdf[interval + 1] - cdf[interval]);
+        edges[interval] + fraction.clamp(0.0, 1.0) * (edges[interval + 1] - edges[interval])
+    };
+    (0..=count).map(edge).collect()
 }
 
 #[cfg(test)]

@@ -26,8 +26,9 @@ pub(super) fn entries(path: &Path) -> Result<BTreeMap<String, WeightEntry>, Stri
     let mut header = [0; 8];
     file.read_exact(&mut header).map_err(|error| fault(&error))?;
     let start = u64::from_le_bytes(header).saturating_add(8);
-    if start > length.min(MAX_HEADER) {
-        return Err(fault(&format!("its header should be {start} bytes long, the file has {length}")));
+    let most = length.min(MAX_HEADER);
+    if start > most {
+        return Err(fault(&format!("its header should be {start} bytes long, at most {most} are possible")));
     }
     let mut header = vec![0; start as usize - 8];
     file.read_exact(&mut header).map_err(|error| fault(&error))?;

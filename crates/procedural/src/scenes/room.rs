@@ -82,15 +82,11 @@ fn sofa(scene: &mut Builder) {
         scene.each([-0.34, 0.34], |dy| Convex::cylinder(v(x + side * 0.9, y + dy, 0.0), 0.03, 0.15), matt(0x462816));
     }
     let cushion = Convex::block(v(x - 0.62, y + 0.12, 0.70), v(0.40, 0.14, 0.40));
-    scene.solid(
-        cushion.swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0),
-        matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false)),
-    );
+    let cover = matt(Flowers(rgb(0xe6aa32), rgb(0xfaecc8), 9.0, false));
+    scene.solid(cushion.swung(v(x - 0.62, y, 0.5), DVec3::X, -18.0), cover);
     let cushion = Convex::block(v(x + 0.58, y + 0.12, 0.68), v(0.38, 0.13, 0.38));
-    scene.solid(
-        cushion.swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0),
-        matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0))),
-    );
+    let cover = matt(Stripes(rgb(0xce3c32), rgb(0xf6ecdc), v(9.0, 0.0, 0.0)));
+    scene.solid(cushion.swung(v(x + 0.58, y, 0.5), DVec3::X, -20.0), cover);
 }
 
 fn low_table(scene: &mut Builder) {

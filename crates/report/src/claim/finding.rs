@@ -66,12 +66,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(super) fn of(
-        claim: &Claim,
-        comparison: &Comparison,
-        records: &[Record],
-        published: Option<&Published>,
-    ) -> Self {
+    pub(super) fn of(claim: &Claim, comparison: &Comparison, records: &[Record], paper: Option<&Published>) -> Self {
         let quantity = claim.metric;
         // Both sides of each pair, by scene.
         let mut sides: IndexMap<&String, Vec<[f64; 2]>> = IndexMap::new();
@@ -94,8 +89,8 @@ impl Finding {
         let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
         let difference = these.or(alike).or(single);
         let decimals = quantity.decimals;
-        let in_paper = published.and_then(|published| {
-            let value = |variant: &str| published.value(variant, quantity).map(|value| compared(quantity, value));
+        let in_paper = paper.and_then(|paper| {
+            let value = |variant: &str| paper.value(variant, quantity).map(|value| compared(quantity, value));
             let sides = [comparison.left.value(value)?, comparison.right.value(value)?];
             Some(format!("{:+.decimals$}", differences(comparison.is, vec![vec![sides]])[0][0]))
         });

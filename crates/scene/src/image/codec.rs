@@ -19,7 +19,6 @@ const MAX_PIXELS: u64 = 1 << 26;
 const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
 /// Extensions of photographs that cameras, phones and browsers write and that are not read.
 const UNREAD: [&str; 9] = ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "arw"];
-const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
 
 /// Bytes of an image, in a file or in memory: one type, as all decoders are compiled for each type of reader.
 type Source<'a> = Box<dyn BufReadSeek + 'a>;
@@ -86,8 +85,7 @@ pub fn stored_dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn has_alpha(path: &Path) -> Result<bool, SceneError> {
-    let decoder = open(path)?.into_decoder().map_err(|e| decode_error(path, e))?;
-    Ok(decoder.color_type().has_alpha())
+    Ok(open(path)?.into_decoder().map_err(|e| decode_error(path, e))?.color_type().has_alpha())
 }
 
 /// Whether a pixel of an image file is not opaque. A file without an alpha channel is not decoded.
@@ -111,25 +109,24 @@ pub fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn read_rgba_turned(path: &Path, turn: Orientation) -> Result<RgbaImage, SceneError> {
-    let size = stored_dimensions(path)?;
-    decode(path, open(path)?, size, turn)
+    decode(path, || open(path), turn)
 }
 
-/// Decodes the file at `path`, whose header states `size`.
-fn decode(
+/// Decodes the image that each reader from `open` reads from its start, and turns it by `turn`.
+fn decode<'a>(
     path: &Path,
-    reader: ImageReader<Source<'_>>,
-    size: (u32, u32),
-    turned: Orientation,
+    open: impl Fn() -> Result<ImageReader<Source<'a>>, SceneError>,
+    turn: Orientation,
 ) -> Result<RgbaImage, SceneError> {
     // Checked before memory is allocated: a header of a few bytes may claim any size.
-    let count = u64::from(size.0) * u64::from(size.1);
+    let (width, height) = checked_dimensions(path, open()?)?;
+    let count = u64::from(width) * u64::from(height);
     if count > MAX_PIXELS {
         let what = "the number of pixels";
         return Err(SceneError::TooLarge { path: path.into(), what, size: count, limit: MAX_PIXELS });
     }
-    let mut decoded = reader.decode().map_err(|e| decode_error(path, e))?;
-    decoded.apply_orientation(turned);
+    let mut decoded = open()?.decode().map_err(|e| decode_error(path, e))?;
+    decoded.apply_orientation(turn);
     let has_alpha = decoded.color().has_alpha();
     let (width, height) = (decoded.width(), decoded.height());
     let pixels = match decoded {
@@ -144,9 +141,7 @@ fn decode(
 /// # Errors
 /// The bytes are not an image, or larger than this crate reads.
 pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
-    let reader = || guessed(path, Box::new(Cursor::new(bytes)));
-    let size = checked_dimensions(path, reader()?)?;
-    decode(path, reader()?, size, Orientation::NoTransforms)
+    decode(path, || guessed(path, Box::new(Cursor::new(bytes))), Orientation::NoTransforms)
 }
 
 /// Returns the error about a photograph in a format that is not read, such as HEIC or DNG; `None` for other files.
@@ -189,23 +184,17 @@ fn checked_dimensions(path: &Path, reader: ImageReader<Source<'_>>) -> Result<(u
 }
 
 fn decode_error(path: &Path, error: ImageError) -> SceneError {
-    SceneError::malformed(path, EXPECTED, error)
+    SceneError::malformed(path, "a complete PNG, JPEG, WebP, TIFF or BMP image", error)
 }
 
 /// Encodes 8-bit pixels as PNG.
-pub(super) fn write_png(
-    path: &Path,
-    width: u32,
-    height: u32,
-    bytes: &[u8],
-    color: ColorType,
-) -> Result<(), SceneError> {
+pub(super) fn write_png(path: &Path, width: u32, height: u32, data: &[u8], color: ColorType) -> Result<(), SceneError> {
     let expected = usize::from(color.bytes_per_pixel()) * width as usize * height as usize;
-    if width == 0 || height == 0 || bytes.len() != expected {
+    if width == 0 || height == 0 || data.len() != expected {
         let expected = format!("{expected} bytes for {width}×{height} pixels");
-        return Err(SceneError::malformed(path, expected, format!("{} bytes", bytes.len())));
+        return Err(SceneError::malformed(path, expected, format!("{} bytes", data.len())));
     }
-    ::image::save_buffer_with_format(path, bytes, width, height, color, ImageFormat::Png).map_err(|error| match error {
+    ::image::save_buffer_with_format(path, data, width, height, color, ImageFormat::Png).map_err(|error| match error {
         ImageError::IoError(source) => SceneError::io(path, source),
         other => SceneError::malformed(path, "an image that PNG can hold", other),
     })

@@ -23,7 +23,7 @@ pub struct RgbaImage {
 impl RgbaImage {
     /// Returns `rgb · α + background · (1 − α)` in every pixel.
     pub fn composite(&self, background: [f32; 3]) -> Image {
-        compose(self.width, self.height, self.premultiplied(), background, self.has_alpha)
+        self.compose((self.width, self.height), self.premultiplied(), background)
     }
 
     /// Resizes with a box filter, then composites on `background`.
@@ -37,27 +37,21 @@ impl RgbaImage {
         }
         let source: Vec<_> = self.premultiplied().collect();
         let resized = box_filter(&source, (self.width, self.height), (width, height));
-        compose(width, height, resized.into_iter(), background, self.has_alpha)
+        self.compose((width, height), resized.into_iter(), background)
     }
 
     fn premultiplied(&self) -> impl Iterator<Item = [f32; 4]> {
         self.pixels.iter().map(|&[r, g, b, a]| [r * a, g * a, b * a, a])
     }
-}
 
-fn compose(
-    width: u32,
-    height: u32,
-    premultiplied: impl Iterator<Item = [f32; 4]>,
-    background: [f32; 3],
-    has_alpha: bool,
-) -> Image {
-    let over = |[r, g, b, a]: [f32; 4]| {
-        let [kr, kg, kb] = background.map(|k| k * (1.0 - a));
-        ([r + kr, g + kg, b + kb], a)
-    };
-    let (rgb, alpha): (Vec<_>, Vec<_>) = premultiplied.map(over).unzip();
-    Image { width, height, rgb, alpha: has_alpha.then_some(alpha) }
+    fn compose(&self, size: (u32, u32), premultiplied: impl Iterator<Item = [f32; 4]>, background: [f32; 3]) -> Image {
+        let over = |[r, g, b, a]: [f32; 4]| {
+            let [kr, kg, kb] = background.map(|k| k * (1.0 - a));
+            ([r + kr, g + kg, b + kb], a)
+        };
+        let (rgb, alpha): (Vec<_>, Vec<_>) = premultiplied.map(over).unzip();
+        Image { width: size.0, height: size.1, rgb, alpha: self.has_alpha.then_some(alpha) }
+    }
 }
 
 /// An 8-bit straight-alpha RGBA image, as a PNG file holds it. Procedural scenes define their pixels in this form, so
@@ -84,8 +78,7 @@ impl Rgba8 {
     /// # Errors
     /// The file cannot be written, or `pixels` does not hold `width · height` pixels.
     pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
-        let bytes = self.pixels.as_flattened();
-        codec::write_png(path, self.width, self.height, bytes, ::image::ColorType::Rgba8)
+        codec::write_png(path, self.width, self.height, self.pixels.as_flattened(), ::image::ColorType::Rgba8)
     }
 }
 

@@ -145,8 +145,7 @@ impl Lens {
         match &self.model {
             LensModel::Perspective => Some(image.extend(1.0).normalize()),
             LensModel::Fisheye { .. } => {
-                let angle = self.unprofile(radius)?;
-                let (sin, cos) = angle.sin_cos();
+                let (sin, cos) = self.unprofile(radius)?.sin_cos();
                 Some((if radius > 0.0 { image * (sin / radius) } else { DVec2::ZERO }).extend(cos))
             }
             _ => Some(self.unbend(image)?.extend(1.0).normalize()),
@@ -173,8 +172,7 @@ impl Lens {
             }
             LensModel::Fisheye { .. } => {
                 let r = direction.truncate().length();
-                let angle = r.atan2(direction.z);
-                let (value, derivative) = self.model.profile(angle);
+                let (value, derivative) = self.model.profile(r.atan2(direction.z));
                 let along = if r > 1e-9 { value / r } else { 1.0 };
                 (along * derivative.max(0.0)).sqrt() * direction.z.abs().max(1e-6)
             }

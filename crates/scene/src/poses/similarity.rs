@@ -139,9 +139,8 @@ mod tests {
             let error = PoseError::of(&to, from, DVec3::ZERO);
             assert!(error.rotation_deg < 1e-5 && error.translation_percent < 1e-9, "{error:?}");
         }
-        let [one] = [&cameras[..1]];
-        let moved = [similarity().camera(&one[0])];
-        assert_eq!(Similarity::between(one, &moved, DVec3::ZERO).scale, 1.0);
+        let moved = [similarity().camera(&cameras[0])];
+        assert_eq!(Similarity::between(&cameras[..1], &moved, DVec3::ZERO).scale, 1.0);
     }
 
     #[test]

@@ -158,8 +158,7 @@ mod tests {
         for _ in 0..100 {
             let p = ViewRegion::new(&train).sample(&mut rng).w_axis;
             assert!(p.z.abs() < 1e-9 && p.x >= -1e-9 && p.y >= -1e-9);
-            let radius = p.truncate().length();
-            assert!((2.0 - 1e-6..=4.0 + 1e-6).contains(&radius));
+            assert!((2.0 - 1e-6..=4.0 + 1e-6).contains(&p.truncate().length()));
         }
     }
 

@@ -158,8 +158,7 @@ pub(crate) fn check_ids(field: &'static str, ids: &[usize], n: usize) -> Result<
     let mut seen = std::collections::HashSet::new();
     for &id in ids {
         if id >= n {
-            let expected = format!("view ids from 0 to {}", n.saturating_sub(1));
-            return Err(SceneError::request(field, expected, id));
+            return Err(SceneError::request(field, format!("view ids from 0 to {}", n.saturating_sub(1)), id));
         }
         if !seen.insert(id) {
             return Err(SceneError::request(field, "each view id once", format!("{id} twice")));

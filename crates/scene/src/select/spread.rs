@@ -47,11 +47,8 @@ pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut imp
     let complete = |anchor: usize, order: &[usize]| {
         let mut set = vec![anchor];
         for &i in order {
-            if set.len() == count {
-                break;
-            }
             let fits = |&j: &usize| directions[i].dot(directions[j]) >= cosine;
-            if !set.contains(&i) && set.iter().all(fits) {
+            if set.len() < count && !set.contains(&i) && set.iter().all(fits) {
                 set.push(i);
             }
         }
@@ -63,10 +60,8 @@ pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut imp
     random.shuffle(rng);
     anchors.iter().find_map(|&anchor| {
         let mut near = random.clone();
-        near.sort_by(|&i, &j| {
-            let to_anchor = |k: usize| directions[k].dot(directions[anchor]);
-            to_anchor(j).total_cmp(&to_anchor(i))
-        });
+        let to_anchor = |k: usize| directions[k].dot(directions[anchor]);
+        near.sort_by(|&i, &j| to_anchor(j).total_cmp(&to_anchor(i)));
         complete(anchor, &random).or_else(|| complete(anchor, &near))
     })
 }

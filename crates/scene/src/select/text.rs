@@ -112,18 +112,9 @@ mod tests {
         for text in ["all", "split", "every-8", "first-3", "26,86,2,55", "7", "training", "pixelnerf"] {
             assert_eq!(text.parse::<TestProtocol>().unwrap().to_string(), text);
         }
-        let selections = [
-            "all",
-            "26,86,2,55",
-            "seed-4@1",
-            "farthest-3@0",
-            "wide-4@7",
-            "narrow-4/30.5@2",
-            "regnerf-3",
-            "infonerf-2",
-            "images/IMG_06.jpg,IMG_7",
-        ];
-        for text in selections {
+        let selections = "all 26,86,2,55 seed-4@1 farthest-3@0 wide-4@7 narrow-4/30.5@2 regnerf-3 infonerf-2 \
+                          images/IMG_06.jpg,IMG_7";
+        for text in selections.split(' ') {
             assert_eq!(text.parse::<ViewSelection>().unwrap().to_string(), text);
         }
         assert_eq!("seed-4".parse::<ViewSelection>().unwrap(), ViewSelection::Seed { seed: 0, count: 4 });

@@ -24,9 +24,8 @@ pub(super) struct Domain {
 }
 
 impl Domain {
-    /// Returns the scene's box if rays are clipped to it; otherwise also the region that the training cameras see
-    /// beyond it between near and far, within three times the box. In warped space it is the box or ball that the warp
-    /// maps to.
+    /// Returns the scene's box if rays are clipped to it; otherwise also the region that the training cameras see beyond it,
+    /// between near and far, within three times the box. In warped space it is the box or ball that the warp maps to.
     pub(super) fn of(scene: &Scene, config: &RenderConfig, warp: &Warp) -> Self {
         let bounds = warp.bounds(scene);
         let (centre, side) = (bounds.centre(), bounds.size().max_element());

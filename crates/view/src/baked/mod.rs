@@ -26,13 +26,13 @@ mod seen;
 use std::fmt::Write;
 
 use anyhow::Result;
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use infonerf_field::{FieldConfig, FieldSpec};
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits};
 use crate::package::Subjects;
-use crate::shader::{FieldMarch, integers3, vector4};
+use crate::shader::{FieldMarch, integers3};
 use bricks::Bricks;
 use colors::{Colors, MAX_COLOR};
 use domain::Domain;
@@ -114,9 +114,9 @@ fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
         let _ = writeln!(text, "const float {name} = {value:?};");
     }
     for (name, channel) in CHANNELS.iter().zip(&colors.channels) {
-        for (kind, numbers) in [("LOW", &channel.low), ("RANGE", &channel.range)] {
+        for (kind, [a, x, y, z]) in [("LOW", &channel.low), ("RANGE", &channel.range)] {
             let name = name.to_uppercase();
-            let _ = writeln!(text, "const vec4 {name}_{kind} = {};", vector4(Vec4::from_slice(numbers)));
+            let _ = writeln!(text, "const vec4 {name}_{kind} = vec4({a:?}, {x:?}, {y:?}, {z:?});");
         }
     }
     text

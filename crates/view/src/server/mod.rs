@@ -69,8 +69,7 @@ impl Server {
 
 /// Returns this machine's address for other machines, of the kind (IPv4 or IPv6) of `unspecified`; loopback without a network.
 fn own_ip(unspecified: IpAddr) -> IpAddr {
-    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are reserved for documentation
-    // (RFC 5737, 3849).
+    // Connecting a datagram socket sends nothing, but chooses the interface. Both targets are reserved (RFC 5737, 3849).
     let (loopback, target): (IpAddr, IpAddr) = match unspecified {
         IpAddr::V4(_) => (Ipv4Addr::LOCALHOST.into(), Ipv4Addr::new(192, 0, 2, 1).into()),
         IpAddr::V6(_) => (Ipv6Addr::LOCALHOST.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into()),

@@ -319,8 +319,7 @@ impl<'a> Machine<'a> {
                     list => self.items(list)?.to_vec(),
                 };
                 self.add(values.len())?;
-                let filled = self.arranged(values, shape, *columns_first)?;
-                *self.top_object()? = Object::Items(filled);
+                *self.top_object()? = Object::Items(self.arranged(values, shape, *columns_first)?);
                 Ok(())
             }
             _ => Err("a state of neither an array nor its type, the lowest byte first".into()),

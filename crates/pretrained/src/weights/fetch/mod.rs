@@ -139,11 +139,7 @@ fn sha256(path: &Path) -> Result<String, WeightsError> {
     let mut sum = Sha256::new();
     let copied = File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut sum));
     copied.map_err(|error| WeightsError::io(path, &error))?;
-    Ok(hex(&sum.finalize()))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    Ok(format!("{:x}", sum.finalize()))
 }
 
 fn remove(path: &Path) -> Result<(), WeightsError> {

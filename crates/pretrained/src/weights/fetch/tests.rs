@@ -55,7 +55,7 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
 /// Describes the heads of LPIPS as if `file` were published at `url`.
 fn published(url: String, file: &[u8]) -> KnownWeights {
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
-    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(hex(&Sha256::digest(file)).into_boxed_str()));
+    let [url, sha256] = [url, format!("{:x}", Sha256::digest(file))].map(|text| &*text.leak());
     KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
 }
 
@@ -135,8 +135,7 @@ fn partial_files_are_completed_or_replaced() {
 #[test]
 fn refusals_are_one_line_and_keep_nothing() {
     let length = FILE.len();
-    let checksum =
-        format!("wrong checksum: SHA-256 is {}, expected 00ff; nothing was kept", hex(&Sha256::digest(FILE)));
+    let checksum = format!("wrong checksum: SHA-256 is {:x}, expected 00ff; nothing was kept", Sha256::digest(FILE));
     for (answer, expected) in [
         (Answer::File, checksum),
         (Answer::Status("404 Not Found"), "the server answered with HTTP status 404".to_owned()),
