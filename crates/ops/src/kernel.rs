@@ -21,8 +21,8 @@ pub trait Kernel: Debug + Send + Sync + 'static {
         0
     }
 
-    /// Computes the output. If a backward pass will follow, `saved` takes the [values](Self::saved_len) for it; it holds those
-    /// of other passes before.
+    /// Computes the output. If a backward pass will follow, `saved` is filled with the values for it. The buffer has
+    /// [`Self::saved_len`] values, at first those of an earlier pass.
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32>;
 
     /// Computes the vector–Jacobian product: for each input that is `wanted`, the gradient of `⟨grad, output⟩` with respect
@@ -68,6 +68,10 @@ fn slice(tensor: &Host) -> &[f32] {
     tensor.as_slice::<f32>().expect("host kernels are given contiguous f32 tensors")
 }
 
+fn slices(tensors: &[Host]) -> Vec<&[f32]> {
+    tensors.iter().map(slice).collect()
+}
+
 impl KernelBackend for Flex {
     type Kept = Arc<Scratch>;
 
@@ -87,19 +91,19 @@ impl KernelBackend for Flex {
 
 impl<K: Kernel> Operation<Flex> for HostOperation<K> {
     fn infer(&self, inputs: &[Host]) -> Host {
-        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
+        let slices = slices(inputs);
         host(self.kernel.forward(&slices, None), self.shape.clone())
     }
 
     fn forward(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
-        let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
+        let slices = slices(inputs);
         let mut saved = Scratch::of_len(self.kernel.saved_len(&slices));
         let output = self.kernel.forward(&slices, Some(&mut saved));
         (host(output, self.shape.clone()), Arc::new(saved))
     }
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
-        let slices: Vec<&[f32]> = pass.inputs.iter().map(slice).collect();
+        let slices = slices(pass.inputs);
         let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
         let results = self.kernel.backward(host_pass, pass.wanted).into_iter().zip(pass.inputs);
         results.map(|(result, input)| result.map(|values| host(values, input.shape().to_vec()))).collect()

@@ -154,7 +154,7 @@ fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
     png_bytes(&image.into()).map(Some).map_err(ReportError::chart(PANEL))
 }
 
-/// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
+/// Returns the name of a plot's file in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
 fn plot_name(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };

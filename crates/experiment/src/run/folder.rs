@@ -98,6 +98,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn only_what_a_run_wrote_is_removed() {
+        let guard = tempfile::tempdir().unwrap();
+        let folder = guard.path();
+        ["test", "member0", "member12", "members", "notes"]
+            .iter()
+            .for_each(|name| fs::create_dir(folder.join(name)).unwrap());
+        ["config.toml", "metrics.jsonl", "notes.txt"].iter().for_each(|name| fs::write(folder.join(name), "").unwrap());
+        clear(folder).unwrap();
+        let left = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        assert_eq!(
+            left.collect::<std::collections::BTreeSet<_>>(),
+            ["members", "notes", "notes.txt"].map(Into::into).into()
+        );
+    }
+
+    #[test]
     fn a_file_system_without_locks_is_no_obstacle() {
         let folder = tempfile::tempdir().unwrap();
         let file = || fs::File::create(folder.path().join("lock")).unwrap();
