@@ -9,7 +9,7 @@ use std::path::Path;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::LpipsInput;
-use infonerf_ops::to_host;
+use infonerf_ops::{has_host_kernels, to_host};
 
 use crate::file::{TensorShape, WeightFile};
 use crate::layers::{Convolution, maps_of_pixels, max_pool};
@@ -71,8 +71,21 @@ impl Lpips {
         if !self.config.fits([height, width]) {
             return Err(format!("{width}×{height} pixels are too few for its convolutions"));
         }
-        let mut maps = self.input([render, truth], input);
-        let mut distance = 0.0;
+        let features = |picture: &Picture| self.features(picture, input);
+        // Some of Burn's operations on the host use one thread.
+        let (x, y) = match has_host_kernels(&self.device) {
+            true => rayon::join(|| features(render), || features(truth)),
+            false => (features(render), features(truth)),
+        };
+        let weights = self.convolutions.iter().filter_map(|(_, weights)| weights.as_ref());
+        let compared = x.into_iter().zip(y).zip(weights);
+        Ok(compared.map(|((x, y), weights)| difference(x, y, weights)).sum())
+    }
+
+    /// Computes the features of each layer that is compared, scaled to unit length at each pixel.
+    fn features(&self, picture: &Picture, input: LpipsInput) -> Vec<Tensor<4>> {
+        let mut maps = self.input(picture, input);
+        let mut features = Vec::new();
         let mut convolutions = self.convolutions.iter();
         for layer in &self.config.layers {
             match layer {
@@ -80,34 +93,35 @@ impl Lpips {
                 LpipsLayer::Convolution(_) => {
                     let (convolution, weights) = convolutions.next().expect("each shape was read");
                     maps = convolution.forward(maps);
-                    if let Some(weights) = weights {
-                        distance += difference(&maps, weights);
+                    if weights.is_some() {
+                        features.push(unit_length(maps.clone()));
                     }
                 }
             }
         }
-        Ok(distance)
+        features
     }
 
-    /// Uploads two images of one size, with each channel shifted and scaled to what the backbone was trained on.
-    fn input(&self, pictures: [&Picture; 2], input: LpipsInput) -> Tensor<4> {
+    /// Uploads an image, with each channel shifted and scaled to what the backbone was trained on.
+    fn input(&self, picture: &Picture, input: LpipsInput) -> Tensor<4> {
         let value = |value: f32, channel: usize| {
             let value = if input == LpipsInput::Signed { 2.0 * value - 1.0 } else { value };
             (value - SHIFT[channel]) / SCALE[channel]
         };
-        let pixels = pictures.iter().flat_map(|picture| picture.pixels());
+        let pixels = picture.pixels().iter();
         let values = pixels.flat_map(|pixel| [0, 1, 2].map(|channel| value(pixel[channel], channel))).collect();
-        let [width, height] = pictures[0].size();
-        maps_of_pixels(values, [2, height, width], &self.device)
+        let [width, height] = picture.size();
+        maps_of_pixels(values, [1, height, width], &self.device)
     }
 }
 
-/// Returns `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for the maps x and y of two images.
-fn difference(maps: &Tensor<4>, weights: &Tensor<4>) -> f64 {
-    let [x, y] = [0, 1].map(|index| {
-        let map = maps.clone().narrow(0, index, 1);
-        map.clone() / (map.square().sum_dim(1).sqrt() + EPSILON)
-    });
+/// Returns `x / (‖x‖ + 1e-10)` at each pixel.
+fn unit_length(maps: Tensor<4>) -> Tensor<4> {
+    maps.clone() / (maps.square().sum_dim(1).sqrt() + EPSILON)
+}
+
+/// Returns `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for the features x̂ and ŷ of two images.
+fn difference(x: Tensor<4>, y: Tensor<4>, weights: &Tensor<4>) -> f64 {
     f64::from(to_host(((x - y).square() * weights.clone()).sum_dim(1).mean())[0])
 }
 
@@ -118,8 +132,10 @@ mod tests {
     #[test]
     fn difference_has_the_closed_form() {
         // 1×2 pixels with 2 channels: (3, 4) against (1, 0), and 0 against (0, 2).
-        let maps = Tensor::from_floats([[[[3.0, 0.0]], [[4.0, 0.0]]], [[[1.0, 0.0]], [[0.0, 2.0]]]], &Device::flex());
-        let found = difference(&maps, &Tensor::from_floats([[[[0.5]], [[2.0]]]], &Device::flex()));
+        let device = Device::flex();
+        let maps = [[[[3.0, 0.0]], [[4.0, 0.0]]], [[[1.0, 0.0]], [[0.0, 2.0]]]];
+        let [x, y] = maps.map(|maps| unit_length(Tensor::from_floats([maps], &device)));
+        let found = difference(x, y, &Tensor::from_floats([[[[0.5]], [[2.0]]]], &device));
         let expected = (0.5 * 0.16 + 2.0 * 0.64 + 2.0) / 2.0;
         approx::assert_relative_eq!(found, expected, max_relative = 1e-6);
     }
