@@ -1,5 +1,6 @@
-//! Times and sizes on the command line.
+//! Times, sizes and folders on the command line.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use indicatif::HumanDuration;
@@ -18,6 +19,15 @@ pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
     size.ok_or_else(|| "expected a size of at least 1M, such as 8G or 500M".to_owned())
 }
 
+/// Parses the path of a folder that is there or can be created.
+pub(crate) fn parse_folder(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.ancestors().find(|part| part.exists() && !part.is_dir()) {
+        Some(file) => Err(format!("expected a folder, and {} is a file", file.display())),
+        None => Ok(path),
+    }
+}
+
 /// Formats the total time of `runs` that take `seconds` each, such as `about 5 minutes on two cores`.
 pub(crate) fn expected_time(seconds: f64, runs: usize) -> String {
     let whole = Duration::from_secs_f64(seconds * runs as f64);
@@ -27,6 +37,17 @@ pub(crate) fn expected_time(seconds: f64, runs: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_is_no_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, new) = (folder.path().join("file"), folder.path().join("no/such/runs"));
+        std::fs::write(&file, "").unwrap();
+        let error = Err(format!("expected a folder, and {} is a file", file.display()));
+        for (path, expected) in [(&file, error.clone()), (&file.join("runs"), error), (&new, Ok(new.clone()))] {
+            assert_eq!(parse_folder(&path.display().to_string()), expected);
+        }
+    }
 
     #[test]
     fn times_have_a_unit_and_sizes_are_binary() {

@@ -162,3 +162,34 @@ impl RenderConfig {
         self.placement == Placement::Mid && !self.is_hierarchical()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_allowed_and_values_beyond_them_refused() {
+        type Set = fn(&mut RenderConfig, f32);
+        let numbers: [(&str, Set, [f32; 2], &[f32]); 10] = [
+            ("samples", |config, x| config.samples = f64::from(x).into(), [4.0, 4096.0], &[1.0, 4097.0]),
+            ("fine_samples", |config, x| config.fine_samples = x as usize, [0.0, 4096.0], &[4097.0]),
+            ("fine_samples", |config, x| config.samples = f64::from(x).into(), [4.0, 5.0], &[3.0]),
+            ("early_stop_transmittance", |config, x| config.early_stop_transmittance = x, [0.0, 0.999], &[-0.1, 1.0]),
+            ("hidden_depth", |config, x| config.hidden_depth = x, [0.0, 9.0], &[-0.1]),
+            ("occupancy.resolution", |config, x| config.occupancy.resolution = x as usize, [2.0, 512.0], &[1.0, 513.0]),
+            ("occupancy.refine", |config, x| config.occupancy.refine = x as usize, [1.0, 8.0], &[0.0, 9.0]),
+            ("occupancy.every", |config, x| config.occupancy.every = x as usize, [1.0, 99.0], &[0.0]),
+            ("occupancy.alpha_threshold", |config, x| config.occupancy.alpha_threshold = x, [0.01, 0.99], &[0.0, 1.0]),
+            ("occupancy.decay", |config, x| config.occupancy.decay = x, [0.0, 1.0], &[-0.1, 1.1]),
+        ];
+        for (key, set, good, bad) in numbers {
+            let refused = |value| {
+                let mut config = RenderConfig::default();
+                set(&mut config, value);
+                config.validate().err().map(|fault| fault.key)
+            };
+            assert_eq!(good.map(refused), [None, None], "{key}");
+            assert!(bad.iter().all(|&value| refused(value) == Some(format!("render.{key}"))), "{key}");
+        }
+    }
+}

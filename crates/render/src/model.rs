@@ -91,3 +91,20 @@ impl<F: Field> TrainedModel<F> {
         self.frame.map_or_else(|| camera.clone(), |frame| frame.camera(camera))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat4;
+
+    use super::*;
+
+    #[test]
+    fn the_zoom_is_the_geometric_mean_of_the_focal_lengths_ratios() {
+        let given = DVec3::AXES.map(|at| Camera::from_fov(8, 8, 0.5, DMat4::from_translation(at)));
+        let mut learned = given.clone();
+        learned.iter_mut().zip([1.1, 1.2, 1.3]).for_each(|(camera, factor)| camera.fx *= factor);
+        let frame = ModelFrame::of(&given, &given, &learned, DVec3::ZERO);
+        approx::assert_relative_eq!(frame.zoom, (1.1_f64 * 1.2 * 1.3).cbrt(), max_relative = 1e-12);
+        approx::assert_relative_eq!(frame.camera(&given[1]).fy, frame.zoom * given[1].fy, max_relative = 1e-12);
+    }
+}

@@ -414,6 +414,12 @@ mod tests {
     }
 
     #[test]
+    fn points_of_a_cell_have_the_variance_of_a_uniform_distribution() {
+        let grid = OccupancyGrid::new(&config(), Aabb { min: Vec3::ZERO, max: 16.0 * Vec3::new(1.0, 2.0, 3.0) });
+        approx::assert_relative_eq!(grid.cell_variance(), (1.0 + 4.0 + 9.0) / 36.0, max_relative = 1e-6);
+    }
+
+    #[test]
     fn is_due_after_the_warmup() {
         let due: Vec<usize> = (0..20).filter(|&step| grid().is_due(step)).collect();
         assert_eq!(due, [10, 14, 18]);

@@ -151,3 +151,32 @@ impl Iterator for UniformSteps<'_> {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::Scene;
+
+    use super::*;
+    use crate::image::tests::config;
+    use crate::placement::Placement;
+
+    /// Compares the steps through a grid of 2³ cells with all steps, of which those in empty cells are left out.
+    #[test]
+    fn steps_in_occupied_cells_are_kept() {
+        let (scene, config) = (Scene::default(), config(Placement::Mid));
+        let renderer = Renderer::new(&config, &scene);
+        let ray = Ray::new(Vec3::new(0.3, -0.2, 4.0), Vec3::new(0.05, 0.1, -1.0).normalize());
+        let (ends, step) = ([2.0, 6.0], (0.04, 0.5));
+        let all: Vec<Step> = UniformSteps::new(&renderer, &ray, ends, step, None).collect();
+        assert_eq!(all.len(), 100);
+        for occupied in [[true; 8], std::array::from_fn(|cell| cell < 4), std::array::from_fn(|cell| cell >= 4)] {
+            let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
+            grid.restore(vec![1.0; 8], occupied.to_vec(), true).unwrap();
+            let found: Vec<f32> =
+                UniformSteps::new(&renderer, &ray, ends, step, Some(&grid)).map(|step| step.t).collect();
+            let kept = all.iter().filter(|step| grid.is_occupied(step.point));
+            assert_eq!(found, kept.map(|step| step.t).collect::<Vec<_>>(), "{occupied:?}");
+            assert!(found.len() > 20);
+        }
+    }
+}

@@ -9,7 +9,7 @@ use infonerf_bench::{Bench, agreement, pareto, render, skip, step, stress, stres
 use crate::completion;
 use crate::print::outln;
 use crate::selection::SelectionArgs;
-use crate::units::parse_time;
+use crate::units::{parse_folder, parse_time};
 
 const BENCH_EXAMPLES: &str = "\
 Examples:
@@ -109,7 +109,7 @@ struct BenchRuns {
     #[command(flatten)]
     selection: SelectionArgs,
     /// Folder for results
-    #[arg(long, value_name = "DIR", default_value = "runs/bench")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs/bench")]
     out: PathBuf,
 }
 

@@ -20,7 +20,7 @@ use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::{DeviceArgs, ExistingArgs, NetworkArgs};
 use crate::terminal::open_device;
-use crate::units::parse_time;
+use crate::units::{parse_folder, parse_time};
 use crate::{command_line, completion, interrupt};
 
 use super::{exp, render, scene};
@@ -47,7 +47,7 @@ pub(crate) struct CaptureArgs {
     #[arg(long, value_name = "TIME", value_parser = parse_time, default_value = "60s", allow_hyphen_values = true)]
     budget: Duration,
     /// Folder for results
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
     #[command(flatten)]
     existing: ExistingArgs,

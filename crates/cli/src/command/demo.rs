@@ -14,6 +14,7 @@ use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
+use crate::units::parse_folder;
 use crate::{completion, interrupt};
 
 const DEMO_EXAMPLES: &str = "\
@@ -33,7 +34,7 @@ pub(crate) struct DemoArgs {
     #[command(flatten)]
     device: DeviceArgs,
     /// Folder for results
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
 }
 

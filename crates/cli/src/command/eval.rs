@@ -19,6 +19,7 @@ use crate::print::{errln, outln};
 use crate::progress::counting_bar;
 use crate::selection::{DeviceArgs, NetworkArgs};
 use crate::terminal::{open_device, read_run};
+use crate::units::parse_folder;
 
 const EVAL_EXAMPLES: &str = "\
 Examples:
@@ -74,7 +75,7 @@ struct PicturesArgs {
     #[arg(long, requires = "renders")]
     partial: bool,
     /// Folder for comparison.json and comparison.html
-    #[arg(long, value_name = "DIR", requires = "renders")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, requires = "renders")]
     out: Option<PathBuf>,
 }
 

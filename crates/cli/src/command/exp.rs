@@ -17,7 +17,7 @@ use crate::print::{errln, outln};
 use crate::reporter::Reporter;
 use crate::selection::SelectionArgs;
 use crate::terminal::open_device;
-use crate::units::parse_time;
+use crate::units::{parse_folder, parse_time};
 use crate::{command_line, completion, interrupt};
 
 const EXP_EXAMPLES: &str = "\
@@ -48,7 +48,7 @@ pub(crate) struct ExpArgs {
     #[arg(long, value_name = "TIME", value_parser = parse_time, allow_hyphen_values = true)]
     budget: Option<Duration>,
     /// Folder for results
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
     #[command(flatten)]
     launch: LaunchArgs,

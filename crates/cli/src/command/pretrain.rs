@@ -11,6 +11,7 @@ use crate::print::outln;
 use crate::progress::ProgressDisplay;
 use crate::selection::{ExistingArgs, SelectionArgs};
 use crate::terminal::open_device;
+use crate::units::parse_folder;
 use crate::{completion, interrupt};
 
 const PRETRAIN_EXAMPLES: &str = "\
@@ -32,7 +33,7 @@ pub(crate) struct PretrainArgs {
     #[command(flatten)]
     selection: SelectionArgs,
     /// Folder for results; the weights go to a subfolder named after the experiment
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
     #[command(flatten)]
     existing: ExistingArgs,

@@ -11,6 +11,7 @@ use infonerf_experiment::reproduce::{experiments, sweeps, write};
 use crate::launch::LaunchArgs;
 use crate::print::outln;
 use crate::selection::SelectionArgs;
+use crate::units::parse_folder;
 
 const REPRODUCE_EXAMPLES: &str = "\
 Examples:
@@ -41,7 +42,7 @@ pub(crate) struct ReproduceArgs {
     #[command(flatten)]
     launch: LaunchArgs,
     /// Folder for results, which go into its subfolder `reproduce`, or `reproduce-full`
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
 }
 

@@ -9,7 +9,7 @@ use infonerf_experiment::sweep::{PAPER_SPACE, Sweep};
 use crate::completion;
 use crate::launch::LaunchArgs;
 use crate::selection::SelectionArgs;
-use crate::units::parse_time;
+use crate::units::{parse_folder, parse_time};
 
 const SWEEP_EXAMPLES: &str = "\
 Examples:
@@ -44,7 +44,7 @@ pub(crate) struct SweepArgs {
     #[command(flatten)]
     launch: LaunchArgs,
     /// Folder for results
-    #[arg(long, value_name = "DIR", default_value = "runs")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs")]
     out: PathBuf,
 }
 

@@ -78,25 +78,22 @@ impl Lpips {
             false => (features(render), features(truth)),
         };
         let weights = self.convolutions.iter().filter_map(|(_, weights)| weights.as_ref());
-        let compared = x.into_iter().zip(y).zip(weights);
-        Ok(compared.map(|((x, y), weights)| difference(x, y, weights)).sum())
+        Ok(x.into_iter().zip(y).zip(weights).map(|((x, y), weights)| difference(x, y, weights)).sum())
     }
 
     /// Computes the features of each layer that is compared, scaled to unit length at each pixel.
     fn features(&self, picture: &Picture, input: LpipsInput) -> Vec<Tensor<4>> {
         let mut maps = self.input(picture, input);
-        let mut features = Vec::new();
-        let mut convolutions = self.convolutions.iter();
+        let (mut features, mut convolutions) = (Vec::new(), self.convolutions.iter());
         for layer in &self.config.layers {
-            match layer {
-                LpipsLayer::Pool(window) => maps = max_pool(maps, *window),
-                LpipsLayer::Convolution(_) => {
-                    let (convolution, weights) = convolutions.next().expect("each shape was read");
-                    maps = convolution.forward(maps);
-                    if weights.is_some() {
-                        features.push(unit_length(maps.clone()));
-                    }
-                }
+            if let LpipsLayer::Pool(window) = layer {
+                maps = max_pool(maps, *window);
+                continue;
+            }
+            let (convolution, weights) = convolutions.next().expect("each shape was read");
+            maps = convolution.forward(maps);
+            if weights.is_some() {
+                features.push(unit_length(maps.clone()));
             }
         }
         features

@@ -126,6 +126,8 @@ mod tests {
         assert_eq!(radius_of(&around), around.space.radius, "there are no points");
         around.space.points = (0..9).map(|i| around.space.centre + Vec3::Y * 0.25 * i as f32).collect();
         assert_eq!(radius_of(&around), 1.5, "three quarters of nine points");
+        let Space { centre, radius, .. } = around.space;
+        assert_eq!(Warp::of(&around, SpaceChoice::Auto), Warp::Contraction { centre, radius });
         around.space.radius = 1.0;
         assert_eq!(radius_of(&around), 1.0);
         around.space.range = Range::Sphere { centre: Vec3::X, radius: 0.5 };

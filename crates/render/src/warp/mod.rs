@@ -277,7 +277,9 @@ mod tests {
 
     fn warps() -> [Warp; 3] {
         let contraction = Warp::Contraction { centre: Vec3::X, radius: 3.0 };
-        [Warp::of(&forward(), SpaceChoice::Ndc), contraction, Warp::Identity]
+        let mut close = forward();
+        close.space.near = 0.5;
+        [Warp::of(&close, SpaceChoice::Ndc), contraction, Warp::Identity]
     }
 
     /// Value and gradient, also within the ball that contraction only scales.
@@ -369,6 +371,18 @@ mod tests {
                     let speed = (to - from).abs() / step;
                     prop_assert!(speed.cmple(1.001 * bound + 1e-3).all(), "{warp:?} {ray:?} {i}: {speed} above {bound}");
                 }
+            }
+        }
+
+        /// Points along a prepared ray are those of the warp.
+        #[test]
+        fn a_prepared_ray_has_the_points_of_the_warp(x in -0.4f32..0.4, y in -0.4f32..0.4, s in 0.5f32..3.9) {
+            let ray = Ray::new(Vec3::new(x, y, 0.2), Vec3::new(y, x, -1.0).normalize());
+            for warp in warps() {
+                let ([t], point) = warp.along(&ray).points([s]);
+                let (found, expected) = (Vec3::from(point.map(|[x]| x)), warp.point(ray.at(warp.distance(s))));
+                prop_assert_eq!(t, warp.distance(s));
+                prop_assert!(found.distance(expected) < 1e-4 * (1.0 + expected.length()), "{:?} {}: {}", warp, s, found);
             }
         }
 

@@ -21,6 +21,7 @@ use crate::print::outln;
 use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
 use crate::terminal::{open_device, read_run};
+use crate::units::parse_folder;
 use animation::Animation;
 use path::{FRAMES, Route};
 
@@ -55,7 +56,7 @@ pub(crate) struct RenderArgs {
     #[arg(long)]
     normals: bool,
     /// Folder for the frames [default: RUN/render]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder)]
     out: Option<PathBuf>,
     #[command(flatten)]
     device: DeviceArgs,
@@ -90,9 +91,6 @@ fn write_frames(
     out: &Path,
     normals: bool,
 ) -> Result<Option<PathBuf>> {
-    if out.exists() && !out.is_dir() {
-        bail!("{}: expected a folder for pictures, found a file", out.display());
-    }
     clear(out, &route.name)?;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name)), route.fps)?;
