@@ -58,7 +58,7 @@ impl Lpips {
         Ok(Self { config, convolutions, device })
     }
 
-    /// Computes the distance of a pair; VGG-16 takes about 2 KiB of memory per pixel.
+    /// Computes the distance of a pair; VGG-16 takes about 3 KiB of memory per pixel.
     ///
     /// # Errors
     /// One line if the images differ in size, or are too small for the backbone.
