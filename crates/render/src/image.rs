@@ -283,7 +283,7 @@ pub(crate) mod tests {
         let expected = [(2.0 * 0.2 + 1.0) / 3.0, (2.0 * 0.4 + 1.0) / 3.0, (2.0 * 0.1 + 1.0) / 3.0];
         assert!(combined.rgb[19].iter().zip(expected).all(|(got, want)| (got - want).abs() < 1e-6));
         // Two of three members see the surface at column 19: opaque enough to have a distance, the mean of theirs.
-        assert_eq!((combined.depth[0], combined.depth[21]), ((2.0 + 2.0 + 4.0) / 3.0, f32::INFINITY));
-        assert!((combined.depth[19] - 3.0).abs() < 1e-6);
+        assert_eq!((combined.width, combined.height, combined.depth[0]), (SIZE, SIZE, (2.0 + 2.0 + 4.0) / 3.0));
+        assert!((combined.depth[19] - 3.0).abs() < 1e-6 && combined.depth[21] == f32::INFINITY);
     }
 }

@@ -105,6 +105,7 @@ mod tests {
         learned.iter_mut().zip([1.1, 1.2, 1.3]).for_each(|(camera, factor)| camera.fx *= factor);
         let frame = ModelFrame::of(&given, &given, &learned, DVec3::ZERO);
         approx::assert_relative_eq!(frame.zoom, (1.1_f64 * 1.2 * 1.3).cbrt(), max_relative = 1e-12);
-        approx::assert_relative_eq!(frame.camera(&given[1]).fy, frame.zoom * given[1].fy, max_relative = 1e-12);
+        let (camera, [fx, fy]) = (frame.camera(&given[1]), [given[1].fx, given[1].fy].map(|focal| frame.zoom * focal));
+        assert_eq!([camera.fx, camera.fy], [fx, fy]);
     }
 }
