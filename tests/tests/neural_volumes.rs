@@ -208,25 +208,26 @@ fn a_seed_draws_the_code() {
     }
 }
 
-/// With the released loss weights, four views of a built-in scene are learned to 20 dB. A code from images, which is learned more
-/// slowly as its deviation begins at 1, exceeds the 13.3 dB of empty renders.
+/// With the released loss weights, four views of a built-in scene are learned to 18.5 dB. A code from images, which is learned
+/// more slowly as its deviation begins at 1, exceeds the 13.3 dB of empty renders.
+///
+/// At rates above 2e-3 the result depends on the seed and on the rounding of matrix products.
 #[test]
 fn learns_its_training_views_with_and_without_the_encoder() {
-    let encoder = ["train.lr=1e-3", "field.encoder={images=3,size=[32,32],width=4}"];
-    for (settings, expected) in [(&["train.lr=4e-3"][..], 20.0), (&encoder, 15.5)] {
+    for (settings, expected) in [("", 18.5), ("field.encoder={images=3,size=[32,32],width=4}", 15.5)] {
         let psnr = trained(settings);
         assert!(psnr >= expected, "{settings:?}: {psnr} dB");
     }
 }
 
 /// Returns the PSNR of the last steps of a small run.
-fn trained(settings: &[&str]) -> f32 {
+fn trained(settings: &str) -> f32 {
     let small = "field={kind='neuralvolumes',latent=32,resolution=16,width=32,maps=4,warp_resolution=8} \
                  render.samples=48 render.compositing=additive loss.rgb.weight=104.04 loss.entropy.weight=0.0 \
                  loss.silhouette.weight=0.0 loss.opacity_prior.weight=0.01 loss.tv.weight=0.01 \
                  loss.latent.weight=0.001 train.iterations=400 train.rays=256 train.target_samples=0 \
-                 train.downscale=1.0";
-    let config = Config::of(Preset::Fast, small.split(' ').chain(settings.iter().copied())).unwrap();
+                 train.downscale=1.0 train.lr=1e-3";
+    let config = Config::of(Preset::Fast, small.split(' ').chain(settings.split_whitespace())).unwrap();
     let request = SceneRequest { image_size: Some(32), test: TestProtocol::First(1), ..SceneRequest::default() };
     let scene = load("crane", &request).unwrap();
     let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
