@@ -7,7 +7,11 @@ pub(crate) const GROUPS: usize = 16;
 
 /// Returns `len` zeros, which all threads write.
 pub(crate) fn zeros(len: usize) -> Vec<f32> {
-    rayon::iter::repeat_n(0.0, len).with_min_len(1 << 16).collect()
+    const BLOCK: usize = 1 << 12;
+    let blocks: Vec<_> = (0..len.div_ceil(BLOCK)).into_par_iter().with_min_len(16).map(|_| [0.0; BLOCK]).collect();
+    let mut zeros = blocks.into_flattened();
+    zeros.truncate(len);
+    zeros
 }
 
 /// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved` if a backward pass will read the
