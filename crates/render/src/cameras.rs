@@ -189,6 +189,9 @@ mod tests {
             for size in [0.0, 0.1] {
                 let (poses, phi) = (numbers(18, size), 0.5 * size);
                 let learned = refinement(&poses, phi);
+                let focal = |camera: &Camera| [camera.fx, camera.fy];
+                let longer = focal(&cameras[1]).map(|focal| focal * f64::from(phi).exp());
+                assert_eq!(focal(&learned.apply(&cameras)[1]), longer);
                 let weights = numbers(24, 1.0);
                 let loss = |poses: &[f32], phi: f32| -> f64 {
                     let corrected = refinement(poses, phi).apply(&cameras);
@@ -216,15 +219,21 @@ mod tests {
         }
     }
 
-    /// Checks that a motion common to all cameras, which only changes the frame, corrects no camera.
+    /// Checks that a motion common to all cameras, which only changes the frame, corrects no camera; the same motion of a
+    /// single camera does.
     #[test]
     fn a_common_motion_is_no_correction() {
         let cameras = cameras(Lens::PERSPECTIVE);
-        let moved = refinement(&[0.3, -0.2, 0.1, 0.5, 0.4, -0.3].repeat(3), 0.0);
+        let motion = [0.3, -0.2, 0.1, 0.5, 0.4, -0.3];
+        let moved = refinement(&motion.repeat(3), 0.0);
         for (found, camera) in moved.apply(&cameras).iter().zip(&cameras) {
             assert!(found.ray_f64(11.0, 7.0).1.distance(camera.ray_f64(11.0, 7.0).1) < 1e-6);
             assert!(found.position_f64().distance(camera.position_f64()) < 1e-6);
         }
         assert!(to_host(moved.prior())[0] < 1e-12);
+        let single = CameraRefinement::single(PIVOT, &Device::flex());
+        let poses = single.poses.map(|_| from_host(&motion, 6, &Device::flex()));
+        let found = CameraRefinement { poses, ..single }.apply(&cameras[..1]);
+        assert!(found[0].position_f64().distance(cameras[0].position_f64()) > 1.0);
     }
 }

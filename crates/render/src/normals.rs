@@ -62,7 +62,7 @@ impl<F: Field> Field for Normals<F> {
 mod tests {
     use glam::{DMat4, DVec3};
     use infonerf_ops::upload;
-    use infonerf_scene::{Scene, Similarity};
+    use infonerf_scene::{Backdrop, Scene, Similarity};
 
     use super::*;
     use crate::image::tests::config;
@@ -100,9 +100,10 @@ mod tests {
         let turned = Some(ModelFrame { similarity, zoom: 1.0 });
         let to_world = DMat4::from_rotation_y(0.7) * DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
         let camera = Camera::from_fov(9, 9, 0.6, to_world);
+        let scene = Scene { background: [1.0; 3], backdrop: Backdrop::Unknown, ..Scene::default() };
         for (placement, frame) in [(Placement::Mid, None), (Placement::Left, turned)] {
             let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
-            let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
+            let renderer = Renderer::new(&config, &scene);
             let ball = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
             let trained = TrainedModel { frame, ..TrainedModel::of(Model::of(ball), Moment::END) };
             let image = render_normals(&renderer, &[trained.clone(), trained], &camera);

@@ -216,7 +216,8 @@ impl Renderer {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use infonerf_scene::{Range, Scene, Space};
+    use infonerf_ops::from_host;
+    use infonerf_scene::{PixelAt, Range, Scene, Space};
 
     use super::*;
     use crate::config::RenderConfig;
@@ -290,6 +291,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Checks that points keep the gradient with respect to tracked rays, and batches the pixels of rays.
+    #[test]
+    fn points_follow_tracked_rays() {
+        let renderer = Renderer::new(&config(Placement::Mid), &scene());
+        let device = Device::flex().autodiff();
+        let rays = rays(&renderer);
+        let pixels: Vec<PixelAt> = (0..3).map(|view| PixelAt { view, x: 0.5, y: 1.5 }).collect();
+        assert_eq!(rays.clone().with_pixels(pixels.clone()).pixels(), Some(pixels.as_slice()));
+        let tracked = rays.geometry().map(|rows| from_host(&to_host(rows), 3, &device).require_grad());
+        let pass = renderer.first_coordinates(&rays, Moment::START);
+        let placed = renderer.place(&rays.tracked(tracked.clone()), &pass, NOTHING, &device);
+        let gradients = placed.points.positions.sum().backward();
+        // The derivative of o + t d with respect to o is 1 for each sample of a ray.
+        let of_origins = to_host(tracked[0].grad(&gradients).unwrap());
+        let counts: Vec<f32> = placed.samples.segments.ranges().map(|range| range.len() as f32).collect();
+        assert_eq!(of_origins, [0, 1, 2].map(|ray| [counts[ray]; 3]).concat());
+        assert!(to_host(tracked[1].grad(&gradients).unwrap())[0] > 1.0);
     }
 
     /// Checks that a march through a grid with empty cells and hidden parts keeps the same steps as [`Renderer::keep`].
