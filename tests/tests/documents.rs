@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use infonerf_experiment::{Experiment, Selection};
 use infonerf_train::Preset;
+use walkdir::{DirEntry, WalkDir};
 
 /// Maximum number of bytes of all documents together, and of one of them.
 const MAX_BYTES: [usize; 2] = [90 << 10, 11 << 10];
@@ -247,18 +248,11 @@ fn documents_and_readmes() -> Vec<(PathBuf, String)> {
 
 /// Returns every Rust file of the repository, sorted by path.
 fn sources() -> Vec<(PathBuf, String)> {
-    let mut folders: Vec<PathBuf> = ["crates", "tests", "fuzz"].map(|folder| root().join(folder)).into();
-    let mut files = Vec::new();
-    while let Some(folder) = folders.pop() {
-        for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
-            if path.is_dir() && !path.ends_with("target") {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                files.push((path.clone(), fs::read_to_string(path).unwrap()));
-            }
-        }
-    }
-    files.sort();
+    let own = |entry: &DirEntry| entry.file_name() != "target";
+    let walk = |folder| WalkDir::new(root().join(folder)).sort_by_file_name().into_iter().filter_entry(own);
+    let paths = ["crates", "tests", "fuzz"].into_iter().flat_map(walk).map(|entry| entry.unwrap().into_path());
+    let sources = paths.filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let files: Vec<_> = sources.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
     assert!(files.len() > 300, "{}", files.len());
     files
 }

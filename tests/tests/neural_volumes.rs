@@ -209,9 +209,8 @@ fn a_seed_draws_the_code() {
 }
 
 /// With the released loss weights, four views of a built-in scene are learned to 18.5 dB. A code from images, which is learned
-/// more slowly as its deviation begins at 1, exceeds the 13.3 dB of empty renders.
-///
-/// At rates above 2e-3 the result depends on the seed and on the rounding of matrix products.
+/// more slowly as its deviation begins at 1, exceeds the 13.3 dB of empty renders. At rates above 2e-3 the result depends on
+/// the seed and on the rounding of matrix products.
 #[test]
 fn learns_its_training_views_with_and_without_the_encoder() {
     for (settings, expected) in [("", 18.5), ("field.encoder={images=3,size=[32,32],width=4}", 15.5)] {

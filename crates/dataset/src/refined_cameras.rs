@@ -23,7 +23,6 @@ const ABSURD: f64 = 50.0;
 /// deviations. A camera whose photograph shares too few points with others is kept. All are kept if the given ones
 /// explain the shared points about as well. [`Scene::notes`] and [`Scene::warnings`] report what was done. The given
 /// cameras are kept in [`Scene::unrefined_cameras`].
-#[must_use]
 pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     let given = scene.given_cameras();
     let mean = |of: &dyn Fn(&Camera) -> f64| given.iter().map(of).sum::<f64>() / given.len().max(1) as f64;

@@ -235,7 +235,6 @@ const SWEEP: &str = "sweep-";
 impl About {
     /// Describes the built-in experiment, or the sweep of one, whose results are called `name`. The description of any other
     /// experiment has the name alone.
-    #[must_use]
     pub fn of_results(name: &str) -> Self {
         let known = |name: &str| {
             let layers = Layers::built_in(name)?;

@@ -48,7 +48,6 @@ pub struct Evaluator<'a> {
 
 impl<'a> Evaluator<'a> {
     /// Prepares to measure `metrics`: all of [`METRICS`], or a [selection](crate::select).
-    #[must_use]
     pub fn new(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
         let mut features = BTreeMap::new();
         for metric in metrics {

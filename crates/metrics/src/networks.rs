@@ -24,7 +24,6 @@ pub struct Networks {
 
 impl Networks {
     /// Returns an empty collection.
-    #[must_use]
     pub fn none() -> Self {
         Self::default()
     }

@@ -66,7 +66,6 @@ impl Picture {
     }
 
     /// Rounds every value to 8 bits and back, `round(255 · clamp(x, 0, 1)) / 255`, as a PNG does.
-    #[must_use]
     pub fn rounded(&self) -> Self {
         self.mapped(|_, pixel| pixel.map(|value| eight_bit(value) / 255.0))
     }

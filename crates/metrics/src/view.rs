@@ -32,7 +32,6 @@ pub struct Depths<'a> {
 
 impl<'a> Pair<'a> {
     /// Returns a pair without masks and depth.
-    #[must_use]
     pub fn new(render: &'a Picture, truth: &'a Picture) -> Self {
         Self { render, truth, mask: None, valid: None, depths: None }
     }

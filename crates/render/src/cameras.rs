@@ -189,9 +189,8 @@ mod tests {
             for size in [0.0, 0.1] {
                 let (poses, phi) = (numbers(18, size), 0.5 * size);
                 let learned = refinement(&poses, phi);
-                let focal = |camera: &Camera| [camera.fx, camera.fy];
-                let longer = focal(&cameras[1]).map(|focal| focal * f64::from(phi).exp());
-                assert_eq!(focal(&learned.apply(&cameras)[1]), longer);
+                let (found, factor) = (&learned.apply(&cameras)[1], f64::from(phi).exp());
+                assert_eq!([found.fx, found.fy], [cameras[1].fx * factor, cameras[1].fy * factor]);
                 let weights = numbers(24, 1.0);
                 let loss = |poses: &[f32], phi: f32| -> f64 {
                     let corrected = refinement(poses, phi).apply(&cameras);

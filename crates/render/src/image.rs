@@ -238,8 +238,8 @@ pub(crate) mod tests {
             let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
             let picture = render_one(&renderer, &trained, &camera, None);
-            assert_eq!((picture.acc[0], picture.rgb[0]), (1.0, [0.25; 3]), "{placement:?}");
-            assert_eq!([picture.width, picture.height], [1, 1]);
+            let RenderedImage { width, height, rgb, acc, .. } = picture;
+            assert_eq!((width, height, acc[0], rgb[0]), (1, 1, 1.0, [0.25; 3]), "{placement:?}");
             let (renderer, trained, camera) = seen(|_| 0.0, placement);
             let renderer = Renderer { background: [0.5, 0.6, 0.7], ..renderer };
             assert_eq!(render_one(&renderer, &trained, &camera, None).rgb[0], renderer.background, "{placement:?}");

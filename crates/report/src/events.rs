@@ -40,7 +40,6 @@ impl Events {
     }
 
     /// Reads events from the text of a `metrics.jsonl`, as [`Events::read`] does from its file.
-    #[must_use]
     pub fn parse(text: &str) -> Self {
         let mut events = Self::default();
         for line in text.lines().filter(|line| !line.trim().is_empty()) {

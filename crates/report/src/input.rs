@@ -35,7 +35,6 @@ pub struct ReportInput {
 
 impl ReportInput {
     /// Makes the input of a report of `records`.
-    #[must_use]
     pub fn new(experiment: &str, title: &str, records: Vec<Record>) -> Self {
         Self { experiment: experiment.into(), title: title.into(), records, ..Self::default() }
     }

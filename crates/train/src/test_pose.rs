@@ -18,7 +18,6 @@ const RATE: f64 = 2e-3;
 /// `trained` with the frame in which it shows the view. The pose begins where the alignment of the training cameras puts it.
 ///
 /// The error of pictures then excludes that of poses. The view's image determines six values; a new view has no image.
-#[must_use]
 pub fn fit_test_pose<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,

@@ -134,15 +134,6 @@ struct EncodedSources {
     sources: Sources,
 }
 
-impl PixelNerf {
-    /// Reads the encoder's features where each of `views` sees each of `positions` (`[M, 3]` row-major): `[V·M, C]`, view by
-    /// view. Points outside an image read its border.
-    pub fn pixel_aligned(&self, views: &[SourceView], positions: &[f32]) -> Tensor<2> {
-        let device = self.device();
-        bilinear(self.encoder.features(views, &device), &taps(&project::pixels(views, positions), views))
-    }
-}
-
 impl Field for PixelNerf {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned) on any images.

@@ -25,7 +25,6 @@ pub(super) struct ConvolutionShape {
 
 impl LpipsConfig {
     /// Returns AlexNet (Krizhevsky 2014), compared after each of its five convolutions.
-    #[must_use]
     pub fn alex() -> Self {
         let convolution =
             |kernel, stride, padding, outputs| Some((Window::square(kernel, stride, padding), outputs, true));
@@ -35,7 +34,6 @@ impl LpipsConfig {
     }
 
     /// Returns VGG-16 (Simonyan and Zisserman 2015), compared after the last convolution at each size.
-    #[must_use]
     pub fn vgg() -> Self {
         let blocks = [(64, 2), (128, 2), (256, 3), (512, 3), (512, 3)].into_iter().enumerate();
         let layers = blocks.flat_map(|(block, (outputs, count))| {

@@ -40,7 +40,6 @@ impl Store {
     }
 
     /// Searches `folder` alone.
-    #[must_use]
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self { files: Vec::new(), folders: vec![folder.into()] }
     }

@@ -44,7 +44,6 @@ pub struct Series {
 
 impl ChartFrame {
     /// Returns a frame with linear axes.
-    #[must_use]
     pub fn new(title: &str, x: &str, y: &str) -> Self {
         Self { title: title.into(), x: Axis::linear(x), y: Axis::linear(y) }
     }
@@ -52,13 +51,11 @@ impl ChartFrame {
 
 impl Axis {
     /// Returns a linear axis.
-    #[must_use]
     pub fn linear(label: &str) -> Self {
         Self { label: label.into(), log: false }
     }
 
     /// Returns a logarithmic axis.
-    #[must_use]
     pub fn log(label: &str) -> Self {
         Self { label: label.into(), log: true }
     }

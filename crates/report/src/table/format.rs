@@ -61,7 +61,6 @@ impl Table {
 
     /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the
     /// most important first, and a note of the number left out.
-    #[must_use]
     pub fn narrowed(&self, width: usize) -> Self {
         let widths = self.grid(Emphasis::Star).widths();
         let (names, numbers) = widths.split_at(1 + self.keys.len());
