@@ -168,9 +168,9 @@ impl OccupancyGrid {
     }
 
     /// Returns the states of the cells at `N` points, given by their axes.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn states_at<const N: usize>(&self, points: [[f32; N]; 3]) -> [CellState; N] {
-        self.cells_at(points).map(|cell| cell.map_or(CellState::UNKNOWN, |cell| self.states[cell]))
+        self.cells_at(points).map(|cell| self.states.get(cell as usize).copied().unwrap_or(CellState::UNKNOWN))
     }
 
     /// Computes the box of the occupied cells and the state of each cell, which includes the density `nearby` if it is given.
@@ -186,7 +186,8 @@ impl OccupancyGrid {
 
     /// Returns the density of the cell at `p`; `None` if it is empty, 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
-        self.cell(p).map_or(Some(0.0), |cell| self.occupied[cell].then(|| self.density[cell]))
+        let [cell] = self.cells_at(p.to_array().map(|x| [x])).map(|cell| cell as usize);
+        self.occupied.get(cell).map_or(Some(0.0), |occupied| occupied.then(|| self.density[cell]))
     }
 
     /// Returns the mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all
@@ -258,23 +259,22 @@ impl OccupancyGrid {
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
-    fn cell(&self, p: Vec3) -> Option<usize> {
-        self.cells_at(p.to_array().map(|x| [x]))[0]
-    }
-
-    /// Returns the cells at `N` points, given by their axes; `None` outside the box.
-    #[inline]
-    fn cells_at<const N: usize>(&self, points: [[f32; N]; 3]) -> [Option<usize>; N] {
-        let (n, low, per_unit) = (self.config.resolution, self.bounds.min.to_array(), self.cells_per_unit.to_array());
-        let cells: [[f32; N]; 3] = [0, 1, 2].map(|axis| points[axis].map(|p| (p - low[axis]) * per_unit[axis]));
+    /// Returns the cells at `N` points, given by their axes; `u32::MAX` outside the box.
+    #[inline(always)]
+    fn cells_at<const N: usize>(&self, [x, y, z]: [[f32; N]; 3]) -> [u32; N] {
+        let (n, low, per_unit) = (self.config.resolution, self.bounds.min, self.cells_per_unit);
         // SAFETY: the number lies between 0 and `n`; of NaN and 0, `max` takes 0.
         #[allow(unsafe_code, reason = "a checked conversion is not vectorised")]
-        let whole = |cell: f32| unsafe { cell.max(0.0).min(n as f32).to_int_unchecked::<i32>() };
-        let [x, y, z] = cells.map(|axis| axis.map(whole));
+        let whole = |cell: f32| unsafe { cell.max(0.0).min(n as f32).to_int_unchecked::<i32>() } as u32;
         // Both comparisons are false for NaN, which is thus outside.
-        let inside = |axis: usize, i: usize| (cells[axis][i] >= 0.0) & (cells[axis][i] < n as f32);
-        let inside: [bool; N] = std::array::from_fn(|i| inside(0, i) & inside(1, i) & inside(2, i));
-        std::array::from_fn(|i| inside[i].then(|| x[i] as usize + n * (y[i] as usize + n * z[i] as usize)))
+        let inside = |cell: f32| (cell >= 0.0) & (cell < n as f32);
+        let mut cells = [0; N];
+        for i in 0..N {
+            let (x, y, z) = ((x[i] - low.x) * per_unit.x, (y[i] - low.y) * per_unit.y, (z[i] - low.z) * per_unit.z);
+            let cell = whole(x) + n as u32 * (whole(y) + n as u32 * whole(z));
+            cells[i] = if inside(x) & inside(y) & inside(z) { cell } else { u32::MAX };
+        }
+        cells
     }
 }
 
@@ -364,7 +364,7 @@ mod tests {
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {
                 let p = ray.at(reach * i as f32 / 100.0);
-                prop_assert!(distance == 0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
+                prop_assert!(distance == 0 || grid.occupied_density(p) != Some(1.0));
             }
         }
     }
