@@ -5,7 +5,7 @@ use rayon::prelude::*;
 /// Number of partial sums of a network's gradient: fixed, so that the result does not depend on the number of threads.
 pub(crate) const GROUPS: usize = 16;
 
-/// Returns `len` zeros, which all threads write, a block at a time.
+/// Returns `len` zeros. All threads write them, each block with one `memset`.
 pub(crate) fn zeros(len: usize) -> Vec<f32> {
     const BLOCK: usize = 1 << 12;
     let blocks: Vec<_> = (0..len.div_ceil(BLOCK)).into_par_iter().with_min_len(16).map(|_| [0.0; BLOCK]).collect();

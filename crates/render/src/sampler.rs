@@ -293,7 +293,7 @@ mod tests {
         }
     }
 
-    /// Checks that points keep the gradient with respect to tracked rays, and batches the pixels of rays.
+    /// Checks that points keep the gradient with respect to tracked rays, and that a batch keeps its pixels.
     #[test]
     fn points_follow_tracked_rays() {
         let renderer = Renderer::new(&config(Placement::Mid), &scene());
