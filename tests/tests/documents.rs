@@ -163,10 +163,8 @@ fn named_experiments_exist() {
         for rest in text.split("infonerf exp ").skip(1) {
             let in_name = |c: &char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.');
             let name: String = rest.chars().take_while(in_name).collect();
-            if name.ends_with(".toml") {
-                continue;
-            }
-            assert!(name.is_empty() || known.contains(&name.as_str()), "{}: {name}", path.display());
+            let is_known = name.is_empty() || name.ends_with(".toml") || known.contains(&name.as_str());
+            assert!(is_known, "{}: {name}", path.display());
         }
     }
 }
@@ -282,18 +280,10 @@ fn begins_with(text: &str, words: &str) -> bool {
 
 /// Returns a fault if a line has a word that another one replaces. Lines and leaky rectifiers do have slopes.
 fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
-    let lower = line.to_lowercase();
-    let part_of_word = |c: char| c.is_alphanumeric() || c == '_';
-    let has = |word: &str| {
-        let is_constant = word.ends_with('_');
-        let line = if is_constant { line } else { &lower };
-        line.match_indices(word).any(|(at, _)| {
-            let (before, after) = (&line[..at], &line[at + word.len()..]);
-            match is_constant {
-                true => !before.ends_with(part_of_word),
-                false => !before.ends_with(char::is_alphanumeric) && !after.starts_with(char::is_alphanumeric),
-            }
-        })
+    let words = format!(" {} ", line.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " "));
+    let has = |word: &str| match word.ends_with('_') {
+        true => line.split(|c: char| !c.is_alphanumeric() && c != '_').any(|name| name.starts_with(word)),
+        false => words.contains(&format!(" {word} ")),
     };
     let of_a_line = ["line", "lines", "aspect", "leaky"].into_iter().any(has);
     let (wrong, right) = WORDS.iter().find(|(word, _)| has(word) && !(word.starts_with("slope") && of_a_line))?;

@@ -3,16 +3,14 @@
 //!
 //! `fixtures/neural_body.py` made the expected values; its head states the rule that gives every weight.
 
-use std::path::PathBuf;
-
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
     BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField,
 };
 use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{close, fixture, hashed, numbers, overwritten, parameters_of, triple, whole};
-use serde_json::Value;
+use infonerf_tests::{close, fixture, hashed, numbers, overwritten, parameters_of, triple};
+use serde_json::{Map, Value};
 
 use crate::{no_sources, setup};
 
@@ -24,17 +22,10 @@ fn triples(value: &Value) -> Vec<[f32; 3]> {
 }
 
 fn config(fixture: &Value) -> NeuralBodyConfig {
-    let number = |key: &str| whole(&fixture[key]);
-    NeuralBodyConfig {
-        vertices: PathBuf::new(),
-        voxel: fixture["voxel"].as_f64().unwrap() as f32,
-        code: number("code"),
-        channels: number("channels"),
-        width: number("width"),
-        appearance: number("appearance"),
-        position_frequencies: number("position_frequencies"),
-        direction_frequencies: number("direction_frequencies"),
-    }
+    let sizes = ["voxel", "code", "channels", "width", "appearance", "position_frequencies", "direction_frequencies"];
+    let mut config: Map<String, Value> = sizes.map(|key| (key.to_owned(), fixture[key].clone())).into_iter().collect();
+    config.insert("vertices".to_owned(), "".into());
+    serde_json::from_value(config.into()).unwrap()
 }
 
 fn rule(l: usize, shape: &[usize], u: f64) -> f64 {

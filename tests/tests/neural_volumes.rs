@@ -15,21 +15,15 @@ use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_schedule::Moment;
 use infonerf_tests::{close, fixture, gradients_of_rank, numbers, overwritten, picture, triple, whole, wholes};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::{no_sources, setup};
 
 /// Returns the config of the field without an encoder.
 fn sizes(fixture: &Value) -> NeuralVolumesConfig {
-    let number = |key: &str| whole(&fixture[key]);
-    NeuralVolumesConfig {
-        latent: number("latent"),
-        resolution: number("resolution"),
-        width: number("width"),
-        maps: number("maps"),
-        warp_resolution: number("warp_resolution"),
-        encoder: None,
-    }
+    let sizes = ["latent", "resolution", "width", "maps", "warp_resolution"];
+    let config: Map<String, Value> = sizes.map(|key| (key.to_owned(), fixture[key].clone())).into_iter().collect();
+    serde_json::from_value(config.into()).unwrap()
 }
 
 fn encoder(fixture: &Value) -> CodeEncoderConfig {

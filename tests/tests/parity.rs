@@ -8,7 +8,7 @@ use std::sync::Arc;
 use burn::tensor::{Device, f16};
 use glam::{DMat3, DMat4, DVec3};
 use infonerf_field::{FieldSpec, RadianceField};
-use infonerf_render::RandomStream;
+use infonerf_render::RandomStream::{FineSamples, Neighbours, Samples, SeenRays, UnseenRays};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_tests::{fixture, floats, hashed, parameters_of, space, whole, wholes, with_parameters};
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Trainer};
@@ -175,13 +175,7 @@ fn check(device: &Device) {
     let fixture = &fixture("parity");
     let changes = SafeTensors::deserialize(include_bytes!("../fixtures/parity.safetensors")).unwrap();
     for (name, stream) in fixture["streams"].as_object().unwrap() {
-        let streams = [
-            RandomStream::SeenRays,
-            RandomStream::UnseenRays,
-            RandomStream::Neighbours,
-            RandomStream::Samples,
-            RandomStream::FineSamples,
-        ];
+        let streams = [SeenRays, UnseenRays, Neighbours, Samples, FineSamples];
         let known = streams.iter().find(|known| format!("{known:?}") == *name).unwrap();
         assert_eq!(*known as u64, stream.as_u64().unwrap(), "{name}: put its new number into parity.py and run that");
     }

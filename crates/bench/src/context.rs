@@ -88,10 +88,8 @@ impl Bench {
             test_views: first.config.eval.test.to_string(),
             benchmark: name,
         };
-        let networks = match name {
-            "pareto" | "skip" => networks(weights, &device)?,
-            _ => Networks::none(),
-        };
+        let measures_quality = matches!(name, "pareto" | "skip");
+        let networks = if measures_quality { networks(weights, &device)? } else { Networks::none() };
         let folder = out.join(name);
         let session = Session::new(device, folder.join("runs"), Existing::Overwrite).with_networks(networks);
         Ok(Self { plans, session, folder, conditions })

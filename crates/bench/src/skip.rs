@@ -75,8 +75,7 @@ fn factors(records: &[Record]) -> Vec<(String, [f64; 2])> {
             let without = records.iter().filter(|record| record.variant == first.variant).map(value).sum::<f64>();
             without / own.iter().map(|record| value(record)).sum::<f64>()
         };
-        let factors = [ratio(|record| record.samples_evaluated as f64), ratio(|record| record.train_seconds)];
-        (run, factors)
+        (run, [ratio(|record| record.samples_evaluated as f64), ratio(|record| record.train_seconds)])
     };
     distinct(records, |record| record.variant.clone()).into_iter().map(factor).collect()
 }
@@ -90,8 +89,7 @@ mod tests {
     #[test]
     fn every_switch_is_a_setting_of_every_preset() {
         for preset in Preset::ALL {
-            let base = Config::from_table(preset.table()).unwrap();
-            for (case, settings) in cases(&base) {
+            for (case, settings) in cases(&Config::from_table(preset.table()).unwrap()) {
                 let settings = settings.iter().map(String::as_str).chain([FIXED_RAYS]);
                 Config::of(preset, settings).unwrap_or_else(|error| panic!("{case}: {error}"));
             }

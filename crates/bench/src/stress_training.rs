@@ -170,8 +170,7 @@ impl SettingOutcome {
             self.not_finite += 1;
             return Ok(None);
         };
-        let background = trainer.scene().background;
-        let shown = view.image.rgb.iter().any(|color| *color != background);
+        let shown = view.image.rgb.iter().any(|color| *color != trainer.scene().background);
         let restarts = trainer.progress().restarts;
         self.restarts += restarts;
         match outcome {

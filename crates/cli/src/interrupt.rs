@@ -9,6 +9,7 @@ use infonerf_experiment::execute::STOPPED;
 
 use crate::print::errln;
 
+static WAS_SIGNALLED: AtomicBool = AtomicBool::new(false);
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 /// Whether no step or picture is in progress that would have to finish.
 static IDLE: AtomicBool = AtomicBool::new(false);
@@ -16,14 +17,20 @@ static IDLE: AtomicBool = AtomicBool::new(false);
 /// Installs the handler. A second Ctrl-C ends the process at once.
 pub(crate) fn install() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
-        if STOP_REQUESTED.swap(true, Ordering::SeqCst) {
+        if WAS_SIGNALLED.swap(true, Ordering::SeqCst) {
             std::process::exit(STOPPED);
         }
+        request_stop();
         if !IDLE.load(Ordering::SeqCst) {
             errln!("\nstopping after this step; press Ctrl-C again to stop at once");
         }
     })?;
     Ok(())
+}
+
+/// Stops after the current step or picture, as a first Ctrl-C does.
+pub(crate) fn request_stop() {
+    STOP_REQUESTED.store(true, Ordering::SeqCst);
 }
 
 /// Whether the user asked to stop.

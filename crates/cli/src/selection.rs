@@ -33,7 +33,7 @@ pub(crate) struct SelectionArgs {
     /// Preset that the config starts from [default: the experiment's, or capture for photographs and fast otherwise]
     #[arg(long, value_enum)]
     pub(crate) preset: Option<Preset>,
-    /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
+    /// Set a key of the config, such as loss.entropy.weight=0 (λ1 of the paper; λ2 is loss.kl.weight); may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", add = completion::keys())]
     pub(crate) set: Vec<String>,
 }

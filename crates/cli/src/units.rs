@@ -1,6 +1,6 @@
 //! Times, sizes and folders on the command line.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use indicatif::HumanDuration;
@@ -10,6 +10,13 @@ use parse_size::Config;
 pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
     let time = humantime::parse_duration(text).ok().filter(|time| !time.is_zero());
     time.ok_or_else(|| "expected a time above 0 with its unit, such as 60s or 5m".to_owned())
+}
+
+/// Refuses the file `out` if its extension is not that of `format`, which is written.
+pub(crate) fn check_extension(out: &Path, format: &Path) -> anyhow::Result<()> {
+    let fits = out.extension().is_none_or(|found| format.extension().is_some_and(|it| found.eq_ignore_ascii_case(it)));
+    anyhow::ensure!(fits, "--out {}: expected a name with the extension of {}", out.display(), format.display());
+    Ok(())
 }
 
 /// Parses a size such as `8G` into mebibytes; a number without a unit is in mebibytes too.

@@ -60,6 +60,11 @@ fn folders() {
     data("data", "lego").fails_with(&["data/lego", "not found"]);
     data("data", "../data/knot").fails_with(&["../data/knot"]);
     place.tiny("exp fast-losses --data nowhere").fails_with(&["nowhere"]);
+    // The scene that can be read comes first, and is not trained on.
+    place.run("scene export knot data/last --size 24").succeeds();
+    place.write("data/last/train/r_26.png", "");
+    place.tiny("exp fast-losses --data data --out early --variant factored").fails_with(&["data/last", "r_26.png"]);
+    assert!(!place.path("early/fast-losses/knot").exists());
     fs::create_dir_all(place.path("data/empty")).unwrap();
     data("data", "empty").fails_with(&["data/empty", "transforms_train.json"]);
     fs::create_dir_all(place.path("hollow")).unwrap();

@@ -65,6 +65,9 @@ fn few_photographs_without_poses_are_learned_from() {
     let again = capture(&["(finished before)"]);
     assert!(!again.contains("placed"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &stdout));
+    room(&place.path("other/photos"), &[0, 1]);
+    let other = place.run("capture other/photos --budget 1s");
+    other.fails_with(&["infonerf+/seed0 is of ", "/photos; --out names another folder for results"]);
     room(&place.path("photos"), &[2]);
     let command = "capture photos --budget 1s";
     let remedy = "removed since: 02.png; --overwrite finds the poses again and trains anew";

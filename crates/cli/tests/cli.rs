@@ -121,6 +121,15 @@ fn interrupted(place: &Workplace, args: &str, out: &str, field: &str) -> std::pr
     output
 }
 
+/// Interrupts a command whose runs have processes of their own, but not these processes.
+#[cfg(unix)]
+#[test]
+fn runs_side_by_side_stop_with_their_command() {
+    let args = format!("{LONG} --set train.iterations=3000 --seed 0..1 --jobs 2");
+    let output = interrupted(&Workplace::new(), &args, "jobs", "");
+    assert_has(&text(&output.stdout), &["seed1: saved; the same command continues it"]);
+}
+
 /// If the newest checkpoint is damaged, the run continues from the one before it.
 #[cfg(unix)]
 #[test]

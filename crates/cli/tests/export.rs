@@ -139,6 +139,8 @@ fn impossible_exports_and_paths_are_refused() {
     place.run(format!("export {RUN} --format points --triangles 9")).fails_with(&["--triangles", "expected a"]);
     place.write("file", "");
     export("--out file/below.ply").fails_with(&["file"]);
+    place.run("figure runs/fast-losses --variant nope").fails_with(&["--variant nope: expected one of those in runs"]);
+    export("--out a.glb").fails_with(&["--out a.glb: expected a name with the extension of export/mesh.ply"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
     // A field that has hardly been trained has no half-opaque ray, and so no surface.
@@ -176,12 +178,12 @@ fn cameras_follow_every_path() {
     place.run(format!("render {RUN} --frames 5 --normals")).succeeds();
     assert_eq!(count(&place.path(RUN).join("render/normals"), ".png"), 5);
     let render = |path: &str, args: &str| place.run(format!("render {RUN} --path {path}")).args(args);
-    for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
+    for (index, path) in ["orbit", "spiral", "figure-eight", "interpolate"].into_iter().enumerate() {
         render(path, "--frames 3").succeeds_with(&["3 frames of 24x24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
-        // Frames and animation of the previous path are removed.
+        // Frames of the previous path are removed, and its animation is kept.
         let left = [count(&folder, ".png"), count(&folder.join("normals"), ".png"), count(&folder, ".gif")];
-        assert_eq!(left, [3, 0, 1]);
+        assert_eq!(left, [3, 0, index + 1]);
     }
 
     let nerfstudio = json!({"camera_path": [entry(0), entry(1)], "render_width": 30, "render_height": 20, "fps": 10});
@@ -193,6 +195,9 @@ fn cameras_follow_every_path() {
         render("mine.json", args).succeeds();
         assert_eq!(count(&place.path("b"), ".png"), frames);
     }
+    place.write("photos/0001.png", "of the user");
+    render("orbit", "--out photos").fails_with(&["--out photos: expected a folder without frames of another origin"]);
+    assert!(place.path("photos/0001.png").exists());
     // The first frame is the first keyframe in both.
     let first = |folder: &str| image::open(place.path(folder).join("0000.png")).unwrap().to_rgb8();
     render("camera_path.json", "--size 12 --out c").succeeds();

@@ -107,7 +107,6 @@ fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, Expo
     let length = u32::try_from(length).map_err(|_| ExportError("glb: expected at most 4 GB".into()))?;
     let size = |chunk: &[u8]| (chunk.len() as u32).to_le_bytes();
     let head = [*b"glTF", 2u32.to_le_bytes(), length.to_le_bytes()].concat();
-    let [json, binary] =
-        [(*b"JSON", &document), (*b"BIN\0", &buffer)].map(|(kind, chunk)| [size(chunk), kind].concat());
-    Ok([head, json, document, binary, buffer].concat())
+    let [json, bin] = [(*b"JSON", &document), (*b"BIN\0", &buffer)].map(|(kind, chunk)| [size(chunk), kind].concat());
+    Ok([head, json, document, bin, buffer].concat())
 }

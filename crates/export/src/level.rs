@@ -94,12 +94,10 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
 
 /// Finds the depths of a ray through densities in the middle of intervals of length `step`, from `near` on.
 fn depths_of(near: f32, step: f32, densities: &[f32]) -> RayDepths {
-    let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::new());
-    let mut densest = 0.0;
+    let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::<(f32, f32)>::new());
     for (i, &sigma) in densities.iter().enumerate() {
         let t = near + (i as f32 + 0.5) * step;
-        if sigma > densest {
-            densest = sigma;
+        if sigma > peaks.last().map_or(0.0, |(densest, _)| *densest) {
             peaks.push((sigma, t));
         }
         tau += sigma * step;

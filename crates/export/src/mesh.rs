@@ -18,8 +18,7 @@ pub struct Mesh {
 impl Mesh {
     /// Makes a mesh of `surface` with the colours of `volume`.
     pub fn new(surface: Surface, volume: &dyn Volume) -> Self {
-        let colors = colors_along_normals(&surface, &endpoints(&surface, volume), volume);
-        Self { surface, colors }
+        Self { colors: colors_along_normals(&surface, &endpoints(&surface, volume), volume), surface }
     }
 }
 

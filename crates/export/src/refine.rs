@@ -101,8 +101,7 @@ struct Gradient {
 /// half-axis has `∂L/∂ ln s = 2 aᵀ (∂L/∂Σ′) a`.
 fn loss(gaussians: &[Gaussian], target: &SplatTarget, background: [f32; 3]) -> (f64, Vec<Parameters>) {
     let splats = Splats::project(gaussians, &target.camera);
-    let width = target.camera.width as usize;
-    assert_eq!(target.image.len(), width * splats.rows.len(), "a colour for every pixel");
+    assert_eq!(target.image.len(), target.camera.width as usize * splats.rows.len(), "a colour for every pixel");
     let of_band = |band: usize| {
         let mut gradients = vec![Gradient::default(); splats.list.len()];
         let rows = (band..splats.rows.len()).step_by(BANDS);

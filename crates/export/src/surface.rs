@@ -164,8 +164,7 @@ mod tests {
     #[test]
     fn a_ball_is_met_within_half_a_voxel() {
         for (resolution, sharpness) in [(24, 10.0), (48, 40.0), (64, 200.0)] {
-            let ball = Ball { radius: 1.0, sharpness };
-            let surface = ball.surface(resolution);
+            let surface = Ball { radius: 1.0, sharpness }.surface(resolution);
             for (p, normal) in surface.positions.iter().zip(&surface.normals) {
                 assert!((p.length() - 1.0).abs() < 0.5 * surface.voxel, "{p}");
                 assert!(normal.dot(p.normalize()) > 0.9, "{normal} at {p}");

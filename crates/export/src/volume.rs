@@ -19,10 +19,7 @@ pub(crate) mod testing {
 
     use std::f32::consts::LN_2;
 
-    use glam::Vec3;
-    use infonerf_scene::Aabb;
-
-    use super::Volume;
+    use super::*;
     use crate::grid::DensityGrid;
     use crate::surface::Surface;
 

@@ -1,15 +1,5 @@
 /// Name and format of a quantity of a run. Metrics have one, and so have quantities that are measured elsewhere, such
-/// as the time of training, so that one table can show both:
-///
-/// ```
-/// use infonerf_metrics::{Better, Descriptor, METRICS};
-///
-/// const TRAINING: Descriptor =
-///     Descriptor { key: "train_seconds", name: "Training", unit: "s", decimals: 1, better: Better::Lower };
-/// let columns: Vec<Descriptor> = METRICS.iter().map(|metric| metric.descriptor).chain([TRAINING]).collect();
-/// assert_eq!(columns[0].heading(), "PSNR (dB) ↑");
-/// assert_eq!(TRAINING.heading(), "Training (s) ↓");
-/// ```
+/// as the time of training, so that one table can show both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Descriptor {
     /// Key in `results.json`, such as `lpips_vgg`.
@@ -68,12 +58,15 @@ impl Descriptor {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use crate::metric::select;
 
     #[test]
     fn values_are_formatted_and_ranked_as_shown() {
         let [psnr, sharpness] = ["psnr", "sharpness"].map(|key| select([key]).unwrap()[0].descriptor);
-        assert_eq!(sharpness.heading(), "Sharpness → 1");
+        let training = Descriptor { key: "", name: "Training", unit: "s", decimals: 1, better: Better::Lower };
+        let headings = [psnr, training, sharpness].map(|descriptor| descriptor.heading());
+        assert_eq!(headings, ["PSNR (dB) ↑", "Training (s) ↓", "Sharpness → 1"]);
         assert_eq!(psnr.format(19.996), "20.00");
         assert_eq!(psnr.rank(20.001), psnr.rank(20.004));
         assert!(psnr.rank(20.01) < psnr.rank(20.0));

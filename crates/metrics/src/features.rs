@@ -10,16 +10,6 @@ pub struct FeatureSet {
 }
 
 impl FeatureSet {
-    /// Collects the vectors in `rows`.
-    ///
-    /// # Errors
-    /// Errors of [`FeatureSet::push`].
-    pub fn from_rows<'a>(rows: impl IntoIterator<Item = &'a [f32]>) -> Result<Self, MetricError> {
-        let mut features = Self::default();
-        rows.into_iter().try_for_each(|row| features.push(row))?;
-        Ok(features)
-    }
-
     /// Adds the vector of one more image; the first one decides the dimension.
     ///
     /// # Errors
@@ -62,7 +52,8 @@ mod tests {
 
     #[test]
     fn vectors_must_have_one_length_and_be_finite() {
-        let mut features = FeatureSet::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
+        let mut features = FeatureSet::default();
+        [[1.0, 2.0], [3.0, 4.0]].iter().for_each(|row| features.push(row).unwrap());
         let rows = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 3.0, 4.0]);
         assert_eq!(FeatureSet::matrices(&features, &features), Ok([rows.clone(), rows]));
         assert_eq!(features.push(&[1.0]), Err(MetricError::length("feature vector", 1, 2)));

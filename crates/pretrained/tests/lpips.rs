@@ -74,24 +74,19 @@ fn lpips_errors_name_file_tensor_and_shape() {
     assert!(fault(&absent, &heads, config).starts_with(&format!("{}: No such file", absent.display())));
 }
 
-fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
-    let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
-    let backbones = data.join("lpips_backbones_v0.1");
-    let backbone = backbones.join(if name == "alex" { "alexnet_features.pth" } else { "vgg16_features.pth" });
-    let heads = data.join("lpips_heads_v0.1").join(format!("{name}.pth"));
-    let pictures = ["ex_ref.png", "ex_p0.png", "ex_p1.png"]
-        .map(|name| Picture::from_rgb8(&image::open(backbones.join(name)).unwrap().to_rgb8()).unwrap());
-    (Lpips::read(&backbone, &heads, config, &Device::flex()).unwrap(), pictures)
-}
-
 #[test]
 #[ignore = "needs the published weights in INFONERF_DATA"]
 fn published_distances_are_reproduced() {
-    for (name, config, expected) in
-        [("alex", LpipsConfig::alex(), [0.72188, 0.13757]), ("vgg", LpipsConfig::vgg(), [0.56861, 0.42166])]
-    {
-        let (lpips, [reference, first, second]) = published(name, config);
-        for (picture, expected) in [first, second].iter().zip(expected) {
+    let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
+    let (backbones, heads) = (data.join("lpips_backbones_v0.1"), data.join("lpips_heads_v0.1"));
+    let [reference, first, second] = ["ex_ref.png", "ex_p0.png", "ex_p1.png"]
+        .map(|name| Picture::from_rgb8(&image::open(backbones.join(name)).unwrap().to_rgb8()).unwrap());
+    for (backbone, heads, config, expected) in [
+        ("alexnet_features.pth", heads.join("alex.pth"), LpipsConfig::alex(), [0.72188, 0.13757]),
+        ("vgg16_features.pth", heads.join("vgg.pth"), LpipsConfig::vgg(), [0.56861, 0.42166]),
+    ] {
+        let lpips = Lpips::read(&backbones.join(backbone), &heads, config, &Device::flex()).unwrap();
+        for (picture, expected) in [&first, &second].into_iter().zip(expected) {
             let found = lpips.distance(&reference, picture, LpipsInput::Signed).unwrap();
             approx::assert_abs_diff_eq!(found, expected, epsilon = 1e-5);
         }

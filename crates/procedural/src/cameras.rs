@@ -11,9 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{BOUNDS, CAPTURES, CLASSICS, FAR, NEAR};
 
-/// Number of training views of a procedural scene.
 pub(super) const TRAIN_VIEWS: usize = 100;
-/// Number of test views of a procedural scene.
 const TEST_VIEWS: usize = 200;
 /// Distance of every camera from the origin, scene units.
 pub(super) const RADIUS: f64 = 4.031_128_874;
@@ -143,8 +141,7 @@ fn hand_held(name: &str, size: u32, count: usize) -> Vec<Camera> {
 /// Returns twenty-three cameras in a ring about an upright figure, the test views half-way between them and higher.
 fn ring(size: u32) -> (Vec<Camera>, Vec<Camera>) {
     let around = |shift: f64, elevation: f64| {
-        let turn = move |i: u32| TAU * (f64::from(i) + shift) / 23.0;
-        (0..23).map(|i| camera(size, turn(i), elevation)).collect()
+        (0..23).map(|i| camera(size, TAU * (f64::from(i) + shift) / 23.0, elevation)).collect()
     };
     (around(0.0, 0.12), around(0.5, 0.25))
 }

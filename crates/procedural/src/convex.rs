@@ -60,24 +60,14 @@ pub(super) struct Span {
 /// A convex solid about its local origin.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
-    Sphere {
-        radius: f64,
-    },
+    /// Ball of this radius.
+    Sphere { radius: f64 },
     /// Block with half-extents `half`.
-    Block {
-        half: DVec3,
-    },
+    Block { half: DVec3 },
     /// Axis z, `|z| ≤ half`, radius from `bottom` at `−half` to `top` at `half`.
-    Cone {
-        bottom: f64,
-        top: f64,
-        half: f64,
-    },
+    Cone { bottom: f64, top: f64, half: f64 },
     /// A cylinder about z, `|z| ≤ half`, with a ball of its radius about its lower end.
-    Bullet {
-        radius: f64,
-        half: f64,
-    },
+    Bullet { radius: f64, half: f64 },
 }
 
 /// A placed convex solid.
@@ -167,10 +157,7 @@ impl Convex {
         let half = match self.kind {
             Kind::Sphere { radius } => DVec3::splat(radius),
             Kind::Block { half } => half,
-            Kind::Cone { bottom, top, half } => {
-                let r = bottom.max(top);
-                DVec3::new(r, r, half)
-            }
+            Kind::Cone { bottom, top, half } => DVec3::new(bottom.max(top), bottom.max(top), half),
             Kind::Bullet { radius, half } => DVec3::new(radius, radius, half + radius),
         };
         let r = self.frame.rotation;

@@ -118,8 +118,7 @@ pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
         let hits = pixels.zip(distances).filter(|(_, distance)| distance.is_finite());
         hits.map(|((x, y), distance)| camera.ray(x, y).at(distance)).collect()
     };
-    let points: Vec<Vec<Vec3>> = cameras::layout(name, size).train.par_iter().map(of_camera).collect();
-    Ok(points.concat())
+    Ok(cameras::layout(name, size).train.par_iter().flat_map_iter(of_camera).collect())
 }
 
 /// Returns whether the scene `name` shows a body.
@@ -203,8 +202,7 @@ pub fn count_pixels(name: &str, request: &SceneRequest) -> Result<PixelCount, Sc
 /// There is no scene `name`, or it cannot satisfy the request.
 pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
     let model = model(name)?;
-    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
-    let cameras = cameras::layout(name, size);
+    let cameras = cameras::layout(name, request.image_size.unwrap_or(DEFAULT_SIZE));
     let (train_ids, test_ids) = choose(name, &cameras, request)?;
     let SceneCameras { train, test, near, far, bounds } = cameras;
     let is_capture = CAPTURES.contains(&name);
@@ -245,9 +243,6 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
 }
 
 /// Returns an error unless there is a scene `name`: one of [`NAMES`], or `random-<seed>`.
-///
-/// # Errors
-/// There is none.
 pub fn check_name(name: &str) -> Result<(), SceneError> {
     if NAMES.contains(&name) || random_seed(name).is_some() {
         return Ok(());

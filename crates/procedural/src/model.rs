@@ -104,7 +104,6 @@ impl Builder {
         self.push(Shape::Solid { base, cuts }, material);
     }
 
-    /// Adds an axis-aligned block with edges `size`.
     pub fn block(&mut self, centre: DVec3, size: DVec3, material: Material) {
         self.solid(Convex::block(centre, size), material);
     }
@@ -113,17 +112,14 @@ impl Builder {
         self.solid(Convex::sphere(centre, radius), material);
     }
 
-    /// Adds a cylinder from `a` to `b` with flat ends.
     pub fn rod(&mut self, a: DVec3, b: DVec3, radius: f64, material: Material) {
         self.solid(Convex::rod(a, b, radius), material);
     }
 
-    /// Adds an upright cylinder that stands on `foot`.
     pub fn cylinder(&mut self, foot: DVec3, radius: f64, height: f64, material: Material) {
         self.solid(Convex::cylinder(foot, radius, height), material);
     }
 
-    /// Adds an upright frustum that stands on `foot`.
     pub fn cone(&mut self, foot: DVec3, bottom: f64, top: f64, height: f64, material: Material) {
         self.solid(Convex::cone(foot, bottom, top, height), material);
     }
@@ -222,7 +218,6 @@ fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
 pub(super) struct SceneModel {
     objects: Vec<SceneObject>,
     pub volumes: Vec<Medium>,
-    /// Whether anything is translucent.
     pub is_translucent: bool,
     bvh: Bvh,
     /// World units in one unit of the objects' coordinates.

@@ -18,8 +18,7 @@ const GRID: usize = 2;
 /// the colour is the display-encoded mean radiance divided by coverage. Rows are independent, so the result does not
 /// depend on the number of threads.
 pub(super) fn render(model: &SceneModel, camera: &Camera) -> Rgba8 {
-    let pixels = rows(camera, |x, y| pixel(model, camera, x, y));
-    Rgba8 { width: camera.width, height: camera.height, pixels }
+    Rgba8 { width: camera.width, height: camera.height, pixels: rows(camera, |x, y| pixel(model, camera, x, y)) }
 }
 
 /// Returns for each pixel the exact distance along the unit ray through its centre at which the accumulated opacity

@@ -34,7 +34,8 @@ fn names_are_those_that_load() {
 fn objects_lie_in_the_bounds_and_between_near_and_far() {
     for name in NAMES {
         let (near, far, bounds) = extent(name).unwrap();
-        let corners = model(name).unwrap().bounds();
+        let model = model(name).unwrap();
+        let corners = model.bounds();
         assert!(corners.iter().all(|corner| bounds.contains(corner.as_vec3())), "{name} {corners:?}");
         let scene = scene(name, 40);
         assert_eq!((scene.space.near, scene.space.far, scene.space.bounds), (near, far, bounds));
@@ -42,7 +43,6 @@ fn objects_lie_in_the_bounds_and_between_near_and_far() {
             assert_eq!((near, far, bounds), (NEAR, FAR, BOUNDS));
         }
         let (train, test) = cameras(name, 24).unwrap();
-        let model = model(name).unwrap();
         for camera in train.iter().chain(&test) {
             for t in render::fronts(&model, camera).0.into_iter().filter(|t| t.is_finite()) {
                 assert!((near..far).contains(&t), "{name}: {t}");
@@ -221,8 +221,7 @@ fn cameras_are_a_hemisphere_that_looks_at_the_origin() {
     assert_eq!((train.len(), test.len()), (100, 200));
     for camera in train.iter().chain(&test) {
         assert!((camera.position().length() - 4.0311).abs() < 1e-3 && camera.position().z > 0.1);
-        let centre = camera.project(Vec3::ZERO).unwrap();
-        assert!((centre - glam::Vec2::splat(100.0)).length() < 1e-3);
+        assert!((camera.project(Vec3::ZERO).unwrap() - glam::Vec2::splat(100.0)).length() < 1e-3);
         assert!((camera.fx - 100.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-6);
     }
     assert_ne!(train[0], train[1]);

@@ -139,9 +139,8 @@ fn planks(a: DVec3, b: DVec3, u: f64, v: f64) -> DVec3 {
         return b * 0.35;
     }
     let grain = fractal(DVec3::new(u * 5.0, v * 1.3, 9.0 * hash(cell)));
-    let streak =
-        smooth((0.5 + 2.2 * (fractal(DVec3::new(u * 17.0, v * 1.1, 40.0 * hash(cell))) - 0.5)).clamp(0.0, 1.0));
-    a.lerp(b, 0.5 * grain + 0.35 * streak + 0.3 * (hash(cell) - 0.3)) * (0.8 + 0.4 * hash(cell))
+    let fibre = smooth((0.5 + 2.2 * (fractal(DVec3::new(u * 17.0, v * 1.1, 40.0 * hash(cell))) - 0.5)).clamp(0.0, 1.0));
+    a.lerp(b, 0.5 * grain + 0.35 * fibre + 0.3 * (hash(cell) - 0.3)) * (0.8 + 0.4 * hash(cell))
 }
 
 /// Paints five petals about a heart in every other cell, a leaf in the rest.

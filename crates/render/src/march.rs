@@ -30,7 +30,8 @@ pub(crate) struct MarchedRay {
     pub(crate) trans: f32,
 }
 
-/// Samples per ray and round: few, as rays stop soon after a surface.
+/// Samples per ray and round on a device: few, as rays stop soon after a surface. On the host a round costs no launch, and has
+/// one, so that no sample lies behind the end of a ray.
 const ROUND: usize = 4;
 /// Optical depths of a step, in units of e/T, below which two steps share one sample, and four steps.
 const JOINED: [f32; 2] = [100.0, 10.0];
@@ -52,14 +53,14 @@ pub(crate) fn march<F: Field>(
         rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays)).collect();
     match host {
         Some(host) => parts.par_iter_mut().for_each(|part| {
-            while let Some(round) = part.next_round() {
+            while let Some(round) = part.next_round(1) {
                 let rays = round.rays.iter().zip(&round.counts);
                 let directions = rays.flat_map(|(ray, &count)| repeat_n(ray.direction.to_array(), count));
                 part.composite(&round, &host(&round.positions, &directions.collect::<Vec<_>>()));
             }
         }),
         None => loop {
-            let next = parts.par_iter_mut().filter_map(|part| part.next_round().map(|round| (part, round)));
+            let next = parts.par_iter_mut().filter_map(|part| part.next_round(ROUND).map(|round| (part, round)));
             let rounds: Vec<_> = next.collect();
             if rounds.is_empty() {
                 break;
@@ -134,14 +135,15 @@ impl<'a> MarchingRays<'a> {
         Self { renderer, rays, steps, marched, active: (0..rays.len()).collect(), evaluated: 0 }
     }
 
-    fn next_round(&mut self) -> Option<MarchRound> {
+    /// Returns the next `samples` samples of each ray that has not stopped; `None` if all have.
+    fn next_round(&mut self, samples: usize) -> Option<MarchRound> {
         let mut round = MarchRound::default();
         let stop = self.renderer.config.early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
             let Some(steps) = &mut self.steps[index] else { return false };
             steps.join(JOINED.map(|depth| depth * stop / self.marched[index].trans));
-            for step in steps.take(ROUND) {
+            for step in steps.take(samples) {
                 round.t.push(step.t);
                 round.delta.push(step.delta);
                 round.positions.push(step.point.to_array());

@@ -156,8 +156,7 @@ mod tests {
         let losses = |tv| [("rgb".to_owned(), 0.01), ("tv".to_owned(), tv)].into();
         let step = |(step, tv)| StepEvent { step, losses: losses(tv), ..StepEvent::default() };
         let steps = [(1.0, 0.0), (2.0, 0.5), (3.0, -0.5), (4.0, -2.0)].map(step).to_vec();
-        let events = Events { steps, skipped: 0 };
-        let figures = curve_figures("lego", &[("nerf".into(), events)]).unwrap();
+        let figures = curve_figures("lego", &[("nerf".into(), Events { steps, skipped: 0 })]).unwrap();
         let [figure] = figures.as_slice() else { panic!("{figures:?}") };
         // Markers: four of rgb, and three of tv, which is not on in the first step.
         assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);

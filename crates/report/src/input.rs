@@ -55,8 +55,7 @@ impl ReportInput {
     /// `NeRF and InfoNeRF by λ₁, 4 training views`.
     pub fn heading(&self) -> String {
         let settings = self.records.iter().filter_map(|record| record.setting.as_ref());
-        let keys: BTreeSet<&str> =
-            settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();
+        let keys: BTreeSet<_> = settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();
         let keys = keys.into_iter().collect::<Vec<_>>().join(", ");
         let title = if keys.is_empty() { self.title.clone() } else { format!("{} by {keys}", self.title) };
         let counts = || self.records.iter().map(|record| record.train_views.len());

@@ -40,8 +40,7 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Rgb
 /// Draws the first view of each scene as a row; `None` if there are no images.
 pub(crate) fn compose(scenes: &[&SceneGallery]) -> Result<Option<RgbImage>, ReportError> {
     let rows: Vec<_> = scenes.iter().filter_map(|scene| Some((scene, scene.views.first()?))).collect();
-    let labels: IndexSet<&String> =
-        rows.iter().flat_map(|(scene, _)| scene.runs.iter().map(|(label, _)| label)).collect();
+    let labels: IndexSet<_> = rows.iter().flat_map(|(scene, _)| scene.runs.iter().map(|(label, _)| label)).collect();
     // Each column has a heading, and an image for each row.
     let truths = rows.iter().map(|(_, view)| view.truth.as_ref().and_then(decoded)).collect();
     let mut columns: Vec<(String, Vec<Option<RgbImage>>)> = vec![(TRUTH.into(), truths)];

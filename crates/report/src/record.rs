@@ -157,10 +157,9 @@ impl Record {
     /// Returns the record without metrics that are NaN or infinite, which JSON lacks; `notes` names them.
     #[must_use]
     pub fn representable(mut self) -> Self {
-        let of_rays =
-            [("ray_entropy_bits", &mut self.ray_entropy_bits), ("information_gain", &mut self.information_gain)];
+        let rays = [("ray_entropy_bits", &mut self.ray_entropy_bits), ("information_gain", &mut self.information_gain)];
         let metrics = self.metrics.iter_mut().map(|(key, value)| (key.as_str(), value));
-        for (name, metric) in metrics.chain(of_rays) {
+        for (name, metric) in metrics.chain(rays) {
             if let Some(value) = metric.take_if(|value| !value.is_finite()) {
                 self.notes.push(format!("{name} was {value} and is left out: JSON cannot hold it"));
             }

@@ -37,9 +37,8 @@ fn nothing_is_cut_at_any_width() {
             command.arg(format!("--user-data-dir={}", root.path().join("profile").display()));
             command.arg(format!("file://{}", file.display())).output().ok()
         };
-        let output = chosen.iter().map(String::as_str).chain(known).find_map(run);
-        let output =
-            output.expect("Chromium: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
+        let ran = chosen.iter().map(String::as_str).chain(known).find_map(run);
+        let output = ran.expect("Chromium: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
         let document = String::from_utf8_lossy(&output.stdout);
         let found = document.split_once("data-found=\"").expect("the page's script ran").1.split_once('"').unwrap().0;
         let found: serde_json::Value = serde_json::from_str(&found.replace("&quot;", "\"")).unwrap();

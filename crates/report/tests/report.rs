@@ -62,9 +62,8 @@ fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
 }
 
 fn pictures(root: &Path, record: &Record) {
-    let colours =
-        [("test", [217, 140, 70]), ("truth", [210, 120, 80]), ("depth", [60, 90, 200]), ("error", [70, 0, 85])];
-    for (kind, colour) in colours {
+    let kinds = [("test", [217, 140, 70]), ("truth", [210, 120, 80]), ("depth", [60, 90, 200]), ("error", [70, 0, 85])];
+    for (kind, colour) in kinds {
         let folder = folder(root, record).join(kind);
         fs::create_dir_all(&folder).unwrap();
         for view in ["000", "008", "016"] {
@@ -90,9 +89,7 @@ fn page_holds_everything_and_links_nothing() {
     let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <few> views", records);
     input.warnings.push("procedural scenes: no data folder was given".into());
     fs::write(folder(root.path(), &input.records[0]).join(VIEWER_PAGE), "<!doctype html>").unwrap();
-    let report = write_report(&input, root.path()).unwrap();
-
-    let html = fs::read_to_string(&report).unwrap();
+    let html = fs::read_to_string(write_report(&input, root.path()).unwrap()).unwrap();
     assert!(html.contains("NeRF &#38; InfoNeRF from &#60;few&#62; views, 4 training views</h1>"));
     assert!(html.contains("procedural scenes: no data folder was given"));
     assert_eq!(html.matches("every-8 (25)").count(), 1, "the protocol stands once");
@@ -145,8 +142,8 @@ fn missing_files_are_named_and_the_rest_is_shown() {
     fs::remove_file(run.join("metrics.jsonl")).unwrap();
     fs::remove_dir_all(root.path().join("rods-holes")).unwrap();
 
-    let report = write_report(&ReportInput::new("e", "Report", records), root.path()).unwrap();
-    let html = fs::read_to_string(report).unwrap();
+    let input = ReportInput::new("e", "Report", records);
+    let html = fs::read_to_string(write_report(&input, root.path()).unwrap()).unwrap();
     assert!(html.contains("knot / nerf / seed 0 collapsed: its field went empty"));
     for start in [
         "knot/nerf/seed0/depth/000.png: ",
@@ -181,8 +178,7 @@ fn text_from_outside_stays_text() {
     let figures = vec![(Quantity::PSNR, Summary { mean: 1.0, std: None, n: 1 })];
     let row = PublishedRow { variant: hostile.into(), figures, ..PublishedRow::default() };
     input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });
-    let report = write_report(&input, root.path()).unwrap();
-    let html = fs::read_to_string(report).unwrap();
+    let html = fs::read_to_string(write_report(&input, root.path()).unwrap()).unwrap();
     assert!(html.contains("Next to the paper: &#60;script&#62;") && html.contains("undecided"));
     assert!(!html.contains("<script>alert"));
     assert!(root.path().join("plots/---lambda1.svg").is_file());

@@ -229,28 +229,29 @@ mod tests {
     use crate::testing::{disturb, turn, world};
     use crate::two_view::{relative, two_view};
 
-    /// Refines poses that are known up to 0.01 by `tracks`.
-    fn refined(tracks: &[Track], all: &Bundle) -> SparseModel {
-        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
-        let poses = all.poses.iter().map(|pose| Ok(*pose)).collect();
-        Mapper::new(tracks, poses, (all.lens, Prior::fixed(&all.lens)), 2.5, Some(expected)).refine()
+    /// Refines the `expected` poses by `tracks`.
+    fn refined(tracks: &[Track], lens: SimpleRadial, expected: &PosePrior) -> SparseModel {
+        let poses = expected.poses.iter().copied().map(Ok).collect();
+        Mapper::new(tracks, poses, (lens, Prior::fixed(&lens)), 2.5, Some(expected.clone())).refine()
     }
 
     /// Shares ten points between photographs 0 and 1, too few to place 0, and 16 or 10 others between photographs 1 and 2.
     #[test]
     fn photographs_that_only_uncertain_ones_confirm_are_not_placed() {
         let all = world(7, 3, 40);
+        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
         let seen = |range: std::ops::Range<usize>, by: [usize; 2]| -> Vec<Track> {
             all.points[range].iter().map(|p| by.map(|i| p.seen[i]).to_vec()).collect()
         };
         let tracks = [seen(0..10, [0, 1]), seen(10..26, [1, 2])].concat();
-        let found = refined(&tracks, &all);
+        let found = refined(&tracks, all.lens, &expected);
         assert_eq!(found.poses[0], Err("10 points seen, 15 needed".into()));
         assert_eq!(found.placed(), 2);
         // A point that only one placed photograph sees does not count.
         assert_eq!((found.points.len(), found.observations()), (16, 32));
         let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
-        assert_eq!(refined(&fewer, &all).placed(), 0, "20 points of the second are 10 without the first");
+        let left = refined(&fewer, all.lens, &expected).placed();
+        assert_eq!(left, 0, "20 points of the second are 10 without the first");
     }
 
     /// Gives the last photograph no matches.
@@ -288,9 +289,7 @@ mod tests {
             let rough = |(i, pose): (usize, &Pose)| pose.moved(size * 0.045 * sway(i), size * 0.15 * sway(i + 9));
             let poses: Vec<Pose> = truth.poses.iter().enumerate().map(rough).collect();
             let expected = PosePrior { poses, turn_deviation: 0.035, shift_deviation: 0.12 };
-            let given = expected.poses.iter().map(|pose| Ok(*pose)).collect();
-            let lens = (truth.lens, Prior::fixed(&truth.lens));
-            let found = Mapper::new(&tracks, given, lens, 2.5, Some(expected.clone())).refine();
+            let found = refined(&tracks, truth.lens, &expected);
             assert_eq!(found.poses[4], Err("0 points seen, 15 needed".into()));
             for i in 0..4 {
                 let (ours, exact) = (found.poses[i].as_ref().unwrap(), &truth.poses[i]);

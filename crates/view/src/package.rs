@@ -45,14 +45,10 @@ pub(crate) fn of_run(run: &Trained, folder: &Path, trained: &TrainedModel, resol
 
 /// Describes the field's training, and its difference from the whole model and from the field itself.
 fn note(run: &Trained, folder: &Path, voxels: Option<u64>) -> String {
-    let mut note = format!("{} steps", run.trainers[0].progress().step);
-    if let Some(difference) = run.plan.export_note(folder, true) {
-        note += &format!("; {difference}");
-    }
-    if let Some(voxels) = voxels {
-        note += &format!("; an approximation of the field, baked to {voxels} voxels along its box");
-    }
-    note
+    let steps = format!("{} steps", run.trainers[0].progress().step);
+    let baked = |voxels: u64| format!("an approximation of the field, baked to {voxels} voxels along its box");
+    let parts = [Some(steps), run.plan.export_note(folder, true), voxels.map(baked)];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
 /// Makes the JSON object of a field, without title, note and images.

@@ -58,21 +58,18 @@ impl FieldMarch<'_> {
             let _ = writeln!(text, "const vec3 {name} = {};", vector(value));
         }
         let _ = writeln!(text, "const ivec3 GRID = {};", integers3(self.cells));
-        let _ = writeln!(text, "#define NORMAL_STEP(t) {}", self.normal_step());
+        // Step of the finite differences for normals at distance t, scene units.
+        let normal_step = match self.warp {
+            Warp::Identity => format!("{:?}", self.detail),
+            Warp::Contraction { radius, .. } => format!("{:?}", radius * self.detail),
+            Warp::Ndc { .. } => "(0.005 * (t))".to_owned(),
+        };
+        let _ = writeln!(text, "#define NORMAL_STEP(t) {normal_step}");
         text += &range(&self.scene.space.range);
         let colours = (0..COLOURS).map(|i| vector(turbo(i as f32 / (COLOURS - 1) as f32).into()));
         let colours = colours.collect::<Vec<_>>().join(", ");
         let _ = writeln!(text, "const vec3 TURBO[{COLOURS}] = vec3[{COLOURS}]({colours});");
         text
-    }
-
-    /// Writes the step of the finite differences for normals at distance t, scene units.
-    fn normal_step(&self) -> String {
-        match self.warp {
-            Warp::Identity => format!("{:?}", self.detail),
-            Warp::Contraction { radius, .. } => format!("{:?}", radius * self.detail),
-            Warp::Ndc { .. } => "(0.005 * (t))".to_owned(),
-        }
     }
 }
 

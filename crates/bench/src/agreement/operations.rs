@@ -37,9 +37,8 @@ pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, en
 fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 300;
     let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..40)));
-    let mut depths =
-        || -> Vec<f32> { uniform(rng, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect() };
-    let (tau, near) = (depths(), depths());
+    let mut draw = || -> Vec<f32> { uniform(rng, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect() };
+    let (tau, near) = (draw(), draw());
     let values = uniform(rng, 4 * tau.len(), 0.0, 1.0);
     compare.operation("compositing", |device| {
         let (tau, values) = (leaf(&tau, device), leaf(&values, device));

@@ -69,8 +69,7 @@ impl FieldCase {
     /// Prepares training of this field on the plan's scene, with `extra` settings.
     fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
         let settings = TINY.split(' ').chain(self.settings.split(' ')).chain(extra.iter().copied());
-        let config = Config::of(self.preset, settings).context(self.name)?;
-        let plan = RunPlan { config, ..plan.clone() };
+        let plan = RunPlan { config: Config::of(self.preset, settings).context(self.name)?, ..plan.clone() };
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
 

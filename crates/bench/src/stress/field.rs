@@ -144,9 +144,8 @@ pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device
             errors.value(got, want);
         }
         let grads = (out * weigh).sum().backward();
-        let upstream = wide(&upstream);
-        let [dt, dw, _] =
-            infonerf_oracle::factored::gradient(&tables, &weights, &positions, &layout, &query, &upstream);
+        let pull = wide(&upstream);
+        let [dt, dw, _] = infonerf_oracle::factored::gradient(&tables, &weights, &positions, &layout, &query, &pull);
         for (parameter, want) in [(&t, dt), (&w, dw)] {
             errors.gradient(&gradient_of(parameter, &grads), &want, |_| false);
         }

@@ -70,9 +70,8 @@ impl StressCase {
         let (bounds, exception) = known.map_or(((VALUE, GRADIENT), None), |(.., bounds, why)| (bounds, Some(why)));
         let (value, gradient) = bounds;
         let [value_bound, gradient_bound] = [value, gradient].map(|bound| device.is_cpu().then_some(bound));
-        let within = |error: f64, bound: Option<f64>| bound.is_none_or(|bound| error <= bound);
-        let holds =
-            errors.non_finite == 0 && within(errors.value, value_bound) && within(errors.gradient, gradient_bound);
+        let fits = |error: f64, bound: Option<f64>| bound.is_none_or(|bound| error <= bound);
+        let holds = errors.non_finite == 0 && fits(errors.value, value_bound) && fits(errors.gradient, gradient_bound);
         let device = device.name();
         Self { device, operation, case: case.to_owned(), rays, errors, value_bound, gradient_bound, exception, holds }
     }
@@ -147,8 +146,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
         }
     }
     if has_host_kernels(device) || device.supports_dtype(FloatDType::BF16) {
-        let errors = network::rounded(few, device, rng);
-        rows.push(StressCase::new(name, network::OPERATION, network::CASE, 0, errors));
+        rows.push(StressCase::new(name, network::OPERATION, network::CASE, 0, network::rounded(few, device, rng)));
     }
     Ok(rows)
 }

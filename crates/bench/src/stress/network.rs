@@ -32,8 +32,7 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
         let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision };
         let out = radiance_mlp(from_host(&encoded, ENCODED, &device.clone().autodiff()), &network);
         let grads = (out.clone() * from_host(&upstream, 1, &out.device())).sum().backward();
-        let gradients = leaves.iter().map(|leaf| gradient_of(leaf, &grads));
-        (to_host(out.detach()), gradients.collect::<Vec<Vec<f32>>>())
+        (to_host(out.detach()), leaves.iter().map(|leaf| gradient_of(leaf, &grads)).collect::<Vec<Vec<f32>>>())
     };
     let ((got, got_gradients), (want, want_gradients)) = (run(Precision::Bf16), run(Precision::F32));
     let mut errors = Errors::default();

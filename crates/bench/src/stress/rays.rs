@@ -120,12 +120,10 @@ fn pair(
 
 /// Draws a pair of rays of which each is empty exactly where the other is not.
 fn disjoint(rng: &mut Rng, power: f64) -> (Vec<f32>, Vec<f32>) {
-    let (mut ray, mut near) = (many(rng, |_| 0.0), Vec::new());
-    for tau in &mut ray {
+    let count = rng.usize(1..=MAX_SAMPLES);
+    let sample = |_| {
         let drawn = log_uniform(rng, power - 3.0, power + 1.0);
-        let mine = rng.bool();
-        *tau = if mine { drawn } else { 0.0 };
-        near.push(if mine { 0.0 } else { drawn });
-    }
-    (ray, near)
+        if rng.bool() { (drawn, 0.0) } else { (0.0, drawn) }
+    };
+    (0..count).map(sample).unzip()
 }

@@ -1,5 +1,6 @@
 //! `infonerf capture`: from photographs to pictures of the scene, in one command.
 
+use std::fs::create_dir_all;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -14,6 +15,7 @@ use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execut
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE, counted};
+use infonerf_scene::image::is_image_name;
 
 use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
@@ -84,8 +86,17 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     if !is_posed {
         let count = scene::photographs(&photographs)?.len();
         // Refuses a faulty name or setting before the poses are sought.
-        let folder = session.run_folder(&plan(args, &dir, count)?.runs[0]);
+        let run = plan(args, &dir, count)?.runs.remove(0);
+        let folder = session.run_folder(&run);
+        // An impossible folder is reported as well.
+        create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let is_begun = args.existing.existing() == Existing::Continue && folder.join("config.toml").exists();
+        if let Some(other) =
+            is_begun.then(|| RunPlan::of_run(&folder)).transpose()?.filter(|begun| begun.data != run.data)
+        {
+            let (path, run, data) = (args.path.display(), folder.display(), other.data.unwrap_or_default());
+            bail!("{path}: {run} is of {}; --out names another folder for results", data.join(other.scene).display());
+        }
         if is_begun && !changed.is_empty() {
             let (path, run, changed) = (args.path.display(), folder.display(), changed.join(", "));
             let remedy = "--overwrite finds the poses again and trains anew";
@@ -134,6 +145,12 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     }
     if !path.is_file() {
         bail!("{}: expected a folder of photographs or a video file: not found", path.display());
+    }
+    if is_image_name(path) {
+        bail!(
+            "{}: expected a folder of photographs or a video file: it is one photograph; give its folder",
+            path.display()
+        );
     }
     let frames = video_folder(path, out);
     video_frames(path, &frames, |line| outln!("{line}"))?;

@@ -22,7 +22,7 @@ Examples:
   infonerf demo
       the crane, from four views
   infonerf demo --scene castle --device wgpu
-      another scene, on a GPU";
+      another scene, on a GPU, by a program built with --features wgpu";
 
 /// Train on four views of a built-in scene in ten to thirty seconds.
 #[derive(Clone, Debug, Args)]

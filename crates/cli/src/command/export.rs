@@ -1,5 +1,5 @@
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
@@ -12,6 +12,7 @@ use infonerf_report::{VIEWER_PAGE, counted, write_atomically};
 use crate::print::outln;
 use crate::selection::DeviceArgs;
 use crate::terminal::{open_device, read_run};
+use crate::units::check_extension;
 
 const EXPORT_EXAMPLES: &str = "\
 Examples:
@@ -76,6 +77,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     if out.is_dir() {
         bail!("{}: expected a file to write, found a folder", out.display());
     }
+    check_extension(&out, Path::new(args.format.file()))?;
     // An impossible path is reported before the work begins.
     fs::create_dir_all(out.parent().unwrap_or(&out)).with_context(|| out.display().to_string())?;
     let read = || read_run(plan.clone(), &args.run, &open_device(args.device.device)?);

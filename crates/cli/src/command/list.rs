@@ -57,7 +57,10 @@ fn print_description(name: &str, described: &Description) {
         Vec::from_iter(values).join(", ")
     };
     let data = about.data.as_ref();
-    let data = data.map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
+    let data = data.map_or_else(
+        || "built-in procedural scenes; --data DIR takes others".into(),
+        |data| data.display().to_string(),
+    );
     outln!("{name}: {}", about.title);
     for (what, values) in [
         ("changes", bases.join(", ")),
@@ -85,8 +88,9 @@ pub(crate) fn config(args: &ConfigArgs) -> Result<ExitCode> {
             describe(&args.experiment)?.experiment.runs.first().context("expected at least one run")?.variant.clone()
         }
     };
+    let keys = config_origins(&args.experiment, &variant, &selection)?;
     outln!("[config]");
-    for key in config_origins(&args.experiment, &variant, &selection)? {
+    for key in keys {
         let line = format!("{} = {}", key.key, key.value);
         match key.origin.as_str() {
             "" => outln!("{line}"),

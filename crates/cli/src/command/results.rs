@@ -1,15 +1,17 @@
 //! `infonerf collect`, `figure` and `tensorboard`: documents, pictures and curves of finished runs.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use infonerf_experiment::{read_records, sweep};
-use infonerf_report::{ReportInput, panel, results_document, save_png, write_atomically, write_tensorboard};
+use infonerf_report::{ReportInput, counted, panel, results_document, save_png, write_atomically, write_tensorboard};
 
 use crate::command_line;
 use crate::print::outln;
+use crate::units::check_extension;
 
 /// Collect the results of experiments and sweeps in one Markdown document.
 #[derive(Debug, Args)]
@@ -29,7 +31,7 @@ pub(crate) fn collect(args: &CollectArgs) -> Result<ExitCode> {
     let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..sweep::collect(folder)? });
     let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
-    outln!("{} experiments: {}", experiments.len(), args.out.display());
+    outln!("{}: {}", counted(experiments.len(), "experiment"), args.out.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -63,11 +65,18 @@ pub(crate) struct FigureArgs {
 
 pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
     let chosen = |names: &[String], name: &String| names.is_empty() || names.contains(name);
-    let mut records = read_records(&args.folder.join("results.json"))?;
+    let (results, default) = (args.folder.join("results.json"), args.folder.join("figure.png"));
+    let out = args.out.as_ref().unwrap_or(&default);
+    check_extension(out, &default)?;
+    let mut records = read_records(&results)?;
+    let variants: BTreeSet<&str> = records.iter().map(|record| &*record.variant).collect();
+    if let Some(unknown) = args.variants.iter().find(|name| !variants.contains(name.as_str())) {
+        let known = Vec::from_iter(variants).join(", ");
+        bail!("--variant {unknown}: expected one of those in {}: {known}", results.display());
+    }
     records.retain(|record| chosen(&args.scenes, &record.scene) && chosen(&args.variants, &record.variant));
     let picture = panel(&records, &args.folder, args.view)?;
-    let out = args.out.clone().unwrap_or_else(|| args.folder.join("figure.png"));
-    save_png(&picture, &out)?;
+    save_png(&picture, out)?;
     outln!("figure: {}", out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -6,7 +6,6 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::Finished;
-use infonerf_experiment::execute::STOPPED;
 use infonerf_experiment::sweep::run_item;
 
 use crate::interrupt;
@@ -31,7 +30,7 @@ pub(crate) struct SweepItemArgs {
     /// Give up after this time, such as 10m; what was saved is kept
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     timeout: Option<Duration>,
-    /// End when standard input is closed, as it is when the parent process ends
+    /// Stop when standard input is closed, as it is when the parent process ends
     #[arg(long, hide = true)]
     tied: bool,
 }
@@ -41,7 +40,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     let networks = args.networks.open(&device)?;
     interrupt::install()?;
     if args.tied {
-        std::thread::spawn(end_with_input);
+        std::thread::spawn(stop_with_input);
     }
     if let Some(timeout) = args.timeout {
         std::thread::spawn(move || end_after(timeout));
@@ -62,9 +61,9 @@ fn end_after(timeout: Duration) {
     std::process::exit(1);
 }
 
-/// Ends the process once its parent has closed the pipe to it, at any point: files on disk are always complete.
-fn end_with_input() {
+/// Stops the run after its current step, and saves it, once the parent process closes the pipe to this one.
+fn stop_with_input() {
     if io::copy(&mut io::stdin(), &mut io::sink()).is_ok() {
-        std::process::exit(STOPPED);
+        interrupt::request_stop();
     }
 }

@@ -195,7 +195,7 @@ pub(crate) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Ve
 }
 
 /// Whether two image sizes have the same proportions, up to rounding.
-fn same_proportions(a: (u32, u32), b: (u32, u32)) -> bool {
+pub(crate) fn same_proportions(a: (u32, u32), b: (u32, u32)) -> bool {
     let ratio = f64::from(a.0) * f64::from(b.1) / (f64::from(a.1) * f64::from(b.0));
     (ratio - 1.0).abs() <= SAME_PROPORTIONS
 }

@@ -8,7 +8,7 @@ use infonerf_scene::select::published;
 use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
 use super::pose;
-use crate::capture::{Found, StatedExtent, hold_out, list_photographs};
+use crate::capture::{Found, StatedExtent, hold_out, list_photographs, same_proportions};
 use crate::files::MAX_COORDINATE;
 use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
@@ -46,6 +46,12 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         return Err(SceneError::malformed(folder, expected, format!("it has {}", images.len())));
     }
     let (width, height) = images.first().map_or(Ok((1, 1)), |first| stored_dimensions(first))?;
+    for (index, PoseRow { size: [rows, columns, _], .. }) in rows.iter().enumerate() {
+        if !same_proportions((*columns as u32, *rows as u32), (width, height)) {
+            let expected = format!("a height and width in the proportions of the images, {height}×{width} pixels");
+            return Err(SceneError::field(&path, format!("[{index}, 4, 9]"), expected, format!("{rows}×{columns}")));
+        }
+    }
     let (poses, range) = scaled_and_recentred(&path, &rows)?;
     let frame = |((row, pose), image): ((&PoseRow, DMat4), &PathBuf)| {
         let [rows, columns, focal] = row.size;
@@ -58,6 +64,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let (train, test) = (numbered(train), numbered(test));
     let selections = published::forward_facing(train.len());
     let mut found = Found::new(dir, Format::Llff, train, test, StatedExtent::Depths(range.0, range.1));
+    found.warnings.extend(near_warnings(&rows));
     found.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     found.protocols = vec![("regnerf".into(), (0..found.test.len()).collect())];
     if !found.test.is_empty() {
@@ -65,6 +72,20 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         found.warnings.push(text.into());
     }
     Ok(found)
+}
+
+/// Warns of near depths below a quarter of the median: the least one scales the whole scene.
+fn near_warnings(rows: &[PoseRow]) -> impl Iterator<Item = String> {
+    let mut nears: Vec<f64> = rows.iter().map(|row| row.near).collect();
+    nears.sort_by(f64::total_cmp);
+    let median = nears[nears.len() / 2];
+    let few = rows.iter().enumerate().filter(move |(_, row)| row.near < 0.25 * median);
+    few.map(move |(index, row)| {
+        format!(
+            "{MARKER}: [{index}, 15]: near is {:.3}, the median of all {median:.3}; the least one scales the scene",
+            row.near
+        )
+    })
 }
 
 /// A row of the file, with its pose in OpenGL's convention.
@@ -209,6 +230,11 @@ mod tests {
         assert!((camera.forward() - Vec3::NEG_Z).length() < 1e-6);
         assert!((camera.to_world.y_axis.truncate() - DVec3::Y).length() < 1e-9);
         assert!((scene.space.near - 0.9 * 2.0 * scale).abs() < 1e-6);
+        let mut rows = rows();
+        assert_eq!(scene.warnings.iter().filter(|text| text.contains("the least one")).count(), 0);
+        rows[5][15] = 0.2;
+        let text = "poses_bounds.npy: [5, 15]: near is 0.200, the median of all 2.000; the least one scales the scene";
+        assert!(load(folder(&rows).path(), &request()).unwrap().warnings.iter().any(|warning| warning == text));
         // Far is a depth: along the ray through a corner it is farther away.
         let corner = camera.ray(0.0, 0.0);
         let (near, far) = scene.interval(&corner).unwrap();
@@ -248,6 +274,9 @@ mod tests {
         };
         assert!(bad(1, 0.0).contains("field `[5, 0..15]`: expected a 3×5 matrix"));
         assert!(bad(3, f32::NAN).contains("not finite"));
+        assert!(
+            bad(4, 12.0).contains("field `[5, 4, 9]`: expected a height and width in the proportions of the images")
+        );
         assert!(bad(14, 0.0).contains("field `[5, 4, 9, 14]`"));
         assert!(bad(15, 20.0).contains("expected depths 0 < near < far, found 20 and 10"));
 

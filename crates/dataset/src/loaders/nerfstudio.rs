@@ -6,7 +6,7 @@ use std::path::Path;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::transforms::read_transforms;
-use crate::capture::{Estimate, Found, StatedExtent};
+use crate::capture::{Estimate, Found, StatedExtent, hold_out};
 use crate::frame::{Frame, numbered, with_images};
 
 pub(super) const MARKER: &str = "transforms.json";
@@ -14,7 +14,7 @@ pub(super) const MARKER: &str = "transforms.json";
 /// Reads a folder in nerfstudio's or instant-ngp's format.
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
-/// those fields every 8th frame, starting with the first, is held out for test. Frames without their image or pose are
+/// those fields, or if no test frame is named, every 8th frame, starting with the first, is held out for test. Frames without their image or pose are
 /// left out, with a warning. Poses keep their scale. `near` and `far`, and the box from `aabb` or `aabb_scale`, are
 /// read from the file, or else estimated from the training cameras.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
@@ -34,11 +34,15 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
                 }
                 Ok(frames.iter().filter(|frame| names.contains(&frame.name)).cloned().collect())
             };
-            let (train, test) = (named("train_filenames", train)?, named(test_field, test)?);
+            let (mut train, mut test) = (named("train_filenames", train)?, named(test_field, test)?);
+            let mut warnings = Vec::from_iter(warning);
+            if test.is_empty() {
+                (train, test) = hold_out(train, &request.test);
+                let text = format!("{test_field} names no image: every eighth training frame is held out for test");
+                warnings.extend((!test.is_empty()).then_some(text));
+            }
             let extent = StatedExtent::Estimated(estimate);
-            let mut found = Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent);
-            found.warnings.extend(warning);
-            found
+            Found { warnings, ..Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent) }
         }
         None => Found::captured(dir, Format::Transforms, transforms.frames, &request.test, estimate),
     };
@@ -84,6 +88,10 @@ mod tests {
         assert!((centre - Vec2::new(4.5, 3.5)).length() < 1e-4);
         // The scene lies about the point that all cameras look at.
         assert!(scene.space.bounds.centre().length() < 1e-3 && scene.space.near < 3.0 && scene.space.far > 5.0);
+        edit(&json, "/frames/2/distortion_params", Some(json!([0.1, 0.02, 0.0, 0.0, 0.003, 0.004])));
+        let lens = load(&dir, &request()).unwrap().train[1].camera.lens;
+        assert_eq!(lens, Lens::radial_tangential([0.1, 0.02, 0.0, 0.0], [0.003, 0.004]));
+        edit(&json, "/frames/2/distortion_params", None);
         // Intrinsics of a frame come first, and are resized with the image.
         let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
         assert_eq!([small.train[0].camera.fx, small.train[1].camera.fx, small.train[1].camera.cx], [10.0, 5.0, 2.25]);
@@ -144,9 +152,20 @@ mod tests {
         edit(&json, "/test_filenames", Some(json!(["images/r_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
-        edit(&json, "/test_filenames", None);
-        edit(&json, "/val_filenames", Some(json!(["images/r_5.png"])));
-        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/r_5");
+        for tested in [Some(json!([])), None] {
+            edit(&json, "/test_filenames", tested);
+            edit(&json, "/val_filenames", Some(json!(["images/r_5.png"])));
+            assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/r_5");
+        }
+        edit(&json, "/val_filenames", Some(json!([])));
+        edit(&json, "/train_filenames", Some(json!(["images/r_0.png", "images/r_5.png"])));
+        let scene = load(&dir, &request()).unwrap();
+        assert_eq!((scene.test[0].name.as_str(), scene.train.len()), ("images/r_0", 1));
+        assert!(
+            scene.warnings.iter().any(|text| text.starts_with("val_filenames names no image")),
+            "{:?}",
+            scene.warnings
+        );
         edit(&json, "/train_filenames", Some(json!([])));
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }

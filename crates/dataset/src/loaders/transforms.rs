@@ -136,9 +136,11 @@ fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
 }
 
 fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
-    let test_field = ["test_filenames", "val_filenames"].into_iter().find(|field| root.find(field).is_some());
-    let test_field = test_field.unwrap_or("test_filenames");
     let expected = "a list of file paths";
+    let is_tested =
+        root.find("test_filenames").is_some_and(|node| node.items(expected).map_or(true, |all| !all.is_empty()));
+    let is_validated = !is_tested && root.find("val_filenames").is_some();
+    let test_field = if is_validated { "val_filenames" } else { "test_filenames" };
     let names = |node: Node<'_>| {
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
@@ -223,6 +225,10 @@ fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, S
     for (value, key) in values.iter_mut().zip(DISTORTION) {
         let read = |node: Node<'_>| node.within(-MAX_COEFFICIENT..=MAX_COEFFICIENT, "a distortion coefficient");
         *value = place(key).optional(key, read)?.unwrap_or(0.0);
+    }
+    let list = |node: Node<'_>| node.numbers::<6>("six distortion coefficients: k1, k2, k3, k4, p1 and p2");
+    if let Some([k1, k2, k3, k4, p1, p2]) = place("distortion_params").optional("distortion_params", list)? {
+        values = [k1, k2, k3, k4, 0.0, 0.0, p1, p2, 0.0];
     }
     let is_fisheye = place("is_fisheye").optional("is_fisheye", |node| node.flag("true or false"))?.unwrap_or(false);
     let value = |key: &str| DISTORTION.iter().zip(values).find(|(known, _)| **known == key).map_or(0.0, |(_, v)| v);

@@ -60,6 +60,10 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     let sparse = dir.join("sparse");
     let changed = changed_photographs(dir)?.unwrap_or_default();
     if !changed.is_empty() {
+        if let Some(foreign) = foreign_file(&sparse) {
+            let expected = "only poses that were found here, as finding them again replaces the folder";
+            return Err(SceneError::malformed(&sparse, expected, format!("{} is not of them", foreign.display())));
+        }
         progress(&format!("finding poses again: photographs were added, changed or removed: {}", changed.join(", ")));
     } else if sparse.exists() {
         let expected = "a folder without a reconstruction; remove this one to make another";
@@ -110,6 +114,16 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     // The next attempt removes what cannot be removed now.
     let _ = fs::remove_dir_all(&work);
     moved
+}
+
+/// Returns a file or folder in the folder `sparse` of a scene that finding poses has not written.
+fn foreign_file(sparse: &Path) -> Option<PathBuf> {
+    const MODEL: [&str; 6] = ["cameras", "images", "points3D", "frames", "rigs", "project"];
+    let is_model = |path: &PathBuf| path.file_stem().is_some_and(|stem| MODEL.iter().any(|&name| stem == name));
+    entries(sparse).find_map(|path| match file_name(&path) {
+        name if name.parse::<u32>().is_ok() => entries(&path).find(|file| !is_model(file)),
+        name => (name != sought::NAME).then_some(path),
+    })
 }
 
 /// Runs COLMAP as well, and writes the poses of the solver that places more photographs, or as many with smaller residuals.
@@ -249,6 +263,21 @@ fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_of_the_user_beside_poses_are_kept() {
+        let guard = tempfile::tempdir().unwrap();
+        let (dir, sparse) = (guard.path(), guard.path().join("sparse"));
+        fs::create_dir_all(sparse.join("0")).unwrap();
+        let files = ["a.png", "b.png", "sparse/photographs.txt", "sparse/0/images.bin", "sparse/0/notes.txt"];
+        files.iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
+        let fault = || from_images(dir, &PoseSearch::default(), |_| {}).unwrap_err().to_string();
+        assert!(fault().contains("notes.txt is not of them"));
+        fs::rename(sparse.join("0/notes.txt"), sparse.join("mine")).unwrap();
+        assert!(fault().contains("mine is not of them"));
+        fs::remove_file(sparse.join("mine")).unwrap();
+        assert!(fault().contains("a.png: expected a complete"), "{}", fault());
+    }
 
     #[test]
     fn a_folder_without_photographs_is_refused() {

@@ -11,7 +11,7 @@ use crate::capture::list_photographs;
 use crate::files::{file_name, write_file};
 
 /// File next to the poses that lists the photographs, each in a line: its size in bytes and its name.
-const NAME: &str = "photographs.txt";
+pub(super) const NAME: &str = "photographs.txt";
 
 /// Returns a line of the list for each photograph in `dir`.
 pub(super) fn lines(dir: &Path) -> Result<BTreeSet<String>, SceneError> {

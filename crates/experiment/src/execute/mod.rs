@@ -106,7 +106,11 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
             watch(PlanEvent::Started(sweep, prepared));
         }
         let missing = match executor {
-            Executor::InProcess(session) => run_here(session, sweep, watch)?,
+            Executor::InProcess(session) => {
+                // A scene that cannot be read is reported before another is trained on.
+                prepared.missing.iter().try_for_each(|&run| sweep.run(run).pixels().map(drop))?;
+                run_here(session, sweep, watch)?
+            }
             Executor::Processes(workers) => workers.run(sweep, prepared, watch),
             Executor::Slurm(_) | Executor::Merge(_) => Some(prepared.missing.iter().copied().collect()),
         };

@@ -61,8 +61,8 @@ impl Runner {
         command
     }
 
-    /// Runs an item of `manifest` while `jobs - 1` others run, and returns how it ended.
-    fn run(&self, manifest: &Path, item: usize, jobs: usize) -> RunEnd {
+    /// Runs an item of `manifest` while `jobs - 1` others run, tells it to stop once `stop` returns true, and returns how it ended.
+    fn run(&self, manifest: &Path, item: usize, jobs: usize, stop: fn() -> bool) -> RunEnd {
         let words = self.command(manifest);
         let mut command = Command::new(&words[0]);
         command.args(&words[1..]).arg(item.to_string()).arg("--tied");
@@ -71,11 +71,14 @@ impl Runner {
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let output = command.spawn().and_then(|mut child| {
-            // The pipe stays open until the item ends: if this process dies, the item's process reads the end of its input.
-            let input = child.stdin.take();
-            let output = child.wait_with_output();
-            drop(input);
-            output
+            // The item stops at the end of its input: when it is told to, or when this process dies.
+            let mut input = child.stdin.take();
+            let output = thread::spawn(|| child.wait_with_output());
+            while !output.is_finished() {
+                input.take_if(|_| stop());
+                thread::sleep(Duration::from_millis(20));
+            }
+            output.join().expect("waiting does not panic")
         });
         output.map_or_else(|error| RunEnd::Failed(error.to_string()), |output| run_end(&output))
     }
@@ -100,7 +103,7 @@ impl Workers {
                 let (sender, next, manifest) = (sender.clone(), &next, &manifest);
                 scope.spawn(move || {
                     while let Some(item) = next() {
-                        if sender.send((item, self.runner.run(manifest, item, jobs))).is_err() {
+                        if sender.send((item, self.runner.run(manifest, item, jobs, self.stop))).is_err() {
                             break;
                         }
                     }
@@ -116,7 +119,8 @@ impl Workers {
                 watch(PlanEvent::RunEnded(item, sweep.run(item), end));
             }
         });
-        (!stopped && !(self.stop)()).then_some(failed)
+        let is_complete = queue.into_inner().is_ok_and(|mut queue| queue.next().is_none());
+        (!stopped && is_complete).then_some(failed)
     }
 }
 

@@ -211,6 +211,9 @@ impl Session {
         }
         let continues = self.existing == Existing::Continue && folder.join("config.toml").exists();
         let has_grown = continues && identity.check_continuation(&folder, &config)?;
+        if let Some(text) = identity.grown().filter(|_| has_grown) {
+            watch(RunEvent::Note(format!("{}: {text}", folder.display())));
+        }
         Ok(OpenRun { folder, identity, config, continues, has_grown, _lock: lock })
     }
 

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult};
+use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult, Rgba};
 
 use crate::error::MetricError;
 use crate::mask::Mask;
@@ -44,11 +44,8 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
 pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, MetricError> {
     let image = decoded(path)?.into_rgba32f();
     let behind = background.color();
-    let pixel = |[r, g, b, alpha]: [f32; 4]| {
-        let color = [r, g, b];
-        std::array::from_fn(|channel| alpha * color[channel] + (1.0 - alpha) * behind[channel])
-    };
-    let pixels = image.pixels().map(|rgba| pixel(rgba.0)).collect();
+    let pixel = |Rgba(rgba): &Rgba<f32>| [0, 1, 2].map(|c| rgba[3] * rgba[c] + (1.0 - rgba[3]) * behind[c]);
+    let pixels = image.pixels().map(pixel).collect();
     Picture::new(pixels, image.width() as usize, image.height() as usize)
         .map_err(|error| MetricError::file(path, error))
 }

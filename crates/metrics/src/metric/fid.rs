@@ -45,16 +45,3 @@ fn moments(mut rows: DMatrix<f64>) -> (DVector<f64>, DMatrix<f64>) {
     let root = if n > dimension { rows.qr().r() } else { rows };
     (mean.transpose(), root)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fid_needs_two_images() {
-        let one = FeatureSet::from_rows([&[1.0, 2.0][..]]).unwrap();
-        let error = frechet_distance(&one, &one).unwrap_err();
-        assert_eq!(error.to_string(), "needs at least 2 images, got 1");
-        assert!(frechet_distance(&FeatureSet::default(), &one).is_err());
-    }
-}

@@ -64,7 +64,9 @@ mod tests {
     use crate::metric::frechet_distance;
 
     fn set(rows: &[impl AsRef<[f32]>]) -> FeatureSet {
-        FeatureSet::from_rows(rows.iter().map(AsRef::as_ref)).unwrap()
+        let mut set = FeatureSet::default();
+        rows.iter().for_each(|row| set.push(row.as_ref()).unwrap());
+        set
     }
 
     fn discrepancy(a: &FeatureSet, b: &FeatureSet) -> f64 {
@@ -98,6 +100,15 @@ mod tests {
             if n == m {
                 assert_relative_eq!(kernel_distance(&a, &b).unwrap(), expected("mmd"), max_relative = 1e-10);
             }
+        }
+    }
+
+    #[test]
+    fn fid_and_kid_need_two_images() {
+        let one = set(&[[1f32, 2.0]]);
+        for distance in [frechet_distance, kernel_distance] {
+            assert_eq!(distance(&one, &one).unwrap_err().to_string(), "needs at least 2 images, got 1");
+            assert!(distance(&FeatureSet::default(), &one).is_err());
         }
     }
 

@@ -27,7 +27,8 @@ pub fn sharpness(render: &Picture, truth: &Picture) -> Result<f64, MetricError> 
 /// Computes the mean gradient magnitude over all pixels, in luma per pixel.
 fn mean_gradient(picture: &Picture) -> f64 {
     let [width, height] = picture.size();
-    let luma: Vec<f64> = picture.pixels().iter().map(|&pixel| luminance(pixel)).collect();
+    let luma = |[r, g, b]: &[f32; 3]| 0.299 * f64::from(*r) + 0.587 * f64::from(*g) + 0.114 * f64::from(*b);
+    let luma: Vec<f64> = picture.pixels().iter().map(luma).collect();
     let magnitude = |index: usize| {
         let (x, y) = (index % width, index / width);
         let dx = difference(x, width, |x| luma[y * width + x]);
@@ -35,10 +36,6 @@ fn mean_gradient(picture: &Picture) -> f64 {
         dx.hypot(dy)
     };
     (0..luma.len()).map(magnitude).sum::<f64>() / luma.len() as f64
-}
-
-fn luminance([r, g, b]: [f32; 3]) -> f64 {
-    0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
 }
 
 /// Computes the derivative at `at` of the `length` samples `value(0)`, `value(1)`, ….

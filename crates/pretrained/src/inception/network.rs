@@ -78,9 +78,7 @@ fn unit(name: &str, outputs: usize, window: Window) -> InceptionLayer {
 
 /// Creates a sequence of units with these outputs and windows; their names are numbered from 1.
 fn branch<const N: usize>(name: &str, units: [(usize, Window); N]) -> Vec<InceptionLayer> {
-    let numbered =
-        (1..).zip(units).map(|(number, (outputs, window))| unit(&format!("{name}{number}"), outputs, window));
-    numbered.collect()
+    (1..).zip(units).map(|(i, (outputs, window))| unit(&format!("{name}{i}"), outputs, window)).collect()
 }
 
 const POINT: Window = Window::square(1, 1, 0);

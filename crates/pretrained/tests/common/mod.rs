@@ -23,16 +23,11 @@ fn hashed(name: &str, count: usize) -> impl Iterator<Item = f64> {
 /// Generates the values of the tensor `name`.
 pub fn values_of(name: &str, shape: &[usize]) -> Vec<f32> {
     let fan_in: usize = shape.iter().skip(1).product();
-    let value = |u: f64| {
-        if name.starts_with("lin") {
-            u.abs() / shape[1] as f64
-        } else if shape.len() > 1 {
-            u * (6.0 / fan_in as f64).sqrt()
-        } else if name.ends_with("bn.weight") || name.ends_with("running_var") {
-            1.0 + 0.2 * u
-        } else {
-            0.1 * u
-        }
+    let value = |u: f64| match shape {
+        _ if name.starts_with("lin") => u.abs() / shape[1] as f64,
+        [_] if name.ends_with("bn.weight") || name.ends_with("running_var") => 1.0 + 0.2 * u,
+        [_] => 0.1 * u,
+        _ => u * (6.0 / fan_in as f64).sqrt(),
     };
     hashed(name, shape.iter().product()).map(|u| value(u) as f32).collect()
 }

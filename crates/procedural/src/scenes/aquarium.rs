@@ -27,9 +27,8 @@ fn stand(scene: &mut Builder) {
         scene.each([-0.54, 0.54], |y| Convex::sphere(v(x, y, BASE - 0.16), 0.035), knob);
     }
     for x in [-1.0, 0.0, 1.0] {
-        for y in [-0.531, 0.531] {
-            scene.block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28), matt(0x2e1e14));
-        }
+        let seam = |y: f64| Convex::block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28));
+        scene.each([-0.531, 0.531], seam, matt(0x2e1e14));
     }
 }
 
@@ -54,9 +53,8 @@ fn tank(scene: &mut Builder) {
     }
     // Water, and its surface, a little below the rim.
     let (low, high) = (BASE, RIM - 0.13);
-    let water =
-        Convex::block(v(0.0, 0.0, 0.5 * (low + high)), v(2.0 * HALF.x - 0.014, 2.0 * HALF.y - 0.014, high - low));
-    scene.fill(water, v(0.10, 0.52, 0.62), 0.42);
+    let size = v(2.0 * HALF.x - 0.014, 2.0 * HALF.y - 0.014, high - low);
+    scene.fill(Convex::block(v(0.0, 0.0, 0.5 * (low + high)), size), v(0.10, 0.52, 0.62), 0.42);
     let surface = Convex::block(v(0.0, 0.0, high), v(2.0 * HALF.x - 0.02, 2.0 * HALF.y - 0.02, 0.004));
     scene.solid(surface, glass(0x78d2dc, 0.10));
 }
@@ -104,8 +102,7 @@ fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin
     let fin = matt(fin);
     let body = LocalFrame::along(at, ahead);
     let outline = [0.008, -0.17, 0.03, -0.14, 0.075, -0.06, 0.092, 0.04, 0.07, 0.12, 0.03, 0.165, 0.004, 0.18];
-    let outline = outline.map(|length| length * size);
-    scene.lathe(body, &outline, skin);
+    scene.lathe(body, &outline.map(|length| length * size), skin);
     let blade =
         |c: DVec3, l: f64, h: f64, lean: f64| Convex::block(c, size * v(l, 0.014, h)).turned(turn).swung(c, side, lean);
     scene.solid(blade(place(-0.21, 0.0, 0.045), 0.12, 0.055, 35.0), fin);

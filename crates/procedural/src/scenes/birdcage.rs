@@ -24,10 +24,8 @@ fn tray(scene: &mut Builder) {
     for z in [FLOOR - 0.16, FLOOR + 0.01] {
         scene.ring(v(0.0, 0.0, z), RADIUS + 0.03, 0.022, metal(BRASS));
     }
-    for k in 0..4 {
-        let foot = polar(RADIUS - 0.06, f64::from(k) * 90.0 + 45.0, FLOOR - 0.21);
-        scene.sphere(foot, 0.05, metal(BRASS));
-    }
+    let foot = |degrees: f64| Convex::sphere(polar(RADIUS - 0.06, degrees, FLOOR - 0.21), 0.05);
+    scene.each([45.0, 135.0, 225.0, 315.0], foot, metal(BRASS));
     // The mesh over the tray.
     let steel = metal(0xb0b6be);
     for i in -9..=9 {

@@ -51,10 +51,9 @@ fn carcass(scene: &mut Builder) {
     }
     let back = Flowers(rgb(0x607468), rgb(0xc4b082), 8.0, false);
     scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), matt(back));
-    for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-        let foot = v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
-        scene.sphere(foot, 0.06, glossy(0x462614));
-    }
+    let foot = |(x, y): (f64, f64)| v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    scene.each(corners, |corner| Convex::sphere(foot(corner), 0.06), glossy(0x462614));
 }
 
 /// Adds books along one half of a shelf, seen from `side`; now and then something else.
@@ -121,10 +120,8 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         3 => {
             scene.lathe(at, &[0.05, 0.0, 0.075, 0.10, 0.08, 0.13], matt(0xbe603c));
             let leaf = matt(Patches(rgb(0x5aaa3c), rgb(0x286e32), 24.0, 9.0));
-            for k in 0..9 {
-                let tip = at + polar(0.085, f64::from(k) * 40.0, 0.24 + 0.05 * f64::from(k % 3));
-                scene.solid(Convex::taper(at + DVec3::Z * 0.11, tip, 0.022, 0.006), leaf);
-            }
+            let tip = |k: i32| at + polar(0.085, f64::from(k) * 40.0, 0.24 + 0.05 * f64::from(k % 3));
+            scene.each(0..9, |k| Convex::taper(at + DVec3::Z * 0.11, tip(k), 0.022, 0.006), leaf);
         }
         _ => {
             let frame = metal(0xcea656);

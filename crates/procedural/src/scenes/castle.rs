@@ -39,17 +39,14 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
     let foot = v(at.x, at.y, FLOOR);
     let radius = 0.19;
     let mut cuts = vec![Convex::cylinder(foot + DVec3::Z * 0.05, radius - 0.05, height - 0.12)];
-    for k in 0..4 {
-        let angle = f64::from(k) * 90.0 + 45.0;
-        let window = foot + polar(0.2, angle, height * 0.62);
-        cuts.push(Convex::block(window, v(0.30, 0.05, 0.14)).turned(angle));
+    for angle in [45.0, 135.0, 225.0, 315.0] {
+        cuts.push(Convex::block(foot + polar(0.2, angle, height * 0.62), v(0.30, 0.05, 0.14)).turned(angle));
     }
     scene.carved(Convex::cylinder(foot, radius, height), cuts, stone(true));
     scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
     scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));
     let tip = foot + DVec3::Z * (height + 0.36);
-    let pole = metal(0xc8c8be);
-    scene.rod(tip, tip + DVec3::Z * 0.26, 0.010, pole);
+    scene.rod(tip, tip + DVec3::Z * 0.26, 0.010, metal(0xc8c8be));
     let flag = Stripes(rgb(0xfafaf5), rgb(colour), v(0.0, 0.0, 18.0));
     scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), matt(flag));
 }
@@ -69,28 +66,21 @@ fn walls(scene: &mut Builder) {
             cuts.push(Convex::rod(hole - polar(0.2, angle - 90.0, 0.0), hole + polar(0.2, angle - 90.0, 0.0), 0.07));
         }
         scene.carved(Convex::block(centre, v(1.3, 0.11, 0.42)).turned(angle), cuts, stone(false));
-        for i in -3..=3 {
-            let along = polar(f64::from(i) * 0.165, angle, 0.0);
-            let place = centre + along + DVec3::Z * 0.255;
-            scene.solid(Convex::block(place, v(0.085, 0.11, 0.10)).turned(angle), stone(false));
-        }
+        let merlon = |i: i32| centre + polar(f64::from(i) * 0.165, angle, 0.0) + DVec3::Z * 0.255;
+        scene.each(-3..=3, |i| Convex::block(merlon(i), v(0.085, 0.11, 0.10)).turned(angle), stone(false));
     }
 }
 
 /// Adds the portcullis and the drawbridge on its chains.
 fn gate(scene: &mut Builder) {
     let iron = metal(0x787a82);
-    for i in -2..=2 {
-        let x = f64::from(i) * 0.06;
-        scene.rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010, iron);
-    }
+    let bar = |x: f64| Convex::rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010);
+    scene.each(-2..=2, |i| bar(f64::from(i) * 0.06), iron);
     scene.each([0.12, 0.20, 0.28], |z| Convex::rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009), iron);
     let plank = Stripes(rgb(0x8e5c30), rgb(0x603a1c), v(16.0, 0.0, 0.0));
     scene.block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03), matt(plank));
-    for side in [-0.14, 0.14] {
-        let (low, high) = (v(side, -1.17, FLOOR + 0.03), v(side, -SIDE - 0.05, FLOOR + 0.36));
-        scene.rod(low, high, 0.008, iron);
-    }
+    let chain = |x: f64| Convex::rod(v(x, -1.17, FLOOR + 0.03), v(x, -SIDE - 0.05, FLOOR + 0.36), 0.008);
+    scene.each([-0.14, 0.14], chain, iron);
 }
 
 /// Adds the keep: a square tower with tall windows right through it, turrets and a polished dome.
@@ -128,15 +118,12 @@ fn yard(scene: &mut Builder) {
     let bore = vec![Convex::cylinder(well + DVec3::Z * 0.02, 0.09, 0.3)];
     scene.carved(Convex::cylinder(well, 0.13, 0.15), bore, stone(true));
     let wood = matt(0x6e4624);
-    for side in [-0.11, 0.11] {
-        let post = well + DVec3::X * side;
-        scene.rod(post, post + DVec3::Z * 0.34, 0.014, wood);
-    }
+    let foot = |side: f64| well + DVec3::X * side;
+    scene.each([-0.11, 0.11], |side| Convex::rod(foot(side), foot(side) + DVec3::Z * 0.34, 0.014), wood);
     scene.cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13, roof(0x965432));
-    let leaves = Patches(rgb(0x78b43c), rgb(0x245c28), 16.0, 9.0);
+    let leaves = matt(Patches(rgb(0x78b43c), rgb(0x245c28), 16.0, 9.0));
     let trunk = v(0.52, -0.42, FLOOR);
     scene.rod(trunk, trunk + DVec3::Z * 0.30, 0.028, wood);
-    for (dx, dy, dz, r) in [(0.0, 0.0, 0.40, 0.13), (0.08, 0.05, 0.32, 0.09), (-0.07, -0.05, 0.34, 0.10)] {
-        scene.sphere(trunk + v(dx, dy, dz), r, matt(leaves));
-    }
+    let crowns = [(v(0.0, 0.0, 0.40), 0.13), (v(0.08, 0.05, 0.32), 0.09), (v(-0.07, -0.05, 0.34), 0.10)];
+    scene.each(crowns, |(above, radius)| Convex::sphere(trunk + above, radius), leaves);
 }

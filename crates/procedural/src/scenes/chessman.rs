@@ -18,8 +18,7 @@ pub(super) fn chessman(scene: &mut Builder) {
     }
     for k in 0..8 {
         let pearl = if k % 2 == 0 { rgb(0xf0eee6) } else { rgb(0x285aaa) };
-        let tip = foot + polar(0.092, f64::from(k) * 45.0, 0.675);
-        scene.sphere(tip, 0.024, glossy(pearl));
+        scene.sphere(foot + polar(0.092, f64::from(k) * 45.0, 0.675), 0.024, glossy(pearl));
     }
     scene.lathe(foot, &[0.085, 0.65, 0.075, 0.69, 0.03, 0.72, 0.004, 0.725], glossy(wood));
     scene.sphere(at(0.745), 0.036, gold);

@@ -28,9 +28,8 @@ fn body(scene: &mut Builder) {
     for side in 0..4 {
         let turn = f64::from(side) * 90.0;
         for column in -2..=2 {
-            for floor in 1..=2 {
-                cuts.push(Convex::block(window(side, column, floor), v(0.24, 0.20, 0.36)).turned(turn));
-            }
+            let niche = |floor| Convex::block(window(side, column, floor), v(0.24, 0.20, 0.36)).turned(turn);
+            cuts.extend([1, 2].map(niche));
             doors.push(Convex::block(window(side, column, 0) - DVec3::Z * 0.03, v(0.28, 0.22, 0.40)).turned(turn));
         }
     }
@@ -92,10 +91,8 @@ fn balcony(scene: &mut Builder, at: DVec3, along: DVec3, out: DVec3, turn: f64) 
     let iron = metal(0x32343a);
     scene.solid(Convex::block(at + out * 0.08 - DVec3::Z * 0.02, v(0.36, 0.16, 0.03)).turned(turn), matt(STONE));
     let corner = |x: f64, y: f64, z: f64| at + along * x + out * y + DVec3::Z * z;
-    for k in 0..9 {
-        let x = -0.17 + 0.0425 * f64::from(k);
-        scene.rod(corner(x, 0.15, 0.0), corner(x, 0.15, 0.15), 0.007, iron);
-    }
+    let bar = |x: f64| Convex::rod(corner(x, 0.15, 0.0), corner(x, 0.15, 0.15), 0.007);
+    scene.each(0..9, |k| bar(-0.17 + 0.0425 * f64::from(k)), iron);
     for z in [0.02, 0.15] {
         scene.rod(corner(-0.17, 0.15, z), corner(0.17, 0.15, z), 0.010, iron);
         scene.each([-0.17, 0.17], |x| Convex::rod(corner(x, 0.0, z), corner(x, 0.15, z), 0.010), iron);

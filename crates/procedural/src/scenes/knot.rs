@@ -20,9 +20,8 @@ pub(super) fn knot(scene: &mut Builder) {
 
     plinth(scene);
     for i in 0..12 {
-        let angle = f64::from(i) * 30.0 + 15.0;
         let bead = glossy(if i % 2 == 0 { rgb(0x2078be) } else { rgb(0xf0f0e6) });
-        scene.sphere(polar(0.86, angle, -0.56), 0.075, bead);
+        scene.sphere(polar(0.86, f64::from(i) * 30.0 + 15.0, -0.56), 0.075, bead);
     }
 }
 
@@ -31,10 +30,8 @@ pub(super) fn knot(scene: &mut Builder) {
 fn plinth(scene: &mut Builder) {
     let marble = Marble(rgb(0xe8e4dc), rgb(0x465460), 2.6);
     let mut cuts = vec![Convex::cylinder(v(0.0, 0.0, -0.93), 0.60, 0.6)];
-    for i in 0..8 {
-        let (inner, outer) = (polar(0.4, f64::from(i) * 45.0, -0.79), polar(1.2, f64::from(i) * 45.0, -0.79));
-        cuts.push(Convex::rod(inner, outer, 0.10));
-    }
+    let window = |degrees: f64| Convex::rod(polar(0.4, degrees, -0.79), polar(1.2, degrees, -0.79), 0.10);
+    cuts.extend((0..8).map(|i| window(f64::from(i) * 45.0)));
     scene.carved(Convex::cylinder(v(0.0, 0.0, -0.98), 0.95, 0.36), cuts, satin(marble));
     scene.cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12, matt(Checker(rgb(0x282e3c), rgb(0xb0aa96), v(6.0, 6.0, 0.1))));
     for i in 0..3 {

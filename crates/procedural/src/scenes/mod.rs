@@ -31,8 +31,7 @@ use crate::texture::rgb;
 /// Name of a scene, function that adds its objects, scale, and rise.
 type BuiltInScene = (&'static str, fn(&mut Builder), f64, f64);
 
-/// Scenes that were built by hand: name, function that adds the objects, scale, and rise. Scale and rise were chosen so
-/// that no camera's image is cropped.
+/// Scenes that were built by hand. Scale and rise were chosen so that no camera's image is cropped.
 pub(super) const SCENES: [BuiltInScene; 15] = [
     ("castle", castle::castle, 0.87, 0.18),
     ("crane", crane::crane, 0.81, 0.15),

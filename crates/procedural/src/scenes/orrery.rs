@@ -21,11 +21,8 @@ fn stand(scene: &mut Builder) {
     let holes = (0..6).map(|k| Convex::cylinder(polar(0.42, f64::from(k) * 60.0 + 30.0, -1.0), 0.145, 0.3)).collect();
     let enamel = Checker(rgb(0x143e6e), rgb(0xe2dcc8), v(7.0, 7.0, 0.1));
     scene.carved(Convex::cylinder(wheel, 0.70, 0.07), holes, glossy(enamel));
-    for k in 0..30 {
-        let angle = f64::from(k) * 12.0;
-        let tooth = polar(0.735, angle, wheel.z + 0.035);
-        scene.solid(Convex::block(tooth, v(0.09, 0.07, 0.07)).turned(angle), metal(BRASS));
-    }
+    let tooth = |angle: f64| Convex::block(polar(0.735, angle, wheel.z + 0.035), v(0.09, 0.07, 0.07)).turned(angle);
+    scene.each(0..30, |k| tooth(f64::from(k) * 12.0), metal(BRASS));
     scene.cylinder(v(0.0, 0.0, -0.98), 0.09, 0.5, metal(COPPER));
     scene.cone(v(0.0, 0.0, -0.48), 0.09, 0.03, 0.20, metal(BRASS));
     scene.rod(v(0.0, 0.0, -0.4), v(0.0, 0.0, 0.0), 0.03, metal(BRASS));
@@ -76,12 +73,9 @@ fn planets(scene: &mut Builder) {
 /// Adds two great hoops about everything, with beads.
 fn armillary(scene: &mut Builder) {
     let centre = v(0.0, 0.0, 0.10);
-    scene.ring(LocalFrame::along(centre, v(0.3, 1.0, 0.12)), 1.04, 0.020, metal(BRASS));
+    let hoop = LocalFrame::along(centre, v(0.3, 1.0, 0.12));
+    scene.ring(hoop, 1.04, 0.020, metal(BRASS));
     scene.ring(LocalFrame::along(centre, v(1.0, -0.25, 0.35)), 0.98, 0.016, metal(COPPER));
-    let enamel = glossy(0xbe1e32);
-    let frame = LocalFrame::along(centre, v(0.3, 1.0, 0.12));
-    for k in 0..8 {
-        let bead = centre + frame.rotation * polar(1.04, f64::from(k) * 45.0, 0.0);
-        scene.sphere(bead, 0.045, enamel);
-    }
+    let bead = |degrees: f64| Convex::sphere(centre + hoop.rotation * polar(1.04, degrees, 0.0), 0.045);
+    scene.each(0..8, |k| bead(f64::from(k) * 45.0), glossy(0xbe1e32));
 }

@@ -39,9 +39,8 @@ fn case(scene: &mut Builder) {
     }
     let iron = metal(0x967030);
     scene.block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03), iron);
-    for (x, y) in [(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)] {
-        scene.rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018, iron);
-    }
+    let strut = |(x, y): (f64, f64)| Convex::rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018);
+    scene.each([(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)], strut, iron);
     let string = metal(0xbebab0);
     for k in 0..22 {
         let s = f64::from(k) / 21.0;
@@ -98,7 +97,6 @@ fn bench(scene: &mut Builder) {
     let leather = Checker(rgb(0x281412), rgb(0x341a16), v(14.0, 14.0, 0.1));
     scene.block(at + DVec3::Z * 0.42, v(0.52, 0.22, 0.07), satin(leather));
     scene.block(at + DVec3::Z * 0.36, v(0.54, 0.24, 0.05), lacquer());
-    for (x, y) in [(-0.23, -0.08), (0.23, -0.08), (0.23, 0.08), (-0.23, 0.08)] {
-        scene.solid(Convex::taper(at + v(x, y, 0.0), at + v(x, y, 0.35), 0.02, 0.035), lacquer());
-    }
+    let leg = |(x, y): (f64, f64)| Convex::taper(at + v(x, y, 0.0), at + v(x, y, 0.35), 0.02, 0.035);
+    scene.each([(-0.23, -0.08), (0.23, -0.08), (0.23, 0.08), (-0.23, 0.08)], leg, lacquer());
 }

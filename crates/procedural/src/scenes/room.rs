@@ -53,15 +53,12 @@ fn on_the_walls(scene: &mut Builder) {
     // A window in the right wall, with curtains, and a mirror on the left one.
     scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2, 9.0)));
     let white = satin(0xf6f2e8);
-    for (dy, dz, y, z) in [(0.0, 0.66, 1.24, 0.08), (0.0, -0.66, 1.3, 0.10), (0.0, 0.1, 1.1, 0.05)] {
-        scene.block(v(SIDE - 0.03, 2.7 + dy, 1.55 + dz), v(0.08, y, z), white);
-    }
+    let rail = |(dz, y, z): (f64, f64, f64)| Convex::block(v(SIDE - 0.03, 2.7, 1.55 + dz), v(0.08, y, z));
+    scene.each([(0.66, 1.24, 0.08), (-0.66, 1.3, 0.10), (0.1, 1.1, 0.05)], rail, white);
     scene.each([-0.57, 0.0, 0.57], |dy| Convex::block(v(SIDE - 0.03, 2.7 + dy, 1.55), v(0.07, 0.06, 1.36)), white);
     let cloth = matt(Stripes(rgb(0xbe503c), rgb(0x96322e), v(0.0, 0.0, 3.0)));
-    for k in 0..10 {
-        let y = if k < 5 { 1.92 + 0.06 * f64::from(k) } else { 3.20 + 0.06 * f64::from(k - 5) };
-        scene.cylinder(v(SIDE - 0.08, y, 0.35), 0.045, 1.98, cloth);
-    }
+    let fold = |k: i32| if k < 5 { 1.92 + 0.06 * f64::from(k) } else { 3.20 + 0.06 * f64::from(k - 5) };
+    scene.each(0..10, |k| Convex::cylinder(v(SIDE - 0.08, fold(k), 0.35), 0.045, 1.98), cloth);
     scene.rod(v(SIDE - 0.08, 1.75, 2.36), v(SIDE - 0.08, 3.65, 2.36), 0.022, gold);
     let at = v(-SIDE, 2.9, 1.6);
     scene.rod(at, at + DVec3::X * 0.03, 0.42, gold);
@@ -94,9 +91,8 @@ fn low_table(scene: &mut Builder) {
     let c = v(0.05, 2.35, 0.0);
     scene.block(c + DVec3::Z * 0.42, v(1.0, 0.58, 0.045), wood);
     scene.block(c + DVec3::Z * 0.16, v(0.88, 0.48, 0.025), wood);
-    for (x, y) in [(-0.45, -0.25), (0.45, -0.25), (0.45, 0.25), (-0.45, 0.25)] {
-        scene.solid(Convex::taper(c + v(x, y, 0.0), c + v(x, y, 0.40), 0.022, 0.034), wood);
-    }
+    let leg = |(x, y): (f64, f64)| Convex::taper(c + v(x, y, 0.0), c + v(x, y, 0.40), 0.022, 0.034);
+    scene.each([(-0.45, -0.25), (0.45, -0.25), (0.45, 0.25), (-0.45, 0.25)], leg, wood);
     let top = 0.443;
     let glaze = Bands(rgb(0x28828c), rgb(0xe6e2ce), rgb(0x143c5a), 9.0);
     let vase = c + v(-0.28, 0.06, top);
@@ -155,9 +151,8 @@ fn corner(scene: &mut Builder) {
         let start = pot + DVec3::Z * 0.32;
         let curve = |s: f64| start + polar(reach * s * s, angle, tall * s * (1.35 - 0.35 * s));
         scene.closed_tube(curve, 8, 0.016, leaf);
-        let tip = curve(1.0);
-        let outline = [0.012, -0.12, 0.05, -0.02, 0.045, 0.06, 0.004, 0.16];
-        scene.lathe(LocalFrame::along(tip, curve(1.0) - curve(0.8)), &outline, leaf);
+        let tip = LocalFrame::along(curve(1.0), curve(1.0) - curve(0.8));
+        scene.lathe(tip, &[0.012, -0.12, 0.05, -0.02, 0.045, 0.06, 0.004, 0.16], leaf);
     }
     let cloth = matt(Flowers(rgb(0xcec4a0), rgb(0x789664), 6.0, false));
     let (x, y) = (1.32, 2.75);
@@ -168,8 +163,7 @@ fn corner(scene: &mut Builder) {
     for side in [-0.33, 0.33] {
         scene.solid(turn(Convex::block(v(x + side, y, 0.40), v(0.12, 0.62, 0.36))), cloth);
         scene.solid(turn(Convex::rod(v(x + side, y - 0.3, 0.58), v(x + side, y + 0.32, 0.58), 0.075)), cloth);
-        for dy in [-0.26, 0.26] {
-            scene.solid(turn(Convex::cylinder(v(x + 0.85 * side, y + dy, 0.0), 0.025, 0.18)), matt(0x462816));
-        }
+        let leg = |dy: f64| turn(Convex::cylinder(v(x + 0.85 * side, y + dy, 0.0), 0.025, 0.18));
+        scene.each([-0.26, 0.26], leg, matt(0x462816));
     }
 }

@@ -90,10 +90,8 @@ fn radio(scene: &mut Builder) {
     let dial = Stripes(rgb(0xf4eac8), rgb(0x968264), v(34.0, 0.0, 0.0));
     scene.solid(block(face + along * 0.17 + DVec3::Z * 0.10, 0.23, 0.02, 0.12), glossy(dial));
     let brass = metal(0xdcb05a);
-    for x in [0.11, 0.23] {
-        let knob = face + along * x - DVec3::Z * 0.08;
-        scene.rod(knob, knob + out * 0.05, 0.045, brass);
-    }
+    let knob = |x: f64| face + along * x - DVec3::Z * 0.08;
+    scene.each([0.11, 0.23], |x| Convex::rod(knob(x), knob(x) + out * 0.05, 0.045), brass);
     scene.rod(c + along * 0.28 + DVec3::Z * 0.2, c + along * 0.46 + DVec3::Z * 0.72, 0.010, brass);
     scene.sphere(c + along * 0.46 + DVec3::Z * 0.72, 0.02, brass);
     let pear = glossy(Patches(rgb(0xdcc846), rgb(0xbeaa32), 20.0, 9.0));

@@ -255,9 +255,8 @@ mod tests {
     /// Sharpness is best at 1: 0.9 beats 1.3 and 0.6, and half of the distance is *near*.
     #[test]
     fn quantities_best_at_one_are_compared_by_distance() {
-        let mut list =
-            records(&[("sharp", [1.3, 1.31, 1.32]), ("good", [0.9, 0.91, 0.92]), ("soft", [0.6, 0.61, 0.6])]);
-        for record in &mut list {
+        let mut all = records(&[("sharp", [1.3, 1.31, 1.32]), ("good", [0.9, 0.91, 0.92]), ("soft", [0.6, 0.61, 0.6])]);
+        for record in &mut all {
             record.metrics = [("sharpness".to_owned(), record.metrics["psnr"])].into_iter().collect();
         }
         let metric = Quantity::named("sharpness").unwrap();
@@ -267,7 +266,7 @@ mod tests {
             ("sharp", Relation::Better, "good", Verdict::Fails, "sharp < good"),
             ("good", Relation::Near, "soft", Verdict::Holds, "|good| ≤ ½ |soft|"),
         ] {
-            let finding = Claim { metric, ..claim(left, is, right) }.test(&list, None).findings.remove(0);
+            let finding = Claim { metric, ..claim(left, is, right) }.test(&all, None).findings.remove(0);
             assert_eq!((finding.verdict, finding.formula), (verdict, format!("|Sharpness − 1|: {formula}")));
         }
     }

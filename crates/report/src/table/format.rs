@@ -51,8 +51,7 @@ impl Table {
     pub fn to_text(&self, emphasis: Emphasis) -> String {
         let grid = self.grid(emphasis);
         let rule = "─".repeat(total(&grid.widths()));
-        let mut lines: Vec<String> =
-            std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
+        let mut lines: Vec<_> = std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
         let mut rows = grid.lines().into_iter();
         lines.extend(std::iter::once(rule.clone()).chain(rows.next()).chain([rule.clone()]).chain(rows).chain([rule]));
         lines.extend(self.footnotes().into_iter().map(str::to_owned));
@@ -162,8 +161,7 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
     #[test]
     fn csv_keeps_full_precision_and_quotes() {
         let records = [record("a_,b", "nerf", 0, 16.123456789), record("a_,b", "info\"nerf", 0, 17.0)];
-        let table = scene_table(&records, Quantity::PSNR);
-        let csv = table.to_csv();
+        let csv = scene_table(&records, Quantity::PSNR).to_csv();
         let body: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
         let expected = ["variant,\"a_,b\",\"a_,b std\",\"a_,b n\"", "nerf,16.123456789,,1", "\"info\"\"nerf\",17,,1"];
         assert_eq!(body, expected);

@@ -1,7 +1,8 @@
 //! Reading image files, with limits, and writing PNG.
 
+use std::fmt::Display;
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Cursor, Seek};
+use std::io::{self, BufRead, BufReader, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use ::image::metadata::Orientation;
@@ -12,6 +13,8 @@ use super::exif::{is_sideways, orientation};
 use crate::error::SceneError;
 
 /// Max side of an image in pixels.
+const START_OF_SCAN: u8 = 0xDA;
+const END_OF_IMAGE: [u8; 2] = [0xFF, 0xD9];
 const MAX_SIDE: u32 = 16_384;
 /// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
@@ -125,6 +128,14 @@ fn decode<'a>(
         let what = "the number of pixels";
         return Err(SceneError::TooLarge { path: path.into(), what, size: count, limit: MAX_PIXELS });
     }
+    let reader = open()?;
+    if reader.format() == Some(ImageFormat::Jpeg) {
+        let mut bytes = Vec::new();
+        reader.into_inner().read_to_end(&mut bytes).map_err(|e| SceneError::io(path, e))?;
+        if !has_end_marker(&bytes) {
+            return Err(decode_error(path, "the file is cut short"));
+        }
+    }
     let mut decoded = open()?.decode().map_err(|e| decode_error(path, e))?;
     decoded.apply_orientation(turn);
     let has_alpha = decoded.color().has_alpha();
@@ -146,10 +157,10 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
 
 /// Returns the error about a photograph in a format that is not read, such as HEIC or DNG; `None` for other files.
 pub fn unread_format(path: &Path) -> Option<SceneError> {
-    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    let extension = path.extension()?.to_str()?;
     let convert = format!("such as with ImageMagick: `magick mogrify -format jpg *.{extension}`");
     let reason = format!("{} is not read; convert it, {convert}", extension.to_ascii_uppercase());
-    let is_unread = UNREAD.contains(&extension.as_str());
+    let is_unread = UNREAD.contains(&extension.to_ascii_lowercase().as_str());
     is_unread.then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
 }
 
@@ -183,7 +194,20 @@ fn checked_dimensions(path: &Path, reader: ImageReader<Source<'_>>) -> Result<(u
     Ok((width, height))
 }
 
-fn decode_error(path: &Path, error: ImageError) -> SceneError {
+/// Whether a JPEG file has an end marker behind the start of its first scan. Decoders take what a cut file lacks as grey.
+fn has_end_marker(jpeg: &[u8]) -> bool {
+    let mut rest = jpeg.get(2..).unwrap_or_default();
+    // A segment has a marker and a length; its data may contain a thumbnail, which is a JPEG image itself.
+    while let [0xFF, marker, high, low, ..] = *rest
+        && marker != START_OF_SCAN
+    {
+        let length = if marker == 0xFF { 1 } else { 2 + usize::from(u16::from_be_bytes([high, low])) };
+        rest = rest.get(length..).unwrap_or_default();
+    }
+    rest.windows(2).any(|pair| pair == END_OF_IMAGE)
+}
+
+fn decode_error(path: &Path, error: impl Display) -> SceneError {
     SceneError::malformed(path, "a complete PNG, JPEG, WebP, TIFF or BMP image", error)
 }
 
@@ -217,6 +241,19 @@ mod tests {
             let error = refusal(&path);
             assert!(error.contains("bad.png") && !error.contains('\n'), "{keep}: {error}");
         }
+        let jpeg = dir.path().join("bad.jpg");
+        ::image::save_buffer(&jpeg, &bytes[..64 * 64 * 3], 64, 64, ColorType::Rgb8).unwrap();
+        let whole = fs::read(&jpeg).unwrap();
+        // A segment with a thumbnail, which has an end marker, and data behind the image, as phones write them.
+        let thumbnail = [0xFF, 0xE1, 0, 6, 0xFF, 0xD8, 0xFF, 0xD9];
+        let phone = [&whole[..2], &thumbnail, &whole[2..], b"video"].concat();
+        fs::write(&jpeg, &phone).unwrap();
+        assert_eq!(read_rgba(&jpeg).unwrap().pixels.len(), 64 * 64);
+        fs::write(&jpeg, &phone[..phone.len() / 2]).unwrap();
+        assert!(
+            refusal(&jpeg)
+                .ends_with("bad.jpg: expected a complete PNG, JPEG, WebP, TIFF or BMP image: the file is cut short")
+        );
         write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
         assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })), "refused before it is decoded");
         assert!(refusal(dir.path()).ends_with("it is no regular file"));

@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::domain::Domain;
-use super::lattice::{CELLS, Lattice, POINTS, VOLUME};
+use super::lattice::{CELLS, Lattice, POINTS, VOLUME, coordinates};
 use super::probe::FieldProbe;
 
 /// Maximum opacity of a voxel, that of optical depth 8.
@@ -115,7 +115,7 @@ fn candidates(probe: &FieldProbe<'_>, domain: &Domain, lattice: &Lattice) -> Vec
     let is_dense = |&cell: &usize| {
         let first = lattice.cell(cell).map(|c| c * PER_CELL);
         let at = |[x, y, z]: [usize; 3]| dense[first[0] + x + nx * (first[1] + y + ny * (first[2] + z))];
-        (0..ALONG.pow(3)).map(|index| [index % ALONG, index / ALONG % ALONG, index / (ALONG * ALONG)]).any(at)
+        (0..ALONG.pow(3)).map(|index| coordinates(index, [ALONG; 3])).any(at)
     };
     (0..lattice.cell_count()).into_par_iter().filter(is_dense).collect()
 }

@@ -34,8 +34,7 @@ impl Lattice {
 
     /// Returns the place of a cell, in cells.
     pub(super) fn cell(&self, cell: usize) -> [usize; 3] {
-        let [nx, ny, _] = self.cells;
-        [cell % nx, cell / nx % ny, cell / (nx * ny)]
+        coordinates(cell, self.cells)
     }
 
     /// Returns the number of points along each axis.
@@ -48,19 +47,17 @@ impl Lattice {
         let first = self.cell(cell).map(|c| c * CELLS);
         let [nx, ny, _] = self.sides();
         (0..VOLUME).map(move |index| {
-            let [x, y, z] = within(index);
+            let [x, y, z] = coordinates(index, [POINTS; 3]);
             first[0] + x + nx * (first[1] + y + ny * (first[2] + z))
         })
     }
 
     pub(super) fn position(&self, point: usize) -> Vec3 {
-        let [nx, ny, _] = self.sides();
-        let place = [point % nx, point / nx % ny, point / (nx * ny)];
-        self.low + self.voxel * Vec3::from_array(place.map(|c| c as f32))
+        self.low + self.voxel * Vec3::from_array(coordinates(point, self.sides()).map(|c| c as f32))
     }
 }
 
-/// Returns the coordinates of a brick's `index`th point within it.
-pub(super) fn within(index: usize) -> [usize; 3] {
-    [index % POINTS, index / POINTS % POINTS, index / (POINTS * POINTS)]
+/// Returns the coordinates of element `index` of an array with `nx` × `ny` elements per layer, x fastest.
+pub(super) fn coordinates(index: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
+    [index % nx, index / nx % ny, index / (nx * ny)]
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::bricks::{Bricks, NEARLY_OPAQUE};
-use super::lattice::{POINTS, VOLUME, within};
+use super::lattice::{POINTS, VOLUME, coordinates};
 
 /// Distance, in points, within which a point is hidden by nearly opaque ones: less than 1 % of the light reaches it.
 const COVER: usize = 2;
@@ -26,12 +26,11 @@ pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
 fn shown(bricks: &Bricks, number: usize, cell: usize) -> Vec<bool> {
     let filled = bricks.brick(number).iter().map(|&root| root > 0).collect();
     let near = spread(filled, POINTS, 1);
-    let offset =
-        |index: usize| [index % WIDE, index / WIDE % WIDE, index / (WIDE * WIDE)].map(|c| c as isize - COVER as isize);
+    let offset = |index: usize| coordinates(index, [WIDE; 3]).map(|c| c as isize - COVER as isize);
     let open = (0..WIDE.pow(3)).map(|index| bricks.root(cell, offset(index)) < NEARLY_OPAQUE).collect();
     let uncovered = spread(open, WIDE, COVER);
     let is_open = |index: usize| {
-        let [x, y, z] = within(index).map(|c| c + COVER);
+        let [x, y, z] = coordinates(index, [POINTS; 3]).map(|c| c + COVER);
         uncovered[x + WIDE * (y + WIDE * z)]
     };
     (0..VOLUME).map(|index| near[index] && is_open(index)).collect()
@@ -60,7 +59,7 @@ mod tests {
         flags[2 + 5 * (2 + 5 * 2)] = true;
         let found = spread(flags, 5, 1);
         for (index, flag) in found.iter().enumerate() {
-            let near = [index % 5, index / 5 % 5, index / 25].iter().all(|c| (1..=3).contains(c));
+            let near = coordinates(index, [5; 3]).iter().all(|c| (1..=3).contains(c));
             assert_eq!(*flag, near, "{index}");
         }
     }

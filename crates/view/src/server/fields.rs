@@ -63,8 +63,9 @@ impl Fields {
             return Ok(made.package.clone());
         }
         let file = first_field(run).join(FILE);
-        if let Some(package) = read_cached(&file, &version) {
-            return Ok(package);
+        let kept = fs::read_to_string(&file).unwrap_or_default();
+        if let Some((_, package)) = kept.split_once('\n').filter(|(line, _)| *line == version.line()) {
+            return Ok(package.into());
         }
         let doing = |work| *locked(&entry.work) = work;
         let result = self.make(run, version, made.take(), &doing);
@@ -121,12 +122,6 @@ impl Version {
         (env!("CARGO_PKG_VERSION"), [VIEWER, TEMPLATE], &self.config).hash(&mut hasher);
         format!("{:016x} {} {}", hasher.finish(), self.stamp, self.finished)
     }
-}
-
-/// Reads the package in `file`, if it is of this version.
-fn read_cached(file: &Path, version: &Version) -> Option<Arc<str>> {
-    let text = fs::read_to_string(file).ok()?;
-    text.split_once('\n').filter(|(line, _)| *line == version.line()).map(|(_, package)| package.into())
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

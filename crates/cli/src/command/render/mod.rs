@@ -13,7 +13,7 @@ use infonerf_experiment::{RunPlan, Trained};
 use infonerf_field::FieldSpec;
 use infonerf_metrics::to_rgb8;
 use infonerf_render::{render_image, render_normals};
-use infonerf_report::{depth_image, normal_image, save_png};
+use infonerf_report::{counted, depth_image, normal_image, save_png};
 use infonerf_scene::{Camera, resized_dimensions};
 
 use crate::interrupt;
@@ -62,8 +62,8 @@ pub(crate) struct RenderArgs {
     device: DeviceArgs,
 }
 
-/// Names of the built-in paths, which are the names of their animations as well.
-const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];
+/// Empty file that marks a folder whose frames are of this command, which may replace them.
+const MARKER: &str = ".infonerf-render";
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     // Faults of the arguments are reported before anything is loaded.
@@ -73,11 +73,17 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
         let expected = "a field whose density has a gradient with respect to positions";
         bail!("--normals: expected {expected}, found {}", plan.config.field);
     }
+    let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
+    let earlier = earlier_frames(&out, &route.name).next();
+    if let Some(file) = earlier.filter(|_| args.out.is_some() && !out.join(MARKER).exists()) {
+        bail!("--out {}: expected a folder without frames of another origin, found {}", out.display(), file.display());
+    }
     let trained = read_run(plan, &args.run, &open_device(args.device.device)?)?;
     let cameras = route.cameras(trained.scene(), args.frames, args.size);
-    let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
+    interrupt::install()?;
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
-    outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
+    let frames = counted(cameras.len(), "frame");
+    outln!("{frames} of {width}x{height}; --size and --frames make fewer and smaller ones");
     let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
     Ok(animation.map_or_else(interrupt::exit_code, |_| ExitCode::SUCCESS))
 }
@@ -91,8 +97,11 @@ fn write_frames(
     out: &Path,
     normals: bool,
 ) -> Result<Option<PathBuf>> {
-    clear(out, &route.name)?;
+    for file in earlier_frames(out, &route.name) {
+        std::fs::remove_file(&file).with_context(|| file.display().to_string())?;
+    }
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    std::fs::write(out.join(MARKER), "").with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name)), route.fps)?;
     let longest = cameras.iter().map(|camera| camera.width.max(camera.height)).max().unwrap_or(1);
     let (scene, models, start) = (trained.scene(), trained.models_for_size(longest), Instant::now());
@@ -119,7 +128,8 @@ fn write_frames(
     bar.finish_and_clear();
     let (path, seconds) = (animation.finish()?, start.elapsed().as_secs_f64());
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
-    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), path.display());
+    let frames = counted(cameras.len(), "frame");
+    outln!("{frames} of {width}x{height} in {seconds:.1} s: {}", path.display());
     Ok(Some(path))
 }
 
@@ -168,24 +178,15 @@ fn affordable_frames(full: (u32, u32), pixels: f64) -> (u32, u32) {
     (((pixels / f64::from(width * height)) as u32).clamp(MIN_FRAMES, FRAMES), smallest)
 }
 
-/// Removes the frames and the animations of an earlier render, which would mix with the new ones, and nothing else.
-fn clear(out: &Path, name: &str) -> Result<()> {
+/// Finds the frames in the folder `out`, and the animation called `name`: an earlier render's, which would mix with new ones.
+fn earlier_frames(out: &Path, name: &str) -> impl Iterator<Item = PathBuf> {
     let is_frame = |stem: &str| stem.len() >= 4 && stem.bytes().all(|b| b.is_ascii_digit());
-    let is_ours = |file: &str| match file.rsplit_once('.') {
-        Some((stem, "png")) => is_frame(stem),
-        Some((stem, "gif" | "part")) => {
-            let stem = stem.strip_suffix(".gif").unwrap_or(stem);
-            PATHS.contains(&stem) || stem == name
-        }
-        _ => false,
-    };
-    for folder in [out.to_owned(), out.join("depth"), out.join("normals")] {
-        let Ok(entries) = std::fs::read_dir(&folder) else { continue };
-        for entry in entries.flatten().filter(|entry| is_ours(&entry.file_name().to_string_lossy())) {
-            std::fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
-        }
-    }
-    Ok(())
+    let animations = [format!("{name}.gif"), format!("{name}.gif.part")];
+    let files = [out.to_owned(), out.join("depth"), out.join("normals")].map(std::fs::read_dir);
+    files.into_iter().flatten().flatten().flatten().filter_map(move |entry| {
+        let file = entry.file_name().to_string_lossy().into_owned();
+        (animations.contains(&file) || file.strip_suffix(".png").is_some_and(is_frame)).then(|| entry.path())
+    })
 }
 
 #[cfg(test)]

@@ -31,7 +31,7 @@ impl Store {
     /// it ended. Returns the files.
     ///
     /// # Errors
-    /// No weights have this name, or errors of [`Store::fetch_file`].
+    /// If no weights have this name, a file does not arrive or is another one, or the folder cannot be written.
     pub fn fetch(&self, name: &str, progress: &mut dyn FnMut(DownloadProgress)) -> Result<Vec<PathBuf>, WeightsError> {
         let unknown = |name: &str| {
             let known = KNOWN_WEIGHTS.iter().map(|weights| weights.name).collect::<Vec<_>>().join(", ");
@@ -46,11 +46,8 @@ impl Store {
         [name].iter().chain(companions).map(fetched).collect()
     }
 
-    /// Downloads the file of `weights`.
-    ///
-    /// # Errors
-    /// If the file does not arrive or is another one, or the folder cannot be written.
-    pub fn fetch_file(
+    /// Downloads the file of `weights`, and returns the path of the needed tensors.
+    fn fetch_file(
         &self,
         weights: &KnownWeights,
         progress: &mut dyn FnMut(DownloadProgress),
@@ -61,7 +58,7 @@ impl Store {
         download(weights, &part, progress)?;
         let found = sha256(&part)?;
         if found != weights.sha256 {
-            remove(&part)?;
+            std::fs::remove_file(&part).map_err(|error| WeightsError::io(&part, &error))?;
             let (url, expected) = (weights.url, weights.sha256);
             let fault = format!("{url}: wrong checksum: SHA-256 is {found}, expected {expected}; nothing was kept");
             return Err(WeightsError(fault));
@@ -69,7 +66,7 @@ impl Store {
         let tensors = WeightFile::read(&part).map_err(WeightsError)?;
         let path = self.keep(weights, &tensors)?;
         drop(tensors);
-        remove(&part)?;
+        std::fs::remove_file(&part).map_err(|error| WeightsError::io(&part, &error))?;
         Ok(path)
     }
 }
@@ -140,10 +137,6 @@ fn sha256(path: &Path) -> Result<String, WeightsError> {
     let copied = File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut sum));
     copied.map_err(|error| WeightsError::io(path, &error))?;
     Ok(format!("{:x}", sum.finalize()))
-}
-
-fn remove(path: &Path) -> Result<(), WeightsError> {
-    std::fs::remove_file(path).map_err(|error| WeightsError::io(path, &error))
 }
 
 #[cfg(test)]
