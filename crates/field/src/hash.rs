@@ -60,22 +60,19 @@ impl fmt::Display for HashConfig {
 }
 
 impl HashConfig {
-    /// Returns the cells along each axis of each level, coarsest first: a geometric series (Eq. 2 and 3).
-    fn resolutions(&self) -> Vec<usize> {
-        let growth = (self.finest as f64 / self.coarsest as f64).powf(1.0 / (self.levels.max(2) - 1) as f64);
-        (0..self.levels).map(|level| (self.coarsest as f64 * growth.powi(level as i32)).round() as usize).collect()
-    }
-
+    /// Lists the levels, coarsest first; their cells along each axis are a geometric series (Eq. 2 and 3).
     fn level_tables(&self) -> Vec<LevelTable> {
+        let growth = (self.finest as f64 / self.coarsest as f64).powf(1.0 / (self.levels.max(2) - 1) as f64);
         let mut first = 0;
-        let table = |cells: usize| {
+        let table = |level: usize| {
+            let cells = (self.coarsest as f64 * growth.powi(level as i32)).round() as usize;
             let most = 1usize << self.log2_table_size;
             let vertices = (cells + 1).saturating_pow(3);
             let level = LevelTable { cells, first, entries: vertices.min(most), is_hashed: vertices > most };
             first += level.entries;
             level
         };
-        self.resolutions().into_iter().map(table).collect()
+        (0..self.levels).map(table).collect()
     }
 }
 

@@ -41,8 +41,8 @@ impl Picture {
     /// # Errors
     /// If a side does not fit in 32 bits.
     pub fn to_rgb8(&self) -> Result<RgbImage, MetricError> {
-        let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-        to_rgb8(&self.pixels, side(self.width()), side(self.height()))
+        let [width, height] = self.size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+        to_rgb8(&self.pixels, width, height)
     }
 
     /// Returns the row-major pixels.
@@ -55,16 +55,6 @@ impl Picture {
         self.size
     }
 
-    /// Returns the width in pixels.
-    pub fn width(&self) -> usize {
-        self.size[0]
-    }
-
-    /// Returns the height in pixels.
-    pub fn height(&self) -> usize {
-        self.size[1]
-    }
-
     /// Rounds every value to 8 bits and back, `round(255 · clamp(x, 0, 1)) / 255`, as a PNG does.
     pub fn rounded(&self) -> Self {
         self.mapped(|_, pixel| pixel.map(|value| eight_bit(value) / 255.0))
@@ -72,7 +62,7 @@ impl Picture {
 
     pub(crate) fn cropped(&self, [columns, rows]: [Range<usize>; 2]) -> Self {
         let size = [columns.len(), rows.len()];
-        let rows = self.pixels.chunks_exact(self.width()).skip(rows.start).take(rows.len());
+        let rows = self.pixels.chunks_exact(self.size[0]).skip(rows.start).take(rows.len());
         Self { pixels: rows.flat_map(|row| &row[columns.clone()]).copied().collect(), size }
     }
 

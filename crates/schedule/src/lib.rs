@@ -17,11 +17,8 @@
 //! ```
 //! use infonerf_schedule::{Moment, Schedule};
 //!
-//! let weight: Schedule = toml::from_str::<toml::Table>("w = { from = 0.0, to = 1e-3, start = 0.2, end = 0.4 }")
-//!     .unwrap()["w"]
-//!     .clone()
-//!     .try_into()
-//!     .unwrap();
+//! let config: toml::Table = "w = { from = 0.0, to = 1e-3, start = 0.2, end = 0.4 }".parse().unwrap();
+//! let weight: Schedule = config["w"].clone().try_into().unwrap();
 //! assert_eq!(weight.at(Moment { step: 10, progress: 0.1 }), 0.0);
 //! assert!((weight.at(Moment { step: 30, progress: 0.3 }) - 5e-4).abs() < 1e-12);
 //! assert_eq!(weight.at(Moment::END), 1e-3);

@@ -98,8 +98,9 @@ impl<'a> Evaluation<'a> {
         let render = Picture::new(image.rgb.clone(), image.width as usize, image.height as usize)?;
         let truth = Picture::new(view.image.rgb.clone(), view.image.width as usize, view.image.height as usize)?;
         let depths = view.depth.as_ref().map(|truth| Depths { render: &image.depth, truth });
+        let [width, height] = render.size();
         let mask = |inside: &Option<Arc<[bool]>>| {
-            inside.as_ref().map(|inside| Mask::new(inside.to_vec(), render.width(), render.height())).transpose()
+            inside.as_ref().map(|inside| Mask::new(inside.to_vec(), width, height)).transpose()
         };
         let (mask, valid) = (mask(&view.mask)?, mask(&view.valid)?);
         let pair = Pair { depths, mask: mask.as_ref(), valid: valid.as_ref(), ..Pair::new(&render, &truth) };

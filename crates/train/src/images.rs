@@ -105,7 +105,7 @@ impl TrainingImages {
 
     /// Returns the images that a run learns from at a moment; at full size if there are none of its size.
     pub(crate) fn at(&self, config: &TrainConfig, at: Moment) -> &Images {
-        let factor = config.downscale_at(at);
+        let factor = config.downscale.at(at).round().max(1.0) as u32;
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
     }
 

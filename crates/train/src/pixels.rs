@@ -80,8 +80,7 @@ impl UnseenViews<'_> {
     pub(crate) fn pixels(&self, rays: usize, width: f32, step: usize, noise: Noise) -> Pixels {
         let camera = self.camera(noise.child(RandomStream::Pose));
         let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
-        let ((left, columns), (top, rows)) =
-            (crop(self.config, step, camera.width), crop(self.config, step, camera.height));
+        let [(left, columns), (top, rows)] = [camera.width, camera.height].map(|size| crop(self.config, step, size));
         let at = |i| {
             let x = left as usize + column.below(i, 0, columns as usize);
             let y = top as usize + row.below(i, 0, rows as usize);
@@ -134,13 +133,10 @@ mod tests {
         let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras: cameras.into() };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, RandomStream::Neighbours);
-        let distance = |config: &NeighbourConfig| {
-            let near = pixels.neighbours(rotation(config, noise), config, &region);
-            near[0].origin.distance(pixels.rays()[0].origin)
-        };
         let distances = [RotationCentre::Centre, RotationCentre::Origin].map(|about| {
             config.about = about;
-            distance(&config)
+            let near = pixels.neighbours(rotation(&config, noise), &config, &region);
+            near[0].origin.distance(pixels.rays()[0].origin)
         });
         // The cameras are 4 units from the scene's centre, and 15° move one by at most about 1.
         assert!(distances[0] < 1.1 && distances[0] > 0.0, "{distances:?}");

@@ -83,10 +83,6 @@ mod tests {
     use crate::config::{Config, Preset};
     use crate::testing::knot;
 
-    fn photographs(count: usize) -> TrainingSources {
-        TrainingSources::new(&knot(count, 4), true)
-    }
-
     fn drawn(photographs: &TrainingSources, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
@@ -98,6 +94,7 @@ mod tests {
 
     #[test]
     fn the_target_is_held_out_where_another_is_left() {
+        let photographs = |count| TrainingSources::new(&knot(count, 4), true);
         let four = photographs(4);
         assert_eq!(drawn(&four, Batch::Pixels, 0, 0), [0, 1, 2, 3]);
         assert_eq!(drawn(&four, Batch::HeldOut, 0, 0), [0, 2, 3]);
@@ -115,9 +112,8 @@ mod tests {
     /// A photograph of a colour ramp is the ramp again, whatever lens it was taken through.
     #[test]
     fn lenses_are_undone() {
-        for lens in
-            [Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [0.01, -0.02]), Lens::fisheye([0.1, 0.0, 0.0, 0.0])]
-        {
+        let bent = Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [0.01, -0.02]);
+        for lens in [bent, Lens::fisheye([0.1, 0.0, 0.0, 0.0])] {
             let camera = Camera::pinhole((40, 30), [30.0, 32.0], [21.0, 14.0], DMat4::IDENTITY).with_lens(lens);
             let position = |i: usize| {
                 let pixel = DVec2::new((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5);

@@ -40,18 +40,14 @@ impl<F: Field> WeightAverage<F> {
         self.count += 1;
         self.mean = Some(match self.mean.take() {
             None => model,
-            Some(mean) => blend(mean, &model, 1.0 / self.count as f32),
+            Some(mean) => mean.map(&mut Blend { weights: weights(&model).into_iter(), share: 1.0 / self.count as f32 }),
         });
     }
 }
 
-/// Returns a + share · (b − a), weight by weight, for two models of one shape.
-fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
-    a.map(&mut Blend { weights: weights(b).into_iter(), share })
-}
-
+/// Maps a model to a + share · (b − a), weight by weight, for another model b of the same shape.
 struct Blend {
-    /// All weights of a model, each flattened, in the module's order.
+    /// All weights of b, each flattened, in the module's order.
     weights: IntoIter<Tensor<1>>,
     share: f32,
 }

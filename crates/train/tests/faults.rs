@@ -1,7 +1,6 @@
 //! Faults: a damaged checkpoint, a loss that is not finite, a field that goes empty.
 
 use std::fs;
-use std::path::Path;
 use std::sync::Arc;
 
 use crate::common::{config, devices, scene, steps, timeless, trainer};
@@ -12,19 +11,20 @@ use infonerf_ops::to_host;
 use infonerf_schedule::Moment;
 use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
 
-/// Saves a checkpoint after step 1, and one after step 2, to a run folder.
-fn saved(folder: &Path) {
+/// Returns a run folder with a checkpoint after step 2, and the previous one after step 1.
+fn saved() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
     let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
     for _ in 0..2 {
         steps(&mut trainer, 1);
-        trainer.checkpoint(&mut |_| ()).unwrap().save(folder).unwrap();
+        trainer.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
     }
+    folder
 }
 
 #[test]
 fn the_newest_intact_checkpoint_is_used() {
-    let folder = tempfile::tempdir().unwrap();
-    saved(folder.path());
+    let folder = saved();
     let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
     assert_eq!((checkpoint.unwrap().progress().step, refused.len()), (2, 0));
 
@@ -60,9 +60,8 @@ fn the_newest_intact_checkpoint_is_used() {
 
 #[test]
 fn error_names_the_newest_damaged_checkpoint() {
-    let folder = tempfile::tempdir().unwrap();
-    assert!(Checkpoint::load(folder.path()).unwrap().0.is_none());
-    saved(folder.path());
+    assert!(Checkpoint::load(tempfile::tempdir().unwrap().path()).unwrap().0.is_none());
+    let folder = saved();
     for name in ["checkpoint", "checkpoint.previous"] {
         fs::write(folder.path().join(name).join("model.bpk"), "no weights").unwrap();
     }
@@ -74,8 +73,7 @@ fn error_names_the_newest_damaged_checkpoint() {
 /// Checks a run that was killed while it wrote: a half-written checkpoint is neither loaded nor in the way of the next one.
 #[test]
 fn interrupted_save_leaves_the_checkpoint_intact() {
-    let folder = tempfile::tempdir().unwrap();
-    saved(folder.path());
+    let folder = saved();
     let beside = folder.path().join("checkpoint.writing");
     fs::create_dir(&beside).unwrap();
     fs::write(beside.join("model.bpk"), "half").unwrap();
@@ -93,8 +91,7 @@ fn interrupted_save_leaves_the_checkpoint_intact() {
 
 #[test]
 fn checkpoint_of_another_config_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    saved(folder.path());
+    let folder = saved();
     let checkpoint = Checkpoint::load(folder.path()).unwrap().0.unwrap();
     let wider = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
     for setting in [wider, "render.fine_samples=0", "render.occupancy.resolution=9"] {

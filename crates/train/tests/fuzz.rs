@@ -10,8 +10,12 @@ use rand_chacha::ChaCha8Rng;
 const WORDS: &str = r#"0 -1 1e999 nan -inf 9223372036854775807 4294967296 1e-320 true "" [] {} [[ {a={a={a=1}}} = . kind
     "nerf" "factored" train.rays field scene.views é"#;
 
-fn count(usual: usize) -> usize {
-    std::env::var("INFONERF_FUZZ").map_or(usual, |count| count.parse().expect("a number"))
+/// Makes all trials of a seed, and checks that some are accepted, and others not.
+fn check_trials(seed: u64, is_accepted: impl Fn(&mut ChaCha8Rng) -> bool) {
+    let count: usize = std::env::var("INFONERF_FUZZ").map_or(3000, |count| count.parse().expect("a number"));
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let accepted = (0..count).filter(|_| is_accepted(&mut rng)).count();
+    assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
 }
 
 /// Changes, removes or repeats a few characters, or puts in a word.
@@ -40,27 +44,22 @@ fn one_line<T>(result: Result<T, TrainError>, what: &str) -> bool {
 
 #[test]
 fn mutated_configs_are_read_or_refused() {
-    let mut rng = ChaCha8Rng::seed_from_u64(4);
     let text = toml::to_string(&Preset::Fast.table()).unwrap();
     let lines: Vec<&str> = text.lines().collect();
-    let mut accepted = 0;
-    let count = count(3000);
-    for _ in 0..count {
+    check_trials(4, |rng| {
         // Part of the file, as an experiment has it, laid over a preset.
         let from = rng.random_range(0..lines.len());
         let to = rng.random_range(from..=lines.len());
-        let over = mutated(&lines[from..to].join("\n"), &mut rng);
-        let Ok(over) = over.parse::<toml::Table>() else { continue };
+        let over = mutated(&lines[from..to].join("\n"), rng);
+        let Ok(over) = over.parse::<toml::Table>() else { return false };
         let mut table = Preset::ALL[rng.random_range(0..Preset::ALL.len())].table();
         layers::merge(&mut table, over.clone());
-        accepted += usize::from(one_line(Config::from_table(table), &format!("{over:?}")));
-    }
-    assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
+        one_line(Config::from_table(table), &format!("{over:?}"))
+    });
 }
 
 #[test]
 fn mutated_assignments_are_read_or_refused() {
-    let mut rng = ChaCha8Rng::seed_from_u64(5);
     let valid = [
         "train.rays=64",
         "field={kind='nerf'}",
@@ -68,13 +67,10 @@ fn mutated_assignments_are_read_or_refused() {
         "scene.views={kind='all'}",
         "eval.test=every-8",
     ];
-    let mut accepted = 0;
-    let count = count(3000);
-    for _ in 0..count {
-        let assignment = mutated(valid[rng.random_range(0..valid.len())], &mut rng);
+    check_trials(5, |rng| {
+        let assignment = mutated(valid[rng.random_range(0..valid.len())], rng);
         let mut table = Preset::Fast.table();
         let config = layers::assign(&mut table, &assignment).and_then(|()| Config::from_table(table));
-        accepted += usize::from(one_line(config, &assignment));
-    }
-    assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
+        one_line(config, &assignment)
+    });
 }

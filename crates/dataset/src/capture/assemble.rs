@@ -276,7 +276,10 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>, radius: f32) -> Vec<St
     for (i, view) in train.iter().enumerate() {
         let equal = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other));
         if let Some(other) = equal.or_else(|| train[..i].iter().find(|other| is_edited(view, other, radius))) {
-            warnings.push(format!("{} and {} show one photograph, with two cameras", other.file, view.file));
+            warnings.push(match view.file == other.file {
+                true => format!("{} is listed twice", view.file),
+                false => format!("{} and {} show one photograph, with two cameras", other.file, view.file),
+            });
         }
     }
     let original = |view: &View| {

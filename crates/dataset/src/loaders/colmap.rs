@@ -78,19 +78,25 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
-/// Returns the folder of the smallest images whose longest side is at least `size`.
+/// Returns the folder of the smallest images whose longest side is at least `size`, among those with all images of the whole
+/// ones; or a folder of reduced images if there are no others.
 fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
-    let first_in = |folder: &Path| names.iter().find_map(|name| find_by_end(folder, name)).map(|(path, _)| path);
+    let images = |folder: &Path| Vec::from_iter(names.iter().filter_map(|name| Some(find_by_end(folder, name)?.0)));
     let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
-    let found = whole.chain(roots.iter().cloned()).find(|folder| first_in(folder).is_some());
+    let reduced = roots.iter().flat_map(|root| FOLDERS.map(|name| root.join(name)));
+    let found = whole.chain(reduced).chain(roots.iter().cloned()).find(|folder| !images(folder).is_empty());
     let mut best = found.unwrap_or_else(|| roots[roots.len() - 1].join(FOLDERS[0]));
     let (Some(size), Some(root)) = (size, best.parent()) else { return Ok(best) };
     if best.file_name().is_none_or(|name| name != FOLDERS[0]) && best.is_dir() {
         return Ok(best);
     }
+    let all = images(&best).len();
     for folder in FOLDERS.map(|f| root.join(f)) {
-        let Some(first) = first_in(&folder) else { continue };
-        let (width, height) = stored_dimensions(&first)?;
+        let found = images(&folder);
+        if found.is_empty() || found.len() < all {
+            continue;
+        }
+        let (width, height) = stored_dimensions(&found[0])?;
         if width.max(height) >= size {
             best = folder;
         }
@@ -184,6 +190,13 @@ mod tests {
         let scene = load(guard.path(), &SceneRequest { image_size: Some(10), ..request() }).unwrap();
         assert_same_view(&scene.train[0], &cameras[1].resized(10, 8));
         assert!(!scene.train[0].camera.lens.is_perspective());
+        // The reduced images alone, and then without one of them.
+        fs::rename(guard.path().join("images"), guard.path().join("moved")).unwrap();
+        assert_same_view(&load(guard.path(), &request()).unwrap().train[0], &cameras[1].resized(10, 8));
+        fs::rename(guard.path().join("moved"), guard.path().join("images")).unwrap();
+        fs::remove_file(guard.path().join("images_2/v/3.png")).unwrap();
+        let whole = load(guard.path(), &SceneRequest { image_size: Some(10), ..request() }).unwrap();
+        assert_eq!(whole.train.len(), scene.train.len());
     }
 
     /// Covers images in `input`, paths from the project's folder or another computer, and other extensions.

@@ -92,8 +92,11 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
             let own = own::find(dir, &images, search.focal, &mut progress);
             let is_final = match &own {
                 Ok(found) => found.left_out == 0,
-                // COLMAP invents a baseline where there is none.
-                Err(error) => error.to_string().contains(infonerf_sfm::NO_DEPTH),
+                // COLMAP cannot read more photographs, and invents a baseline where there is none.
+                Err(error) => {
+                    let text = error.to_string();
+                    !text.contains(OVERLAPPING) || text.contains(infonerf_sfm::NO_DEPTH)
+                }
             };
             match colmap.filter(|_| solver == PoseSolver::Best && !is_final) {
                 Some(colmap) => better(own, &colmap, folders, &mut progress),

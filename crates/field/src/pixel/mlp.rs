@@ -3,6 +3,7 @@
 use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, activation::relu};
+use infonerf_ops::frequency::encoded_width;
 use rand::Rng;
 
 use super::PixelNerfConfig;
@@ -37,21 +38,16 @@ impl MlpBlock {
 }
 
 impl ResnetMlp {
-    pub(super) fn new(
-        config: &PixelNerfConfig,
-        inputs: usize,
-        channels: usize,
-        rng: &mut impl Rng,
-        device: &Device,
-    ) -> Self {
-        let &PixelNerfConfig { width, blocks, pool_after, .. } = config;
+    /// Builds an MLP for features of `channels` channels.
+    pub(super) fn new(config: &PixelNerfConfig, channels: usize, rng: &mut impl Rng, device: &Device) -> Self {
+        let &PixelNerfConfig { width, blocks, pool_after, frequencies, .. } = config;
         // The second layer of a block begins at 0: a block begins as the identity.
         let mut block = || MlpBlock {
             first: he_linear(rng, width, width, 1.0, device),
             second: he_linear(rng, width, width, 0.0, device),
         };
         let blocks = (0..blocks).map(|_| block()).collect();
-        let input = he_linear(rng, inputs, width, 1.0, device);
+        let input = he_linear(rng, encoded_width(3, frequencies) + 3, width, 1.0, device);
         let features = he_linear(rng, channels, pool_after * width, 1.0, device);
         let output = he_linear(rng, width, 4, 1.0, device);
         Self { input, features, blocks, output, pool_after, width }

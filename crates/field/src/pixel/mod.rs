@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
-use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::frequency::frequency_encode;
 use infonerf_ops::mlp::Activation;
 use infonerf_ops::to_host;
 use infonerf_schedule::{Fault, Moment};
@@ -89,8 +89,7 @@ impl FieldSpec for PixelNerfConfig {
         if !self.encoder.weights.as_os_str().is_empty() {
             encoder = encoder::load_resnet34(encoder, &self.encoder.weights)?;
         }
-        let inputs = encoded_width(3, self.frequencies) + 3;
-        let mlp = ResnetMlp::new(self, inputs, encoder.channels(), &mut rng, setup.device);
+        let mlp = ResnetMlp::new(self, encoder.channels(), &mut rng, setup.device);
         Ok(PixelNerf { encoder, mlp, encoded: None, config: self.clone() })
     }
 
@@ -138,15 +137,16 @@ impl Field for PixelNerf {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned) on any images.
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
-        let sources = self.encoded.as_ref().expect("a PixelNeRF is conditioned on images before it is evaluated");
-        let (views, samples) = (&sources.sources.views[..], points.len());
+        let encoded = self.encoded.as_ref().expect("a PixelNeRF is conditioned on images before it is evaluated");
+        let EncodedSources { injected, sources } = encoded;
+        let (views, samples) = (&sources.views[..], points.len());
         // Features are looked up on the host, which passes no gradient on to positions; the gradient through the encoding
         // alone would be incomplete.
         let points = &Points { positions: points.positions.clone().detach(), ..points.clone() };
-        let (positions, directions) = view_points(views, points, sources.sources.middle, self.config.lowest_frequency);
+        let (positions, directions) = view_points(sources, points, self.config.lowest_frequency);
         let encoded = frequency_encode(positions, self.config.frequencies, &[]);
         let pixels = project::pixels(views, &to_host(points.positions.clone()));
-        let injected = bilinear(sources.injected.clone(), &taps(&pixels, views));
+        let injected = bilinear(injected.clone(), &taps(&pixels, views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
         FieldOutput {

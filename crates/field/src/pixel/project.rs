@@ -4,7 +4,7 @@ use burn::tensor::Tensor;
 use infonerf_ops::upload;
 use rayon::prelude::*;
 
-use crate::field::SourceView;
+use crate::field::{SourceView, Sources};
 use crate::points::{Points, along_axes};
 
 /// Min depth in front of a camera, scene units: nearer points, and points behind it, are projected as if at this depth.
@@ -25,17 +25,12 @@ pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32
 }
 
 /// Computes ω·R (x − middle) of positions and R d of directions in each view's axes R, `[V·M, 3]` each; ω is `frequency`.
-pub(super) fn view_points(
-    views: &[SourceView],
-    points: &Points,
-    middle: [f32; 3],
-    frequency: f32,
-) -> (Tensor<2>, Tensor<2>) {
-    let middle = upload(middle.to_vec(), [1, 3], &points.positions.device());
+pub(super) fn view_points(sources: &Sources, points: &Points, frequency: f32) -> (Tensor<2>, Tensor<2>) {
+    let middle = upload(sources.middle.to_vec(), [1, 3], &points.positions.device());
     let positions = (points.positions.clone() - middle) * frequency;
     let in_views = |vectors: Tensor<2>| {
         let in_view = |view: &SourceView| along_axes(vectors.clone(), view.to_camera.map(|[x, y, z, _]| [x, y, z]));
-        Tensor::cat(views.iter().map(in_view).collect(), 0)
+        Tensor::cat(sources.views.iter().map(in_view).collect(), 0)
     };
     (in_views(positions), in_views(points.sample_directions()))
 }

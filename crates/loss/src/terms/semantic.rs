@@ -144,9 +144,8 @@ mod tests {
     #[test]
     fn the_loss_is_a_distance_on_the_sphere_and_its_gradient_the_target() {
         let device = Device::flex().autodiff();
-        for (a, b, want) in
-            [([0.6, 0.8], [0.6, 0.8], 0.0), ([1.0, 0.0], [0.0, 1.0], 1.0), ([0.0, -1.0], [0.0, 1.0], 2.0)]
-        {
+        let pairs = [([0.6, 0.8], [0.6, 0.8], 0.0), ([1.0, 0.0], [0.0, 1.0], 1.0), ([0.0, -1.0], [0.0, 1.0], 2.0)];
+        for (a, b, want) in pairs {
             let a = Tensor::<1>::from_floats(a, &device).require_grad();
             let loss = semantic_loss(a.clone(), Tensor::from_floats(b, &device));
             let gradient = a.grad(&loss.backward()).unwrap();

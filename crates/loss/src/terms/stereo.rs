@@ -63,10 +63,8 @@ struct Stereo {
 enum RayEnd {
     /// Matched: disparity and its standard deviation.
     At(f32, f32),
-    /// Not matched: at most this disparity, that of the view's nearest surface.
+    /// Not matched: at most this disparity, that of the view's nearest surface; infinite in a view without one.
     Beyond(f32),
-    /// Not matched: any disparity.
-    Unknown,
 }
 
 impl RayEnd {
@@ -76,7 +74,7 @@ impl RayEnd {
         match self {
             Self::At(surface, width) => (-0.5 * ((disparity - surface) / width).powi(2)).exp(),
             Self::Beyond(nearest) if disparity > nearest => -1.0,
-            Self::Beyond(_) | Self::Unknown => 0.0,
+            Self::Beyond(_) => 0.0,
         }
     }
 }
@@ -97,10 +95,9 @@ impl Stereo {
             maps.into_iter().map(|map| (map.nearest(), map)).collect()
         });
         let (nearest, map) = &maps[view];
-        match (map.at(&self.scene.train[view].camera, x, y), nearest) {
-            (Some((disparity, step)), _) => RayEnd::At(disparity, WIDTH * step),
-            (None, Some(nearest)) => RayEnd::Beyond(*nearest),
-            (None, None) => RayEnd::Unknown,
+        match map.at(&self.scene.train[view].camera, x, y) {
+            Some((disparity, step)) => RayEnd::At(disparity, WIDTH * step),
+            None => RayEnd::Beyond(nearest.unwrap_or(f32::INFINITY)),
         }
     }
 }

@@ -75,7 +75,7 @@ impl SsimKernel {
     /// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all
     /// channels go through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
     fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [f64; 3] {
-        let stride = 3 * truth.width();
+        let stride = 3 * truth.size()[0];
         let (render, truth) = (render.pixels().as_flattened(), truth.pixels().as_flattened());
         moments.clear();
         for (offset, &weight) in self.kernel.iter().enumerate() {

@@ -208,7 +208,14 @@ fn has_end_marker(jpeg: &[u8]) -> bool {
 }
 
 fn decode_error(path: &Path, error: impl Display) -> SceneError {
-    SceneError::malformed(path, "a complete PNG, JPEG, WebP, TIFF or BMP image", error)
+    let mut head = [0; 12];
+    let is_read = File::open(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
+    let reason = match &head {
+        [_, _, _, _, b'f', b't', b'y', b'p', ..] if is_read => "it holds HEIC or AVIF data; convert it".to_owned(),
+        b"version http" => "it is a pointer of Git LFS; `git lfs pull` fetches the image".to_owned(),
+        _ => error.to_string(),
+    };
+    SceneError::malformed(path, "a complete PNG, JPEG, WebP, TIFF or BMP image", reason)
 }
 
 /// Encodes 8-bit pixels as PNG.
@@ -262,6 +269,12 @@ mod tests {
             let pipe = dir.path().join("pipe.png");
             assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
             assert!(refusal(&pipe).ends_with("it is no regular file"));
+        }
+        for (bytes, reason) in
+            [(&b"\0\0\0\x18ftypheic"[..], "HEIC or AVIF data"), (b"version https://git-lfs", "Git LFS")]
+        {
+            fs::write(&jpeg, bytes).unwrap();
+            assert!(refusal(&jpeg).contains(reason), "{reason}");
         }
         let phone = dir.path().join("IMG_1.HEIC");
         fs::write(&phone, "ftypheic").unwrap();

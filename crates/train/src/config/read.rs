@@ -10,12 +10,10 @@ use crate::error::TrainError;
 /// # Errors
 /// One line: the key, what was expected and what was found.
 pub(super) fn config(table: Table) -> Result<Config, TrainError> {
-    let (path, message) = match parse(table.clone()) {
-        Ok(config) => return Ok(config),
-        Err(fault) => fault,
-    };
-    let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));
-    Err(TrainError::config(key, plain(&message)))
+    parse(table.clone()).map_err(|(path, message)| {
+        let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));
+        TrainError::config(key, plain(&message))
+    })
 }
 
 fn parse(table: Table) -> Result<Config, (String, String)> {
@@ -73,7 +71,6 @@ fn plain_found(found: &str) -> String {
 
 /// Describes what Serde expected, given the name of a type of Rust, or of Serde.
 fn plain_expected(expected: &str) -> String {
-    let count = || expected.rsplit(' ').next().unwrap_or_default();
     match expected {
         "usize" | "u8" | "u16" | "u32" | "u64" => "a whole number of at least 0".into(),
         "isize" | "i8" | "i16" | "i32" | "i64" => "a whole number".into(),
@@ -84,7 +81,7 @@ fn plain_expected(expected: &str) -> String {
         "a sequence" => "a list".into(),
         "fewer elements in array" => "fewer values".into(),
         array if array.starts_with("an array of") || array.starts_with("a tuple of") => {
-            format!("a list of {} values", count())
+            format!("a list of {} values", array.rsplit(' ').next().unwrap_or_default())
         }
         table if ["struct", "internally", "a map", "map"].iter().any(|start| table.starts_with(start)) => {
             "a table".into()

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use infonerf_scene::ViewRegion;
-use infonerf_schedule::{Fault, Moment, Schedule};
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraConfig, is_default};
@@ -154,10 +154,6 @@ impl TrainConfig {
     pub fn of_member(&self, members: usize) -> Self {
         let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
         Self { weight_averaging, ..self.clone() }
-    }
-
-    pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
-        self.downscale.at(at).round().max(1.0) as u32
     }
 
     /// Returns 1 and every whole factor between the extremes of `downscale`.

@@ -323,9 +323,8 @@ mod tests {
              frequencies=2,lowest_frequency=1.5,density='softplus'}",
             "render.occupancy.enabled=false",
         ];
-        for (preset, settings, copied) in
-            [(Preset::Fast, &[][..], false), (Preset::Paper, &[], false), (Preset::Paper, &encoder, true)]
-        {
+        let cases = [(Preset::Fast, &[][..], false), (Preset::Paper, &[], false), (Preset::Paper, &encoder, true)];
+        for (preset, settings, copied) in cases {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
             let copies = &trainer.scenes[0].sources.0.views;
