@@ -28,6 +28,21 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     bar
 }
 
+/// Returns a spinner beside `text`.
+fn spinner(text: String) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(text);
+    bar.enable_steady_tick(REFRESH);
+    bar
+}
+
+/// Does `work` while a spinner beside `text` shows that it goes on.
+pub(crate) fn with_spinner<T>(text: String, work: impl FnOnce() -> T) -> T {
+    let bar = spinner(text);
+    let result = work();
+    bar.finish_and_clear();
+    result
+}
+
 pub(crate) struct ProgressDisplay {
     bar: ProgressBar,
     label: String,
@@ -49,10 +64,7 @@ impl ProgressDisplay {
 
     pub(crate) fn show(&mut self, event: RunEvent<'_>) {
         match event {
-            RunEvent::Loading => {
-                self.bar = ProgressBar::new_spinner().with_message(format!("{}: reading the scene", self.label));
-                self.bar.enable_steady_tick(REFRESH);
-            }
+            RunEvent::Loading => self.bar = spinner(format!("{}: reading the scene", self.label)),
             RunEvent::Started { fields, of } => {
                 self.bar.finish_and_clear();
                 let which = match fields.len() {

@@ -8,6 +8,7 @@ use infonerf_report::{Emphasis, Table};
 use terminal_size::{Width, terminal_size_of};
 
 use crate::print::errln;
+use crate::progress::with_spinner;
 
 /// Columns of a terminal of unknown size.
 const COLUMNS: u16 = 80;
@@ -42,7 +43,8 @@ pub(crate) fn open_device(name: DeviceName) -> anyhow::Result<OpenDevice> {
 
 /// Reads the fields of the run in `folder`, and prints the warnings of reading.
 pub(crate) fn read_run(plan: RunPlan, folder: &Path, device: &OpenDevice) -> anyhow::Result<Trained> {
-    let trained = Trained::read(plan, folder, device)?;
+    let reading = format!("{}: reading the run", folder.display());
+    let trained = with_spinner(reading, || Trained::read(plan, folder, device))?;
     trained.warnings.iter().for_each(|warning| errln!("warning: {warning}"));
     Ok(trained)
 }

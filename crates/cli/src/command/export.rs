@@ -10,6 +10,7 @@ use infonerf_export::{Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
 use infonerf_report::{VIEWER_PAGE, counted, write_atomically};
 
 use crate::print::outln;
+use crate::progress::with_spinner;
 use crate::selection::DeviceArgs;
 use crate::terminal::{open_device, read_run};
 use crate::units::check_extension;
@@ -86,7 +87,8 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         FormatName::Html => (page(&read()?, args)?, None),
         _ => {
             let trained = read()?;
-            let (exported, surface) = from_surface(&trained, args)?;
+            let measuring = format!("{}: measuring the surface", args.run.display());
+            let (exported, surface) = with_spinner(measuring, || from_surface(&trained, args))?;
             (exported, trained.surface_error(&surface)?.zip(Some(surface.voxel)))
         }
     };

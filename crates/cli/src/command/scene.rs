@@ -11,6 +11,7 @@ use infonerf_scene::image::{dimensions, list_images};
 use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
 use crate::print::{errln, outln};
+use crate::progress::with_spinner;
 use crate::terminal::open_device;
 
 /// List, describe, check or export scenes; find the poses of photographs.
@@ -105,7 +106,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
             outln!("next: infonerf capture {}", shlex::try_quote(&dir.display().to_string())?);
         }
         SceneCommand::Export { name, dir, format, size } => {
-            export(name, *size, *format, dir)?;
+            with_spinner(format!("{}: writing {name}", dir.display()), || export(name, *size, *format, dir))?;
             show(dir, false, None)?;
         }
     }
@@ -173,7 +174,8 @@ fn longest_side(dir: &Path) -> Result<u32> {
 
 /// Prints the warnings about a capture, one per line, and returns them.
 pub(crate) fn print_warnings(dir: &Path) -> Result<Vec<String>> {
-    let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
+    let checked = with_spinner(format!("{}: checking the scene", dir.display()), || check_folder(dir));
+    let (views, warnings) = checked.context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");
     }

@@ -81,10 +81,8 @@ fn near_warnings(rows: &[PoseRow]) -> impl Iterator<Item = String> {
     let median = nears[nears.len() / 2];
     let few = rows.iter().enumerate().filter(move |(_, row)| row.near < 0.25 * median);
     few.map(move |(index, row)| {
-        format!(
-            "{MARKER}: [{index}, 15]: near is {:.3}, the median of all {median:.3}; the least one scales the scene",
-            row.near
-        )
+        let (near, usual) = (row.near as f32, median as f32);
+        format!("{MARKER}: [{index}, 15]: near is {near}, the median of all {usual}; the least one scales the scene")
     })
 }
 
@@ -233,7 +231,7 @@ mod tests {
         let mut rows = rows();
         assert_eq!(scene.warnings.iter().filter(|text| text.contains("the least one")).count(), 0);
         rows[5][15] = 0.2;
-        let text = "poses_bounds.npy: [5, 15]: near is 0.200, the median of all 2.000; the least one scales the scene";
+        let text = "poses_bounds.npy: [5, 15]: near is 0.2, the median of all 2; the least one scales the scene";
         assert!(load(folder(&rows).path(), &request()).unwrap().warnings.iter().any(|warning| warning == text));
         // Far is a depth: along the ray through a corner it is farther away.
         let corner = camera.ray(0.0, 0.0);

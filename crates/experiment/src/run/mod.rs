@@ -250,7 +250,8 @@ impl Session {
                     Some(trainer) => trainer,
                     None => plan.trainer(&scene, member, other, &self.device.device)?,
                 };
-                if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
+                let damaged = "the run cannot go on, and --overwrite starts it anew";
+                if let Some(checkpoint) = load_checkpoint(&folder, watch).context(damaged)? {
                     trainer.resume(&checkpoint)?;
                 }
                 training.push(Training::new(trainer, folder)?);
