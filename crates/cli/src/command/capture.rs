@@ -88,7 +88,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         // Refuses a faulty name or setting before the poses are sought.
         let run = plan(args, &dir, count)?.runs.remove(0);
         let folder = session.run_folder(&run);
-        // An impossible folder is reported as well.
+        // A folder that cannot be written is reported before poses are sought.
         create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let is_begun = args.existing.existing() == Existing::Continue && folder.join("config.toml").exists();
         if let Some(other) =

@@ -14,9 +14,9 @@ pub(super) const MARKER: &str = "transforms.json";
 /// Reads a folder in nerfstudio's or instant-ngp's format.
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
-/// those fields, or if no test frame is named, every 8th frame, starting with the first, is held out for test. Frames without their image or pose are
-/// left out, with a warning. Poses keep their scale. `near` and `far`, and the box from `aabb` or `aabb_scale`, are
-/// read from the file, or else estimated from the training cameras.
+/// those fields, or if no test frame is named, every 8th frame, starting with the first, is held out for test. Frames
+/// without their image or pose are left out, with a warning. Poses keep their scale. `near` and `far`, and the box from
+/// `aabb` or `aabb_scale`, are read from the file, or else estimated from the training cameras.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
@@ -91,6 +91,10 @@ mod tests {
         edit(&json, "/frames/2/distortion_params", Some(json!([0.1, 0.02, 0.0, 0.0, 0.003, 0.004])));
         let lens = load(&dir, &request()).unwrap().train[1].camera.lens;
         assert_eq!(lens, Lens::radial_tangential([0.1, 0.02, 0.0, 0.0], [0.003, 0.004]));
+        edit(&json, "/frames/2/distortion_params/5", Some(json!(1e300)));
+        assert!(
+            message(&dir, &request()).contains("distortion_params`: expected six distortion coefficients up to 1e6")
+        );
         edit(&json, "/frames/2/distortion_params", None);
         // Intrinsics of a frame come first, and are resized with the image.
         let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();

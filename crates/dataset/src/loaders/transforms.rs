@@ -226,7 +226,11 @@ fn read_lens<'n, 'a: 'n>(place: impl Fn(&str) -> &'n Node<'a>) -> Result<Lens, S
         let read = |node: Node<'_>| node.within(-MAX_COEFFICIENT..=MAX_COEFFICIENT, "a distortion coefficient");
         *value = place(key).optional(key, read)?.unwrap_or(0.0);
     }
-    let list = |node: Node<'_>| node.numbers::<6>("six distortion coefficients: k1, k2, k3, k4, p1 and p2");
+    let list = |node: Node<'_>| {
+        let expected = "six distortion coefficients up to 1e6: k1, k2, k3, k4, p1 and p2";
+        let all = node.numbers::<6>(expected)?;
+        if all.iter().all(|k| k.abs() <= MAX_COEFFICIENT) { Ok(all) } else { Err(node.error(expected)) }
+    };
     if let Some([k1, k2, k3, k4, p1, p2]) = place("distortion_params").optional("distortion_params", list)? {
         values = [k1, k2, k3, k4, 0.0, 0.0, p1, p2, 0.0];
     }

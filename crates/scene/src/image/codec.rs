@@ -13,8 +13,6 @@ use super::exif::{is_sideways, orientation};
 use crate::error::SceneError;
 
 /// Max side of an image in pixels.
-const START_OF_SCAN: u8 = 0xDA;
-const END_OF_IMAGE: [u8; 2] = [0xFF, 0xD9];
 const MAX_SIDE: u32 = 16_384;
 /// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
@@ -196,6 +194,8 @@ fn checked_dimensions(path: &Path, reader: ImageReader<Source<'_>>) -> Result<(u
 
 /// Whether a JPEG file has an end marker behind the start of its first scan. Decoders take what a cut file lacks as grey.
 fn has_end_marker(jpeg: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xDA;
+    const END_OF_IMAGE: [u8; 2] = [0xFF, 0xD9];
     let mut rest = jpeg.get(2..).unwrap_or_default();
     // A segment has a marker and a length; its data may contain a thumbnail, which is a JPEG image itself.
     while let [0xFF, marker, high, low, ..] = *rest
