@@ -36,7 +36,8 @@ impl JsonEvents {
                         json!({ "event": "record", "run": run, "record": record })
                     }
                     RunEnd::Stopped => json!({ "event": "stopped", "run": run }),
-                    RunEnd::Finished(_) | RunEnd::Failed(_) => return None,
+                    RunEnd::Failed(reason) => json!({ "event": "failed", "run": run, "reason": reason }),
+                    RunEnd::Finished(_) => return None,
                 })
             }
             PlanEvent::Ended => None,

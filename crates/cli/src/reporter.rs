@@ -56,6 +56,7 @@ impl Reporter {
             }
             PlanEvent::RunEnded(index, plan, ended) => {
                 let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                self.progress = None;
                 self.bar.suspend(|| match ended {
                     RunEnd::Trained(record, _) => outln!("{label}: {}", summary(&record)),
                     RunEnd::AlreadyDone(record) => outln!("{label}: {} (finished before)", summary(&record)),

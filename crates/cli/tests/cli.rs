@@ -210,10 +210,9 @@ fn a_run_is_not_tested_by_views_that_it_learned_from() {
     place.run("scene export facade data/facade --format llff --size 24").succeeds();
     place.tiny("exp fast-losses --data data --scene facade --variant factored --set eval.test=split").succeeds();
     let run = "runs/fast-losses/facade/factored/seed0";
-    place.run(format!("eval {run} --test training")).fails_with(&[
-        "--test: expected another protocol than training, found training",
-        "LLFF photographs are held out only where they are tested",
-    ]);
+    let fault = "--test: expected another protocol than training, found training";
+    let reason = "LLFF photographs are held out only where they are tested";
+    place.run(format!("eval {run} --test training")).fails_with(&[fault, reason]);
     place.run(format!("eval {run} --test first-1")).succeeds();
 }
 
@@ -250,8 +249,7 @@ fn an_experiment_file_changes_another() {
     place.tiny(exp).args("--set train.iterations=1000000").succeeds();
     let record = &records(&place.path("runs/mine"))[0];
     assert_eq!(json!([record["variant"], record["seed"], record["device"]]), json!(["half", 3, "ndarray"]));
-    let config = place.read("runs/mine/castle/half/seed3/config.toml");
-    let config: toml::Table = config.parse().unwrap();
+    let config: toml::Table = place.read("runs/mine/castle/half/seed3/config.toml").parse().unwrap();
     assert_eq!(config["config"]["train"]["lr"].as_float(), Some(2e-3));
     assert_eq!(config["config"]["loss"]["entropy"]["weight"].as_float(), Some(5e-4));
     assert_eq!(config["budget_seconds"].as_float(), Some(0.3));
@@ -317,28 +315,18 @@ fn help_can_be_learned_from() {
 #[test]
 fn experiments_and_their_settings_are_described() {
     let place = Workplace::new();
-    let parts = [
-        "variants  ",
-        "infonerf+",
-        "scenes    ",
-        "castle",
-        "data      built-in",
-        "training  ",
-        "time      about 2 minutes on two cores",
-        "[variants.",
-    ];
-    place.run("list fast-losses").succeeds_with(&parts);
+    let parts = ["variants  ", "infonerf+", "scenes    ", "castle", "training  ", "[variants."];
+    let described = place.run("list fast-losses").succeeds_with(&parts);
+    assert_has(&described, &["data      built-in", "time      about 2 minutes on two cores"]);
     place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
-    let config = "config fast-losses --variant infonerf --set train.rays=77";
-    let printed = place.run(config).stdout();
+    let printed = place.run("config fast-losses --variant infonerf --set train.rays=77").stdout();
     for (start, origin) in
         [("train.rays = 77 ", "# --set"), ("scene.background = ", "# preset fast"), ("loss.entropy.weight", "# ")]
     {
         assert!(printed.lines().any(|line| line.starts_with(start) && line.contains(origin)), "{start}: {printed}");
     }
     // The printed config is valid as a part of an experiment file.
-    let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
-    place.write("mine.toml", file);
+    place.write("mine.toml", format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}"));
     let again = place.run("config mine.toml --variant infonerf").stdout();
     assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
     place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
@@ -393,6 +381,9 @@ fn results_are_collected_into_one_document() {
     place.tiny("exp mine.toml --scene knot --variant factored").succeeds();
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     assert_has(&place.read("results.md"), &["## sweep-mine", "## mine", "mine.toml", "2e-3"]);
+    // A document of the user is kept.
+    place.write("notes.md", "My own notes.");
+    place.run("collect results-of-mine/fast-losses --out notes.md").fails_with(&["notes.md", "--out"]);
     place.run("collect nowhere").fails_with(&["nowhere", "results.json"]);
 }
 
@@ -411,6 +402,13 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     assert!(record["record"]["psnr"].is_f64());
     assert!(place.tiny(run).args("--quiet --overwrite").succeeds().stdout.is_empty());
     place.tiny(run).args("--quiet --json").fails_with(&["--json"]);
+    // A run that fails does not end the others.
+    place.write("two/fast-losses/knot/factored/seed0/test", "a file where the folder of renders would be");
+    let both = place.tiny(run).args("--variant infonerf --out two --json").into_command().output().unwrap();
+    assert_eq!(both.status.code(), Some(1));
+    assert_has(&text(&both.stdout), &["\"failed\"", "seed0/test", "\"record\"", "\"finished\""]);
+    assert_has(&text(&both.stderr), &["knot/factored", "failed"]);
+    assert_eq!(records(&place.path("two/fast-losses")).len(), 1);
 }
 
 /// A closed pipe, such as that of `head`, costs no run and is not an error.

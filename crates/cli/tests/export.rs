@@ -9,11 +9,12 @@ use serde_json::{Value, json};
 
 const RUN: &str = "runs/fast-losses/knot/factored/seed0";
 
-/// Makes a run whose field is dense everywhere: its surface is that of the scene's box.
+/// Trains a field that is dense everywhere: its surface is that of the scene's box.
+const DENSE: &str = "exp fast-losses --scene knot --variant factored --set field.density_bias=5.0";
+
 fn with_run() -> Workplace {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene knot --variant factored --set field.density_bias=5.0";
-    place.tiny(exp).succeeds();
+    place.tiny(DENSE).succeeds();
     place
 }
 
@@ -21,22 +22,17 @@ fn export(place: &Workplace, format: &str, args: &str) -> Invocation {
     place.run(format!("export {RUN} --format {format} --resolution 16")).args(args)
 }
 
-/// Makes the run of `with_run` on a folder of the scene, whose exact surface the program does not know.
-fn with_run_on_files() -> Workplace {
-    let place = Workplace::new();
-    place.run("scene export knot data/knot --size 24").succeeds();
-    place.tiny("exp fast-losses --data data --scene knot --variant factored --set field.density_bias=5.0").succeeds();
-    place
-}
-
 #[test]
 fn a_mesh_of_a_built_in_scene_is_compared_with_the_exact_surface() {
     export(&with_run(), "ply", "").succeeds_with(&["chamfer distance to the exact surface"]);
 }
 
+/// The program does not know the exact surface of a scene on files.
 #[test]
 fn every_format_is_written_and_described() {
-    let place = with_run_on_files();
+    let place = Workplace::new();
+    place.run("scene export knot data/knot --size 24").succeeds();
+    place.tiny(DENSE).args("--data data").succeeds();
     for (format, file, start, part) in [
         ("ply", "mesh.ply", &b"ply\nformat binary_little_endian"[..], "triangles"),
         ("glb", "mesh.glb", b"glTF\x02\0\0\0", "triangles"),
@@ -132,14 +128,16 @@ fn impossible_exports_and_paths_are_refused() {
     let export = |args: &str| export(&place, "ply", args);
     place.run(format!("export {RUN}")).fails_with(&["--format"]);
     for resolution in ["0", "513", "-1", "many"] {
-        let resolution = format!("--resolution={resolution}");
-        place.run(format!("export {RUN} --format ply {resolution}")).fails_with(&["--resolution"]);
+        place.run(format!("export {RUN} --format ply --resolution={resolution}")).fails_with(&["--resolution"]);
     }
     export("--triangles 3").fails_with(&["--triangles"]);
     place.run(format!("export {RUN} --format points --triangles 9")).fails_with(&["--triangles", "expected a"]);
     place.write("file", "");
     export("--out file/below.ply").fails_with(&["file"]);
-    place.run("figure runs/fast-losses --variant nope").fails_with(&["--variant nope: expected one of those in runs"]);
+    for unknown in ["--variant nope", "--scene nope"] {
+        place.run(format!("figure runs/fast-losses {unknown}")).fails_with(&[unknown, "expected one of those in runs"]);
+    }
+    place.run(format!("scene info {RUN} --json")).fails_with(&["--json", "found a run"]);
     export("--out a.glb").fails_with(&["--out a.glb: expected a name with the extension of export/mesh.ply"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);

@@ -9,11 +9,14 @@ use crate::quantity::Quantity;
 use crate::table::{Table, overview_table, scene_table};
 use crate::text::escape_markdown;
 
+/// The second line of every document of [`results_document`].
+pub const WRITTEN_BY: &str = "Written by `infonerf collect` from results files; not edited by hand.";
+
 /// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand. Each
 /// experiment has its command and protocol, the notes of its records, means over scenes, each scene's PSNR, and claims.
 pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
     let mut blocks = vec![format!("# {}", escape_markdown(title))];
-    blocks.push("Written by `infonerf collect` from results files; not edited by hand.".into());
+    blocks.push(WRITTEN_BY.into());
     // The protocol is printed above all tables.
     let markdown = |table: Table| Table { protocol: Vec::new(), ..table }.to_markdown();
     for input in experiments {

@@ -98,8 +98,12 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         if !as_text && let PlanEvent::Written(_, Some(_), _) = &event {
             command_line::save_or_warn(&folder);
         }
-        if let (PlanEvent::Run(_, _, RunEvent::Warning(warning)), true) = (&event, args.quiet) {
-            errln!("warning: {warning}");
+        match &event {
+            PlanEvent::Run(_, _, RunEvent::Warning(warning)) if args.quiet => errln!("warning: {warning}"),
+            PlanEvent::RunEnded(_, plan, RunEnd::Failed(reason)) if !as_text => {
+                errln!("{}: failed: {reason}", plan.label())
+            }
+            _ => {}
         }
         if as_json && let Some(event) = events.event(&event) {
             outln!("{event}");
@@ -116,11 +120,11 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         live.as_ref().map_or_else(interrupt::control, Live::control)
     };
     let executed = execute(std::slice::from_ref(sweep), &args.out, &Executor::InProcess(&session), &mut watch)?;
-    let Executed::Ended { .. } = executed else { return Ok(interrupt::exit_code()) };
+    let Executed::Ended { unfinished, .. } = executed else { return Ok(interrupt::exit_code()) };
     if let Some(live) = &live {
         live.serve_after_training(&folder, as_text);
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(if unfinished > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// Writes the page that shows a run's scene to the run's `folder`, where the report links to it.

@@ -1,13 +1,16 @@
 //! `infonerf collect`, `figure` and `tensorboard`: documents, pictures and curves of finished runs.
 
 use std::collections::BTreeSet;
+use std::fs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::Args;
 use infonerf_experiment::{read_records, sweep};
-use infonerf_report::{ReportInput, counted, panel, results_document, save_png, write_atomically, write_tensorboard};
+use infonerf_report::{
+    ReportInput, WRITTEN_BY, counted, panel, results_document, save_png, write_atomically, write_tensorboard,
+};
 
 use crate::command_line;
 use crate::print::outln;
@@ -29,6 +32,9 @@ pub(crate) struct CollectArgs {
 
 pub(crate) fn collect(args: &CollectArgs) -> Result<ExitCode> {
     let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..sweep::collect(folder)? });
+    if fs::read_to_string(&args.out).is_ok_and(|text| !text.contains(WRITTEN_BY)) {
+        bail!("{}: expected no file, or one that `collect` wrote: --out FILE names another", args.out.display());
+    }
     let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
     outln!("{}: {}", counted(experiments.len(), "experiment"), args.out.display());
@@ -69,10 +75,13 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
     let out = args.out.as_ref().unwrap_or(&default);
     check_extension(out, &default)?;
     let mut records = read_records(&results)?;
+    let scenes: BTreeSet<&str> = records.iter().map(|record| &*record.scene).collect();
     let variants: BTreeSet<&str> = records.iter().map(|record| &*record.variant).collect();
-    if let Some(unknown) = args.variants.iter().find(|name| !variants.contains(name.as_str())) {
-        let known = Vec::from_iter(variants).join(", ");
-        bail!("--variant {unknown}: expected one of those in {}: {known}", results.display());
+    for (option, names, known) in [("--scene", &args.scenes, scenes), ("--variant", &args.variants, variants)] {
+        if let Some(unknown) = names.iter().find(|name| !known.contains(name.as_str())) {
+            let known = Vec::from_iter(known).join(", ");
+            bail!("{option} {unknown}: expected one of those in {}: {known}", results.display());
+        }
     }
     records.retain(|record| chosen(&args.scenes, &record.scene) && chosen(&args.variants, &record.variant));
     let picture = panel(&records, &args.folder, args.view)?;

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Subcommand;
 use infonerf_dataset::{PoseSearch, PoseSolver, check_folder, export, from_images, info, info_page, outline};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
@@ -115,6 +115,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
     if dir.join("config.toml").is_file() {
+        ensure!(!json, "--json: expected the folder of a scene, found a run");
         return show_run(dir, page);
     }
     let info = info(dir)?;

@@ -21,7 +21,7 @@ use crate::sweep::{Prepared, Sweep, SweepFiles};
 
 /// Place where runs are executed.
 pub enum Executor<'a> {
-    /// This process, one run after another. A run that fails ends the execution.
+    /// This process, one run after another. Once one has begun to train, a run that fails does not affect the others.
     InProcess(&'a Session),
     /// One process per run on this machine. A run that fails does not affect the others.
     Processes(Workers),
@@ -81,7 +81,7 @@ pub type PlanWatch<'a> = dyn FnMut(PlanEvent<'_>) -> Control + 'a;
 ///
 /// # Errors
 /// If an existing run was begun with other settings, another process is at work on a sweep, a scheduler refuses, a file cannot
-/// be read or written, or a run of this process fails.
+/// be read or written, or a run of this process fails before one has begun to train, or is the only one.
 pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mut PlanWatch<'_>) -> Result<Executed> {
     let prepare = |sweep: &Sweep| match executor {
         Executor::Merge(device) => sweep.find_missing(out, *device),
@@ -125,17 +125,26 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
     Ok(Executed::Ended { unfinished, outcomes })
 }
 
-/// Executes all runs of `sweep` in this process; `None` if `watch` stops one of them.
+/// Executes all runs of `sweep` in this process, and returns those that failed; `None` if `watch` stops one of them.
 fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Result<Option<BTreeSet<usize>>> {
-    let folder = sweep.folder(&session.out);
+    let (folder, mut failed, mut trains) = (sweep.folder(&session.out), BTreeSet::new(), false);
     for (index, plan) in sweep.runs().enumerate() {
-        let ended = match session.run(plan, &mut |event| watch(PlanEvent::Run(index, plan, event)))? {
-            Finished::Record(record, trained) => {
+        let mut watch_run = |event: RunEvent<'_>| {
+            trains |= matches!(event, RunEvent::Started { .. });
+            watch(PlanEvent::Run(index, plan, event))
+        };
+        let ended = match session.run(plan, &mut watch_run) {
+            Ok(Finished::Record(record, trained)) => {
                 save_record(&folder, &record)?;
                 RunEnd::Trained(record, trained)
             }
-            Finished::AlreadyDone(record) => RunEnd::AlreadyDone(record),
-            Finished::Stopped => RunEnd::Stopped,
+            Ok(Finished::AlreadyDone(record)) => RunEnd::AlreadyDone(record),
+            Ok(Finished::Stopped) => RunEnd::Stopped,
+            Err(error) if !trains || sweep.len() == 1 => return Err(error),
+            Err(error) => {
+                failed.insert(index);
+                RunEnd::Failed(format!("{error:#}"))
+            }
         };
         let is_stopped = matches!(ended, RunEnd::Stopped);
         watch(PlanEvent::RunEnded(index, plan, ended));
@@ -143,5 +152,5 @@ fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Resu
             return Ok(None);
         }
     }
-    Ok(Some(BTreeSet::new()))
+    Ok(Some(failed))
 }

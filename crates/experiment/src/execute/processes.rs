@@ -90,10 +90,12 @@ impl Workers {
     pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
         let manifest = prepared.manifest();
         let (mut failed, mut stopped) = (BTreeSet::new(), false);
-        let first = prepared.missing.first().map(|&item| sweep.run(item));
-        // If the scene cannot be read, the run itself reports the error.
-        let needed = first.and_then(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
-        let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES));
+        // Runs that differ in their seed alone need as much. If a scene cannot be read, the run itself reports the error.
+        let mut kinds = BTreeSet::new();
+        let plans = prepared.missing.iter().map(|&item| sweep.run(item));
+        let plans = plans.filter(|plan| kinds.insert((&plan.scene, &plan.variant)));
+        let needed = plans.filter_map(|plan| plan.memory(self.runner.device.fields_side_by_side()).ok());
+        let needed = needed.map(|needed| needed.total().saturating_add(PROGRAM_BYTES)).max();
         let jobs = fitting(self.jobs.min(prepared.missing.len()), cores(), available_memory(), needed);
         let queue = Mutex::new(prepared.missing.iter().copied());
         let next = || queue.lock().ok().filter(|_| !(self.stop)()).and_then(|mut queue| queue.next());

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ pub fn is_finished(folder: &Path) -> bool {
     fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_own_record(&entry.path())))
 }
 
-/// Removes what an earlier run left in `folder`.
+/// Removes what an earlier run left in `folder`. A folder in it that holds runs itself, of a scene, is kept.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
     // The config is removed first: if the removal is interrupted, the run counts as not begun.
     let config = folder.join("config.toml");
@@ -30,7 +30,7 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
         let member = name.strip_prefix("member").is_some_and(|index| index.parse::<usize>().is_ok());
-        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || member);
+        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || member) && !holds_runs(&path);
         let is_file = is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str());
         let removed = if is_folder {
             fs::remove_dir_all(&path)
@@ -44,13 +44,22 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Prepares the run in `folder` for more training: removes its record, and moves the files of a single field to `first`, the
+/// Whether `scene` is the folder of a scene, with runs of variants in it.
+fn holds_runs(scene: &Path) -> bool {
+    let children = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    children(scene.to_owned()).flat_map(children).any(|run| run.join("config.toml").exists())
+}
+
+/// Prepares the run in `folder` for more training: removes its record, page and orbit, and moves the files of a single field to `first`, the
 /// folder of the first field from now on.
 pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         if is_own_record(&entry.path()) {
             fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
         }
+    }
+    for name in [VIEWER_PAGE, "render/orbit.gif"].map(|name| folder.join(name)).iter().filter(|path| path.exists()) {
+        fs::remove_file(name).with_context(|| name.display().to_string())?;
     }
     fs::create_dir_all(first).with_context(|| first.display().to_string())?;
     for name in ["checkpoint", "checkpoint.previous", "metrics.jsonl"] {
@@ -95,22 +104,24 @@ fn without_lock(file: fs::File, error: &std::io::Error, folder: &Path) -> Result
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
     fn only_what_a_run_wrote_is_removed() {
         let guard = tempfile::tempdir().unwrap();
         let folder = guard.path();
-        ["test", "member0", "member12", "members", "notes"]
-            .iter()
-            .for_each(|name| fs::create_dir(folder.join(name)).unwrap());
-        ["config.toml", "metrics.jsonl", "notes.txt"].iter().for_each(|name| fs::write(folder.join(name), "").unwrap());
+        // A scene is called "truth" in the folder of a pre-training.
+        for name in ["test", "member0", "member12", "members", "notes", "truth/nerf/seed0"] {
+            fs::create_dir_all(folder.join(name)).unwrap();
+        }
+        for name in ["config.toml", "metrics.jsonl", "notes.txt", "truth/nerf/seed0/config.toml"] {
+            fs::write(folder.join(name), "").unwrap();
+        }
         clear(folder).unwrap();
-        let left = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
-        assert_eq!(
-            left.collect::<std::collections::BTreeSet<_>>(),
-            ["members", "notes", "notes.txt"].map(Into::into).into()
-        );
+        let left = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        assert_eq!(left.collect::<BTreeSet<_>>(), ["members", "notes", "notes.txt", "truth"].map(String::from).into());
     }
 
     #[test]

@@ -40,6 +40,9 @@ pub fn collect(folder: &Path) -> Result<ReportInput> {
     let run = |record: &Record| folder.join(run_directory(&record.scene, &record.variant, record.seed));
     let plans = records.iter().map(|record| RunPlan::of_run(&run(record))).collect::<Result<Vec<_>>>()?;
     about.data.clone_from(&plans[0].data);
+    // A run that was begun anew with another preset has left its earlier record in the list.
+    let pairs = records.into_iter().zip(plans).filter(|(record, plan)| record.preset == plan.preset.name());
+    let (records, plans): (Vec<_>, Vec<_>) = pairs.unzip();
     about.report_input(records, &plans.iter().collect::<Vec<_>>())
 }
 
