@@ -183,11 +183,7 @@ mod tests {
             ("/fps", json!(0), "`fps`"),
             ("/fps", json!(1e6), "`fps`"),
             ("/render_width", json!(1e9), "`render_width`: expected a side"),
-            (
-                "/render_width",
-                Value::Null,
-                "`render_width`: expected a side of 1 to 8192 pixels next to `render_height`",
-            ),
+            ("/render_width", Value::Null, "expected a side of 1 to 8192 pixels next to `render_height`"),
             ("/camera_type", json!("fisheye"), "`camera_type`: expected \"perspective\""),
         ];
         for (pointer, value, expected) in cases {

@@ -73,10 +73,7 @@ impl Frame {
     }
 
     pub fn stated_size(&self) -> Option<(u32, u32)> {
-        match self.intrinsics {
-            Intrinsics::Pixels { size, .. } => size,
-            Intrinsics::Fov(..) => None,
-        }
+        if let Intrinsics::Pixels { size, .. } = self.intrinsics { size } else { None }
     }
 }
 
@@ -134,10 +131,8 @@ pub(crate) fn keep_apart(frames: &mut [Frame], stated: &[PathBuf]) {
     for (frame, path) in frames.iter().zip(stated) {
         names.entry(frame.image.clone()).or_default().insert(path);
     }
-    for (frame, path) in frames.iter_mut().zip(stated) {
-        if names[&frame.image].len() > 1 {
-            frame.image.clone_from(path);
-        }
+    for (frame, path) in frames.iter_mut().zip(stated).filter(|(frame, _)| names[&frame.image].len() > 1) {
+        frame.image.clone_from(path);
     }
 }
 

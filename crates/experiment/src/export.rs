@@ -104,8 +104,7 @@ impl Trained {
         Ok((count > 0).then_some(SplatFidelity { views: count, splats, fields }))
     }
 
-    /// Measures the Chamfer distance between `surface` and the exact surface that the scene's training cameras see; `None` for
-    /// scenes that are not built in.
+    /// Measures the Chamfer distance of `surface` from the exact one that the training cameras see; `None` unless it is built in.
     ///
     /// # Errors
     /// If there is no such built-in scene.
@@ -157,31 +156,67 @@ impl RunPlan {
     }
 }
 
-/// Scales the camera of `view` to the size of its image file below `folder`. If the file has another aspect ratio, such as one
-/// that EXIF rotates, the camera is left as it is.
+/// Scales the camera of `view` to the size of its image file below `folder`, without the margins that the view has among images
+/// of other proportions. If the file does not fit, such as one that EXIF rotates, the camera is left as it is.
 fn at_file_size(view: &mut View, folder: &Path) {
     let Ok((width, height)) = stored_dimensions(&folder.join(&view.file)) else { return };
     let camera = &view.camera;
-    let shape = |width: u32, height: u32| f64::from(width) / f64::from(height);
-    let stretch = shape(width, height) / shape(camera.width, camera.height);
-    if (stretch - 1.0).abs() < 2.0 / f64::from(camera.height.min(camera.width)) {
-        view.camera = camera.resized(width, height);
+    let scale = f64::from(camera.width.max(camera.height)) / f64::from(width.max(height));
+    let [w, h] = [width, height].map(|side| (f64::from(side) * scale).round() as u32);
+    let fills = camera.width.abs_diff(w) <= 1 && camera.height.abs_diff(h) <= 1;
+    if fills || margins(view) == [camera.width.saturating_sub(w) / 2, camera.height.saturating_sub(h) / 2] {
+        let (w, h) = if fills { (camera.width, camera.height) } else { (w, h) };
+        view.camera = camera.framed(w, h).resized(width, height);
     }
+}
+
+/// Returns the numbers of columns and of rows at either side of `view` that have no valid pixel.
+fn margins(view: &View) -> [u32; 2] {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let is_valid = |i: &u32| view.valid.as_ref().is_none_or(|valid| valid[*i as usize]);
+    let valid = (0..width * height).filter(is_valid).map(|i| (i % width, i / width));
+    let within = valid.map(|(x, y)| [x.min(width - 1 - x), y.min(height - 1 - y)]);
+    within.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
 
+    use glam::DMat4;
     use infonerf_report::Record;
+    use infonerf_scene::Image;
 
+    use super::*;
     use crate::testing::first_run;
+
+    /// Takes an upright image of 12×16 pixels for one that was halved, or put into the middle of a square.
+    #[test]
+    fn cameras_are_exported_at_the_size_of_their_file() {
+        let guard = tempfile::tempdir().unwrap();
+        let own = Camera::pinhole((12, 16), [20.0; 2], [5.5, 8.0], DMat4::IDENTITY);
+        Image::filled(12, 16, [0.5; 3]).write_png(&guard.path().join("a.png")).unwrap();
+        let exported = |camera: Camera, is_valid: fn(usize) -> bool| {
+            let valid = (0..(camera.width * camera.height) as usize).map(is_valid).collect();
+            let image = Image::filled(camera.width, camera.height, [0.5; 3]);
+            let view = View::new(0, "a", camera, image);
+            let mut view = View { file: "a.png".into(), valid: Some(valid), ..view };
+            at_file_size(&mut view, guard.path());
+            view.camera
+        };
+        assert_eq!(exported(own.resized(6, 8), |_| true), own);
+        assert_eq!(exported(own.resized(6, 8), |i| i % 6 > 1), own);
+        assert_eq!(exported(own.framed(16, 16), |i| (2..14).contains(&(i % 16))), own);
+        // Not the image's rectangle.
+        let square = own.framed(16, 16);
+        assert_eq!(exported(square.clone(), |i| (3..13).contains(&(i % 16))), square);
+    }
 
     #[test]
     fn export_note_names_the_field_and_the_held_out_psnr() {
         let folder = tempfile::tempdir().unwrap();
         let note = |set: &[&str], first_field| {
-            let plan = first_run("fast-losses", "knot", set);
+            let plan = first_run(set);
             let metrics = [("psnr".to_owned(), Some(24.314))].into_iter().collect();
             let record = serde_json::to_vec(&[Record { metrics, ..Record::default() }]).unwrap();
             fs::write(plan.record_path(folder.path()), record).unwrap();

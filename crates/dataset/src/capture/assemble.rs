@@ -12,6 +12,7 @@ use infonerf_scene::{
 };
 use rayon::prelude::*;
 
+use super::compare::implausible;
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
 use super::{Capture, Found, StatedExtent, same_proportions};
@@ -178,6 +179,8 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
         // An alpha channel that hides nothing is no matte.
         train_views.iter_mut().chain(&mut test).for_each(|view| Arc::make_mut(&mut view.image).alpha = None);
     }
+    let names: Vec<&str> = train.iter().chain(&chosen_test).map(|frame| frame.name.as_str()).collect();
+    warnings.extend(implausible(&names, &cameras));
     warnings.extend(scaled(&train, train_cameras));
     warnings.extend(left_out);
     let tested: &[&Frame] = if request.test == TestProtocol::Training { &[] } else { &chosen_test };

@@ -36,8 +36,8 @@ const SQUARE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Plausible focal lengths divided by the longer side of the image: fields of view from 5° to 118°.
 const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 
-/// Compares the cameras of a capture with its photographs and returns one line per doubt: implausible intrinsics, and
-/// poses that do not explain matches between photographs, with the convention that explains most of them.
+/// Compares the poses of a capture with its photographs and returns one line per doubt: poses that do not explain matches
+/// between photographs, with the convention that explains most of them.
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());
@@ -47,12 +47,11 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let read: Result<Vec<_>, _> = chosen.par_iter().map(|&i| small(frames[i])).collect();
     let (images, cameras): (Vec<GreyImage>, Vec<Camera>) = read?.into_iter().unzip();
     let names: Vec<&str> = chosen.iter().map(|&i| frames[i].name.as_str()).collect();
-    let mut doubts = implausible(&names, &cameras);
     let focal: Vec<f64> = cameras.iter().map(|camera| (camera.fx * camera.fy).sqrt()).collect();
     let matches = verified_matches(&images, &focal, FEATURES);
     let count: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
     if count < MIN_MATCHES {
-        return Ok(doubts);
+        return Ok(Vec::new());
     }
     let poses: Vec<DMat4> = frames.iter().map(|frame| frame.pose).collect();
     // Number of explained matches of each pair, for cameras at `poses` with focal lengths multiplied by `factor`.
@@ -82,6 +81,7 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let is_better = best.as_ref().is_some_and(|(share, _)| *share >= MIN_BETTER_SHARE && *share >= given + MIN_LEAD);
     if given >= EXPLAINED && !is_better {
+        let mut doubts = Vec::new();
         for (image, explained, all) in unexplained_photographs(&matches, &explained(&poses, 1.0), chosen.len()) {
             let (name, share) = (names[image], percent(explained as f64 / all as f64));
             let text = format!("explains {share} of {all} matches with other photographs: is its pose right?");
@@ -94,8 +94,7 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
         _ => "are they of these photographs, and in this order?".to_owned(),
     };
     let (given, images) = (percent(given), chosen.len());
-    doubts.push(format!("the cameras explain {given} of {count} matches between {images} photographs: {advice}"));
-    Ok(doubts)
+    Ok(vec![format!("the cameras explain {given} of {count} matches between {images} photographs: {advice}")])
 }
 
 /// Returns a sort key of a name in which numbers count by their value.
@@ -130,7 +129,7 @@ fn small(frame: &Frame) -> Result<(GreyImage, Camera), SceneError> {
 }
 
 /// Describes implausible focal lengths, principal points and ratios fy / fx.
-fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
+pub(crate) fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     let mut doubts = Vec::new();
     let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
     if let Some(i) = cameras.iter().position(|c| c.lens.is_perspective() && !FOCAL_LENGTHS.contains(&over_longer(c))) {
@@ -213,10 +212,8 @@ fn unexplained_photographs(matches: &[ImageMatches], explained: &[usize], count:
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::SceneRequest;
-
     use super::*;
-    use crate::loaders::testing::photographs_of;
+    use crate::loaders::testing::{load, photographs_of, request};
 
     /// Returns the doubts about twelve photographs of a built-in scene whose poses and focal lengths `given` states.
     fn doubts(given: impl Fn(usize, &[Camera]) -> (DMat4, f64)) -> Vec<String> {
@@ -227,7 +224,9 @@ mod tests {
         };
         let stated: Vec<Camera> = (0..cameras.len()).map(stated).collect();
         let guard = photographs_of("table", &cameras, &stated, |i| format!("images/p{i}.png"));
-        compare(&crate::loaders::read(guard.path(), &SceneRequest::default()).unwrap().prepared().unwrap()).unwrap()
+        let scene = load(guard.path(), &request()).unwrap();
+        let capture = crate::loaders::read(guard.path(), &request()).unwrap().prepared().unwrap();
+        [scene.warnings, compare(&capture).unwrap()].concat()
     }
 
     /// Pose and focal length that a capture states for a camera of a list.

@@ -35,7 +35,12 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     let focus = region.centre().as_vec3();
     let reach = robust_greatest(cameras.iter().map(|camera| camera.position_f64().distance(region.centre()) as f32));
     let reach = reach.max(1e-3);
-    let layout = layout_with(cameras, &points, focus, reach);
+    let median_distance = || quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5);
+    let layout = match Layout::of(cameras) {
+        // Most points lie beyond the cameras.
+        Layout::Object if points.len() >= MIN_POINTS && median_distance() > reach => Layout::Inside,
+        layout => layout,
+    };
     let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
     let spread = robust_greatest(cameras.iter().map(|c| c.position().distance(mean)));
 
@@ -48,10 +53,8 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
         }
         (None, _) => (0.05 * reach, (1.0 + 3f32.sqrt()) * reach),
     };
-    let bounds = match layout {
-        Layout::Object => point_box(&points, focus),
-        _ => frusta_bounds(cameras, Range::Distance { near, far }),
-    };
+    let frusta = || frusta_bounds(cameras, Range::Distance { near, far });
+    let bounds = if layout == Layout::Object { point_box(&points, focus) } else { frusta() };
     let bounds = bounds.unwrap_or_else(|| Aabb::cube(focus, reach));
     let (centre, radius) = match layout {
         Layout::Inside => (mean, spread.max(0.05 * far)),
@@ -69,15 +72,6 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
 fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
     let sorted = sorted(distances);
     sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
-}
-
-/// Returns the layout of the cameras; it is [`Layout::Inside`] if the points' median distance from `focus` exceeds `reach`.
-fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> Layout {
-    let layout = Layout::of(cameras);
-    if layout != Layout::Object || points.len() < MIN_POINTS {
-        return layout;
-    }
-    if quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5) > reach { Layout::Inside } else { layout }
 }
 
 /// Returns the ascending distances from each camera to the points in its image; `None` for fewer than [`MIN_POINTS`].

@@ -75,10 +75,8 @@ fn mask_places(dir: &Path, image: &Path) -> Option<[PathBuf; 2]> {
         name.starts_with("images") || name == "input"
     };
     let folder = image.ancestors().skip(1).take_while(|folder| folder.starts_with(dir)).find(is_image_folder);
-    let (root, below) = match folder {
-        Some(folder) => (folder.parent()?, image.strip_prefix(folder).ok()?),
-        None => (dir, image.strip_prefix(dir).ok()?),
-    };
+    let root = folder.map_or(Some(dir), Path::parent)?;
+    let below = image.strip_prefix(folder.unwrap_or(dir)).ok()?;
     let reduced = folder.and_then(|folder| folder.file_name()?.to_str()?.strip_prefix("images"));
     let masks = [format!("masks{}", reduced.unwrap_or_default()), "masks".to_owned()];
     Some(masks.map(|masks| root.join(masks).join(below)))

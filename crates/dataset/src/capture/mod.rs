@@ -102,9 +102,8 @@ impl<'a> Found<'a> {
             }
             if let Some(middle) = extent::distant_middle(&self.train) {
                 origin = middle;
-                for frame in self.train.iter_mut().chain(&mut self.test) {
-                    frame.pose.w_axis -= middle.extend(0.0);
-                }
+                let frames = self.train.iter_mut().chain(&mut self.test);
+                frames.for_each(|frame| frame.pose.w_axis -= middle.extend(0.0));
                 estimate.points.iter_mut().for_each(|point| *point -= middle);
                 let moved = |corner: glam::Vec3| (corner.as_dvec3() - middle).as_vec3();
                 estimate.bounds = estimate.bounds.map(|Aabb { min, max }| Aabb { min: moved(min), max: moved(max) });
@@ -125,9 +124,11 @@ impl<'a> Found<'a> {
     /// the upright image.
     fn turn(&mut self) {
         let by_stored = self.is_by_stored();
-        let mut doubtful = Vec::new();
+        let (mut doubtful, mut mirrored) = (Vec::new(), Vec::new());
         for frame in self.train.iter_mut().chain(&mut self.test) {
-            let Some(quarters @ 1..=3) = quarter_turns(orientation(&frame.image)) else { continue };
+            let quarters = quarter_turns(orientation(&frame.image));
+            mirrored.extend(quarters.is_none().then(|| frame.name.clone()));
+            let Some(quarters @ 1..=3) = quarters else { continue };
             let Ok((width, height)) = stored_dimensions(&frame.image) else { continue };
             let shown = if quarters == 2 { (width, height) } else { (height, width) };
             let fits = |size: (u32, u32)| frame.stated_size().is_none_or(|stated| same_proportions(stated, size));
@@ -138,6 +139,11 @@ impl<'a> Found<'a> {
             } else if is_either {
                 doubtful.push(&frame.name);
             }
+        }
+        if let Some(first) = mirrored.first() {
+            let count = mirrored.len();
+            self.warnings
+                .push(format!("EXIF data mirror {count} images, the first {first}: their cameras may not fit them"));
         }
         if let Some(first) = doubtful.first() {
             self.warnings.push(format!(
@@ -345,6 +351,10 @@ mod tests {
                 assert!(apart / 384.0 < 0.05, "{apart}");
             }
         }
+        let third = guard.path().join("images/p03.jpg");
+        image::open(&third).unwrap().save(&third).unwrap();
+        set_orientation(&third, 2);
+        assert_warns(&load(guard.path(), &request()).unwrap(), 0, "EXIF data mirror 1 images, the first p03");
     }
 
     #[test]

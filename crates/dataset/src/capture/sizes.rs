@@ -55,12 +55,9 @@ impl ImageScale {
     /// Returns the factor from the stored sides of `camera`'s image to the base's scale.
     fn relative(&self, camera: &Camera) -> f64 {
         let focal = |camera: &Camera| (camera.fx * camera.fy).sqrt();
-        let same = (camera.width, camera.height) == self.base_size();
-        if same || (focal(camera) / focal(&self.base)).ln().abs() < SAME_SCALE {
-            1.0
-        } else {
-            long_side(&self.base) / long_side(camera)
-        }
+        let same_size = (camera.width, camera.height) == self.base_size();
+        let same_scale = same_size || (focal(camera) / focal(&self.base)).ln().abs() < SAME_SCALE;
+        if same_scale { 1.0 } else { long_side(&self.base) / long_side(camera) }
     }
 }
 

@@ -36,8 +36,8 @@ pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCame
         let place = values.place(format!("camera {id}"));
         let model = values.model()?;
         let size = (values.side()?, values.side()?);
-        let parameters =
-            (0..MODELS[model].1.len()).map(|_| values.number(f64::from_le_bytes)).collect::<Result<_, _>>()?;
+        let names = MODELS[model].1.iter();
+        let parameters = names.map(|_| values.number(f64::from_le_bytes)).collect::<Result<_, _>>()?;
         if let Source::Text { words, .. } = &mut values.source
             && let Some(word) = words.next()
         {
@@ -124,10 +124,7 @@ impl<'a> Values<'a> {
 
     /// Returns the place of a record for errors: the line of text, or `name`.
     fn place(&self, name: String) -> String {
-        match &self.source {
-            Source::Binary { .. } => name,
-            Source::Text { number, .. } => format!("line {number}"),
-        }
+        if let Source::Text { number, .. } = self.source { format!("line {number}") } else { name }
     }
 
     fn word<T: FromStr>(&mut self) -> Result<T, SceneError> {

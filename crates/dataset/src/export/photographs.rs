@@ -98,13 +98,13 @@ fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
 /// `scale_mat_<i>` maps the unit sphere to the sphere around the subject.
 pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     let photographs = photographs(name, size, DTU_VIEWS, Lens::PERSPECTIVE)?;
-    for folder in ["image", "mask"] {
-        make_folder(&dir.join(folder))?;
-    }
+    ["image", "mask"].iter().try_for_each(|folder| make_folder(&dir.join(folder)))?;
+    // Surface points that the subject's pixels show.
     let mut seen = Vec::new();
     for (i, photograph) in photographs.iter().enumerate() {
         let mask = procedural::object_mask(name, &photograph.camera)?;
-        seen.extend(subject_points(photograph, &mask));
+        let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
+        seen.extend(subject.map(|i| photograph.ray(i).at(photograph.depth[i])));
         photograph.image.write_png(&dir.join(format!("image/{i:06}.png")))?;
         write_mask(&dir.join(format!("mask/{i:03}.png")), photograph, &mask)?;
     }
@@ -129,12 +129,6 @@ fn projection(camera: &Camera) -> DMat4 {
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
 
-/// Returns the surface points that the subject's pixels show.
-fn subject_points(photograph: &ExportedView, mask: &[bool]) -> Vec<Vec3> {
-    let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
-    subject.map(|i| photograph.ray(i).at(photograph.depth[i])).collect()
-}
-
 /// Returns a sphere around the centre of the points' bounding box that contains all `points`, with a margin of a
 /// twentieth.
 fn sphere(points: &[Vec3]) -> (DVec3, f64) {
@@ -150,9 +144,7 @@ pub(super) fn write_zju(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
     for (i, photograph) in photographs.iter().enumerate() {
         let image = image_path(i, 0);
         let mask = Path::new("mask_cihp").join(&image);
-        for path in [Path::new(&image), &mask] {
-            make_folder(&dir.join(path.with_file_name("")))?;
-        }
+        [Path::new(&image), &mask].iter().try_for_each(|path| make_folder(&dir.join(path.with_file_name(""))))?;
         photograph.image.write_png(&dir.join(&image))?;
         write_mask(&dir.join(mask), photograph, &procedural::object_mask(name, &photograph.camera)?)?;
     }
@@ -194,9 +186,7 @@ pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
 }
 
 fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
-    for folder in ["new_vertices", "new_params"] {
-        make_folder(&dir.join(folder))?;
-    }
+    ["new_vertices", "new_params"].iter().try_for_each(|folder| make_folder(&dir.join(folder)))?;
     let vertices: Vec<f32> = body.vertices.iter().flat_map(|v| v.to_array()).collect();
     npy::write(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
     let still = || numbers(&[1, 3], &[0.0; 3]);

@@ -61,11 +61,6 @@ fn fitting_request(dir: &Path, limit: u64) -> Result<SceneRequest, SceneError> {
 
 /// Returns the warnings about `scene` that should be looked at before training on it.
 fn check(scene: &Scene) -> Vec<String> {
-    let cameras: Vec<&Camera> = if scene.all_train_cameras.is_empty() {
-        scene.train.iter().map(|v| &v.camera).collect()
-    } else {
-        scene.all_train_cameras.iter().collect()
-    };
     let mut warnings = scene.warnings.clone();
     let (bounds, diagonal) = (&scene.space.bounds, scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(bounds.centre()) > FAR_OFF * diagonal;
@@ -73,9 +68,9 @@ fn check(scene: &Scene) -> Vec<String> {
     let is_blind = |camera: &Camera| grid(camera).all(|ray| bounds.intersect(&ray).is_none());
     let blind = "do not see the box (are the axes of the poses OpenGL's?)";
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
-    warnings.extend(placed.into_iter().chain([tilted(scene, &cameras), baseline(scene)]).flatten());
+    warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene)]).flatten());
     warnings.extend(images(scene));
-    warnings.extend(points_outside_range(scene, &cameras));
+    warnings.extend(points_outside_range(scene));
     warnings
 }
 
@@ -90,7 +85,8 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }
 
-fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+fn tilted(scene: &Scene) -> Option<String> {
+    let cameras = &scene.all_train_cameras;
     if cameras.len() < 2 {
         return None;
     }
@@ -109,13 +105,8 @@ fn baseline(scene: &Scene) -> Option<String> {
         return None;
     }
     let outward = scene.space.layout == Layout::Inside;
-    let direction = |view: &View| {
-        if outward {
-            view.camera.forward_f64()
-        } else {
-            (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero()
-        }
-    };
+    let from_centre = |view: &View| (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero();
+    let direction = |view: &View| if outward { view.camera.forward_f64() } else { from_centre(view) };
     let directions: Vec<_> = scene.train.iter().map(direction).collect();
     let pairs = directions.iter().enumerate().flat_map(|(i, a)| directions[..i].iter().map(move |b| angle(*a, *b)));
     let widest = pairs.fold(0.0, f64::max).to_degrees();
@@ -190,14 +181,15 @@ fn spread(image: &Image) -> f32 {
 }
 
 /// Returns a warning if too many of the points in view lie outside near and far.
-fn points_outside_range(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+fn points_outside_range(scene: &Scene) -> Option<String> {
     let step = scene.space.points.len().div_ceil(2000).max(1);
     let is_within = |camera: &Camera, point: Vec3| {
         let (pixel, t) = (seen_at(camera, point)?, point.distance(camera.position()));
         Some(scene.interval(&camera.ray(pixel.x, pixel.y)).is_some_and(|(a, b)| a <= t && t <= b))
     };
     let points = || scene.space.points.iter().step_by(step);
-    let seen = cameras.iter().flat_map(|camera| points().filter_map(|&point| is_within(camera, point)));
+    let cameras = scene.all_train_cameras.iter();
+    let seen = cameras.flat_map(|camera| points().filter_map(move |&point| is_within(camera, point)));
     let (within, outside): (Vec<bool>, Vec<bool>) = seen.partition(|within| *within);
     let share = outside.len() as f32 / (within.len() + outside.len()).max(1) as f32;
     (share > OUTSIDE).then(|| format!("{:.0} % of the points in view lie outside near and far", 100.0 * share))

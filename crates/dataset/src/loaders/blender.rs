@@ -37,7 +37,6 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let transparent = first.map(|frame| has_transparency(&frame.image)).transpose()?;
     let (extent, estimated) = extent(&train, &cameras, transparent);
     warnings.extend(estimated);
-    let selections = published::synthetic(&cameras);
     let tested = match read_transforms(&test) {
         Ok(read) => {
             warnings.extend(read.warnings);
@@ -62,6 +61,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
             warnings.push(text.into());
         }
     }
+    let selections = published::synthetic(&cameras_of(&train)?);
     Ok(Found { warnings, selections, ..Found::new(dir, Format::Blender, train, test, extent) })
 }
 

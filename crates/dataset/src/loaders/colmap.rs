@@ -7,7 +7,7 @@ use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
-use crate::capture::{Estimate, Found, list_photographs};
+use crate::capture::{Estimate, Found, list_photographs, same_proportions};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
 use crate::frame::{Frame, find_by_end, keep_apart};
@@ -41,7 +41,10 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         let (path, name) = find_by_end(&folder, name).unwrap_or_else(|| (folder.join(name), name));
         if reduced && path.is_file() {
             let (width, height) = stored_dimensions(&path)?;
-            camera = camera.resized(width, height);
+            // An image of other proportions, which was turned or cropped, is refused by its name.
+            if same_proportions((camera.width, camera.height), (width, height)) {
+                camera = camera.resized(width, height);
+            }
         }
         let points = image.observations.iter().filter_map(|(_, id)| index.get(id).copied()).collect();
         frames.push(Frame { points, ..Frame::new(name, path, &camera) });
@@ -93,10 +96,8 @@ fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Resul
     let all = images(&best).len();
     for folder in FOLDERS.map(|f| root.join(f)) {
         let found = images(&folder);
-        if found.is_empty() || found.len() < all {
-            continue;
-        }
-        let (width, height) = stored_dimensions(&found[0])?;
+        let Some(first) = found.first().filter(|_| found.len() >= all) else { continue };
+        let (width, height) = stored_dimensions(first)?;
         if width.max(height) >= size {
             best = folder;
         }
@@ -194,7 +195,12 @@ mod tests {
         fs::rename(guard.path().join("images"), guard.path().join("moved")).unwrap();
         assert_same_view(&load(guard.path(), &request()).unwrap().train[0], &cameras[1].resized(10, 8));
         fs::rename(guard.path().join("moved"), guard.path().join("images")).unwrap();
-        fs::remove_file(guard.path().join("images_2/v/3.png")).unwrap();
+        // A reduced image that was cropped.
+        let third = guard.path().join("images_2/v/3.png");
+        write_view(&third, &cameras[3].resized(8, 8));
+        let text = message(guard.path(), &SceneRequest { image_size: Some(8), ..request() });
+        assert!(text.contains("3.png: expected an image of 20×16 pixels"), "{text}");
+        fs::remove_file(third).unwrap();
         let whole = load(guard.path(), &SceneRequest { image_size: Some(10), ..request() }).unwrap();
         assert_eq!(whole.train.len(), scene.train.len());
     }

@@ -245,17 +245,15 @@ mod tests {
     fn images_left_of_a_scan_keep_their_cameras() {
         let guard = tempfile::tempdir().unwrap();
         let cameras = folder(guard.path(), 5, false);
-        for removed in [0, 2, 3] {
-            fs::remove_file(guard.path().join(format!("image/{removed:06}.png"))).unwrap();
-        }
+        let remove = |i: usize| fs::remove_file(guard.path().join(format!("image/{i:06}.png"))).unwrap();
+        [0, 2, 3].into_iter().for_each(remove);
         fs::rename(guard.path().join("image/000004.png"), guard.path().join("image/scan8_000004.png")).unwrap();
         let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Split, ..request() }).unwrap();
         assert_same_view(&scene.test[0], &cameras[1]);
         assert_same_view(&scene.train[0], &cameras[4]);
         fs::rename(guard.path().join("image/000001.png"), guard.path().join("image/left.png")).unwrap();
-        assert!(
-            message(guard.path(), &request()).contains("left.png: expected one image for each of the 5 projections")
-        );
+        let text = message(guard.path(), &request());
+        assert!(text.contains("left.png: expected one image for each of the 5 projections"), "{text}");
     }
 
     #[test]

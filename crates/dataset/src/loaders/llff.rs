@@ -160,10 +160,7 @@ fn recentre(poses: Vec<DMat4>) -> Vec<DMat4> {
 /// Lists, by name, the images of the folder with the smallest images whose longest side is at least `size`.
 fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError> {
     let mut best: Option<Vec<PathBuf>> = None;
-    for folder in FOLDERS.map(|f| dir.join(f)) {
-        if !folder.is_dir() {
-            continue;
-        }
+    for folder in FOLDERS.map(|f| dir.join(f)).into_iter().filter(|folder| folder.is_dir()) {
         let images = list_photographs(&folder)?;
         let Some(first) = images.first() else { continue };
         if best.is_some() {
@@ -272,9 +269,8 @@ mod tests {
         };
         assert!(bad(1, 0.0).contains("field `[5, 0..15]`: expected a 3×5 matrix"));
         assert!(bad(3, f32::NAN).contains("not finite"));
-        assert!(
-            bad(4, 12.0).contains("field `[5, 4, 9]`: expected a height and width in the proportions of the images")
-        );
+        let text = bad(4, 12.0);
+        assert!(text.contains("field `[5, 4, 9]`: expected a height and width in the proportions of the images"));
         assert!(bad(14, 0.0).contains("field `[5, 4, 9, 14]`"));
         assert!(bad(15, 20.0).contains("expected depths 0 < near < far, found 20 and 10"));
 

@@ -52,17 +52,12 @@ pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     }
     let asked: Vec<_> =
         FORMATS.into_iter().filter(|(known, ..)| request.format.is_none_or(|format| format == *known)).collect();
-    let mut faults = Vec::new();
-    for (format, marker, read) in &asked {
-        if !has_marker(dir, *format, marker) {
-            continue;
-        }
+    let mut faults: Vec<(Format, SceneError)> = Vec::new();
+    for (format, _, read) in asked.iter().filter(|(format, marker, _)| has_marker(dir, *format, marker)) {
         match read(dir, request) {
             Ok(mut found) => {
-                let fault = |(broken, error): &(Format, SceneError)| {
-                    format!("read as {format}: as {broken} it is broken: {error}")
-                };
-                found.warnings.extend(faults.iter().map(fault));
+                let broken = |(other, error): &(_, _)| format!("read as {format}: as {other} it is broken: {error}");
+                found.warnings.extend(faults.iter().map(broken));
                 return Ok(found);
             }
             Err(error) => faults.push((*format, error)),

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
-use super::transforms::read_transforms;
+use super::transforms::{Transforms, read_transforms};
 use crate::capture::{Estimate, Found, StatedExtent, hold_out};
 use crate::frame::{Frame, numbered, with_images};
 
@@ -19,14 +19,12 @@ pub(super) const MARKER: &str = "transforms.json";
 /// `aabb` or `aabb_scale`, are read from the file, or else estimated from the training cameras.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
-    let transforms = read_transforms(&path)?;
-    let estimate =
-        Estimate { range: transforms.range, bounds: transforms.bounds.or(transforms.cube), ..Estimate::default() };
-    let mut all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
-    all.extend(transforms.lost);
-    let mut found = match &transforms.split {
+    let Transforms { frames, lost, warnings, range, bounds, cube, split } = read_transforms(&path)?;
+    let estimate = Estimate { range, bounds: bounds.or(cube), ..Estimate::default() };
+    let all: HashSet<String> = frames.iter().map(|f| f.name.clone()).chain(lost).collect();
+    let mut found = match &split {
         Some((train, test, test_field)) => {
-            let (frames, warning) = with_images(transforms.frames);
+            let (frames, warning) = with_images(frames);
             // The frames with these names, in the order of the file.
             let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
                 if let Some(unknown) = names.iter().find(|name| !all.contains(*name)) {
@@ -44,12 +42,12 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
             let extent = StatedExtent::Estimated(estimate);
             Found { warnings, ..Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent) }
         }
-        None => Found::captured(dir, Format::Transforms, transforms.frames, &request.test, estimate),
+        None => Found::captured(dir, Format::Transforms, frames, &request.test, estimate),
     };
     if found.train.is_empty() {
         return Err(SceneError::field(&path, "train_filenames", "at least one frame with its image", "none"));
     }
-    found.warnings.extend(transforms.warnings);
+    found.warnings.extend(warnings);
     Ok(found)
 }
 
@@ -92,9 +90,8 @@ mod tests {
         let lens = load(&dir, &request()).unwrap().train[1].camera.lens;
         assert_eq!(lens, Lens::radial_tangential([0.1, 0.02, 0.0, 0.0], [0.003, 0.004]));
         edit(&json, "/frames/2/distortion_params/5", Some(json!(1e300)));
-        assert!(
-            message(&dir, &request()).contains("distortion_params`: expected six distortion coefficients up to 1e6")
-        );
+        let text = message(&dir, &request());
+        assert!(text.contains("distortion_params`: expected six distortion coefficients up to 1e6"), "{text}");
         edit(&json, "/frames/2/distortion_params", None);
         // Intrinsics of a frame come first, and are resized with the image.
         let small = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
@@ -165,11 +162,8 @@ mod tests {
         edit(&json, "/train_filenames", Some(json!(["images/r_0.png", "images/r_5.png"])));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!((scene.test[0].name.as_str(), scene.train.len()), ("images/r_0", 1));
-        assert!(
-            scene.warnings.iter().any(|text| text.starts_with("val_filenames names no image")),
-            "{:?}",
-            scene.warnings
-        );
+        let is_named = scene.warnings.iter().any(|text| text.starts_with("val_filenames names no image"));
+        assert!(is_named, "{:?}", scene.warnings);
         edit(&json, "/train_filenames", Some(json!([])));
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
@@ -199,12 +193,9 @@ mod tests {
         for key in ["near", "far", "aabb", "train_filenames", "test_filenames"] {
             edit(&json, &format!("/{key}"), None);
         }
-        for frame in [1, 6] {
-            edit(&json, &format!("/frames/{frame}/camera_model"), None);
-        }
-        for (key, value) in [("aabb_scale", json!(4)), ("frames/6/is_fisheye", json!(true))] {
-            edit(&json, &format!("/{key}"), Some(value));
-        }
+        [1, 6].iter().for_each(|frame| edit(&json, &format!("/frames/{frame}/camera_model"), None));
+        edit(&json, "/aabb_scale", Some(json!(4)));
+        edit(&json, "/frames/6/is_fisheye", Some(json!(true)));
         edit(&json, "/frames/2/file_path", Some(json!("./images/r_2")));
         let scene = load(dir, &request()).unwrap();
         assert_eq!((scene.train.len(), scene.test.len(), scene.warnings.len()), (5, 1, 1));

@@ -137,9 +137,8 @@ fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
 
 fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
     let expected = "a list of file paths";
-    let is_tested =
-        root.find("test_filenames").is_some_and(|node| node.items(expected).map_or(true, |all| !all.is_empty()));
-    let is_validated = !is_tested && root.find("val_filenames").is_some();
+    let is_empty = |node: Node<'_>| node.items(expected).is_ok_and(|all| all.is_empty());
+    let is_validated = root.find("test_filenames").is_none_or(is_empty) && root.find("val_filenames").is_some();
     let test_field = if is_validated { "val_filenames" } else { "test_filenames" };
     let names = |node: Node<'_>| {
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));

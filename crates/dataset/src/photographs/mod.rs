@@ -303,10 +303,8 @@ mod tests {
         assert!(fault(guard.path()).ends_with("at least two photographs: it has 0; subfolders with images: my shots"));
         ["c.HEIC", "d.HEIC", "e.cr2", "a.DNG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let warning = unread_warning(&shots).unwrap();
-        assert!(
-            warning.starts_with("files in formats that are not read: 3; ") && warning.ends_with(" *.HEIC *.cr2`"),
-            "{warning}"
-        );
+        assert!(warning.starts_with("files in formats that are not read: 3; "), "{warning}");
+        assert!(warning.ends_with(" *.HEIC *.cr2`"), "{warning}");
         [WORK, "a.b.png", "a.JPG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let mut lines = Vec::new();
         let text = from_images(&shots, &search, |line| lines.push(line.to_owned())).unwrap_err().to_string();

@@ -143,9 +143,9 @@ struct SmallPhotograph {
 impl SmallPhotograph {
     /// Reads a photograph of the capture in `dir` and reduces its longest side to `longest`.
     fn read(dir: &Path, path: &Path, longest: u32) -> Result<Self, SceneError> {
-        let focal = File::open(path).ok().and_then(|file| focal_length(&mut BufReader::new(file)));
         let image = read_rgba(path)?;
         let size = (image.width, image.height);
+        let focal = File::open(path).ok().and_then(|file| focal_length(&mut BufReader::new(file), size));
         let (width, height) = resized_dimensions(size.0, size.1, longest);
         let mut counts: Vec<bool> = image.pixels.iter().map(|[.., opacity]| *opacity >= 0.5).collect();
         if let Some(mask) = mask_of(dir, path) {

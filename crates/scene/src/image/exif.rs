@@ -11,6 +11,9 @@ use super::codec::has_extension;
 
 /// Width of 35 mm film in millimetres.
 const FILM_WIDTH: f64 = 36.0;
+/// Min ratio of the longer to the shorter side of the images that cameras write, and the relative tolerance of ratios.
+const MIN_RATIO: f64 = 4.0 / 3.0;
+const RATIO_TOLERANCE: f64 = 0.02;
 /// Extensions of the formats in which cameras write EXIF.
 const WITH_EXIF: [&str; 7] = ["jpg", "jpeg", "jpe", "jfif", "tif", "tiff", "webp"];
 
@@ -42,14 +45,22 @@ pub(super) fn is_sideways(orientation: Orientation) -> bool {
 }
 
 /// Returns the focal length of a JPEG, PNG, TIFF, WebP or HEIF divided by the longer side of the image: from
-/// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` without such data.
-pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
+/// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` without such data, and if the image of
+/// `size` is cropped: the ratio of its sides is not that of `PixelXDimension` and `PixelYDimension`, or below 4 : 3.
+pub fn focal_length(file: &mut (impl BufRead + Seek), size: (u32, u32)) -> Option<f64> {
     let data = Reader::new().read_from_container(file).ok()?;
     let number = |tag: Tag| match &data.get_field(tag, In::PRIMARY)?.value {
         Value::Rational(v) => v.first().map(|r| r.to_f64()),
         value => value.get_uint(0).map(f64::from),
     };
     let positive = |tag: Tag| number(tag).filter(|v| v.is_finite() && *v > 0.0);
+    let ratio = |x: f64, y: f64| x.max(y) / x.min(y);
+    let (sides, shown) =
+        (positive(Tag::PixelXDimension).zip(positive(Tag::PixelYDimension)), ratio(size.0.into(), size.1.into()));
+    let is_cropped = sides.is_some_and(|(x, y)| (shown / ratio(x, y) - 1.0).abs() > RATIO_TOLERANCE);
+    if is_cropped || shown < MIN_RATIO * (1.0 - RATIO_TOLERANCE) {
+        return None;
+    }
     if let Some(film) = positive(Tag::FocalLengthIn35mmFilm) {
         return Some(film / FILM_WIDTH);
     }
@@ -60,7 +71,7 @@ pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
         Some(5.0) => 1e-3,
         _ => 25.4,
     };
-    let longer = positive(Tag::PixelXDimension)?.max(positive(Tag::PixelYDimension)?);
+    let longer = sides.map(|(x, y)| x.max(y))?;
     Some(positive(Tag::FocalLength)? * positive(Tag::FocalPlaneXResolution)? / millimetres / longer)
 }
 
@@ -72,7 +83,7 @@ mod tests {
 
     use super::*;
 
-    fn stated(fields: &[(Tag, Value)]) -> Option<f64> {
+    fn stated_at(size: (u32, u32), fields: &[(Tag, Value)]) -> Option<f64> {
         let field = |(tag, value): &(Tag, Value)| Field { tag: *tag, ifd_num: In::PRIMARY, value: value.clone() };
         let fields: Vec<Field> = fields.iter().map(field).collect();
         let mut writer = Writer::new();
@@ -80,7 +91,11 @@ mod tests {
         let mut file = Cursor::new(Vec::new());
         writer.write(&mut file, false).unwrap();
         file.set_position(0);
-        focal_length(&mut file)
+        focal_length(&mut file, size)
+    }
+
+    fn stated(fields: &[(Tag, Value)]) -> Option<f64> {
+        stated_at((3000, 2000), fields)
     }
 
     #[test]
@@ -104,6 +119,14 @@ mod tests {
         }
         assert_eq!(stated(&[(Tag::FocalLength, ratio(50, 1))]), None);
         assert_eq!(stated(&[(Tag::FocalLengthIn35mmFilm, Value::Short(vec![0]))]), None);
-        assert_eq!(focal_length(&mut Cursor::new(b"no image")), None);
+        assert_eq!(focal_length(&mut Cursor::new(b"no image"), (4, 3)), None);
+        // Cropped images: a square, and one that is wider than EXIF data state.
+        let film_of = |x, y| {
+            [film.clone(), (Tag::PixelXDimension, Value::Long(vec![x])), (Tag::PixelYDimension, Value::Long(vec![y]))]
+        };
+        assert_eq!(stated_at((3000, 3000), std::slice::from_ref(&film)), None);
+        for (size, focal) in [((1500, 2000), Some(0.75)), ((2000, 1495), Some(0.75)), ((2000, 1333), None)] {
+            assert_eq!(stated_at(size, &film_of(4000, 3000)), focal, "{size:?}");
+        }
     }
 }

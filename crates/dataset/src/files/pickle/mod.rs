@@ -68,10 +68,7 @@ impl Pickle {
 
     /// Returns the outermost value, or its element if it is a list or array of one, as of an array without axes.
     pub fn root(&self) -> &Value {
-        match self.items(&self.root) {
-            Some([element]) => element,
-            _ => &self.root,
-        }
+        if let Some([element]) = self.items(&self.root) { element } else { &self.root }
     }
 
     /// Returns the entry `key` of a dictionary.

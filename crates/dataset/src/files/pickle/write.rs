@@ -26,14 +26,10 @@ fn dtype(code: &str, order: &str) -> Vec<u8> {
     [call, state].concat()
 }
 
-fn shape(sides: &[usize]) -> Vec<u8> {
-    let sides: Vec<u8> = sides.iter().flat_map(|&s| [b'K', s as u8]).collect();
-    [b"(".to_vec(), sides, b"t".to_vec()].concat()
-}
-
 fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
     let call = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R".to_vec();
-    [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
+    let shape = sides.iter().flat_map(|&side| [b'K', side as u8]).collect();
+    [call, b"(K\x01(".to_vec(), shape, b"t".to_vec(), kind, vec![0x89], data, b"tb".to_vec()].concat()
 }
 
 /// Returns a pickled array of `f64`; no side may be longer than 255.
