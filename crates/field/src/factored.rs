@@ -64,7 +64,7 @@ impl FieldSpec for FactoredConfig {
         let good = (1..=8).contains(&self.resolutions.len()) && self.resolutions.iter().all(|r| (2..=2048).contains(r));
         check("resolutions", "1 to 8 numbers from 2 to 2048", format!("{:?}", self.resolutions), good)?;
         check("channels", "2, 4, 8 or 16", self.channels, [2, 4, 8, 16].contains(&self.channels))?;
-        check_range("frequencies", 0..=16, self.frequencies)?;
+        check_range("frequencies", 0..=10, self.frequencies)?;
         check_range("layers", 0..=8, self.layers)?;
         check_range("width", 1..=256, self.width)?;
         check_range("view_dependence", 0.0..=1.0, self.view_dependence)?;

@@ -158,7 +158,7 @@ impl RenderConfig {
     }
 
     /// Whether a single pass has steps of one length: pictures are then composited front to back and rays stop early.
-    pub(crate) fn marches(&self) -> bool {
+    pub fn marches(&self) -> bool {
         self.placement == Placement::Mid && !self.is_hierarchical()
     }
 }

@@ -52,10 +52,7 @@ pub fn render_tested<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>],
     combine(members.iter().map(|member| render_one(renderer, member, &view.camera, Some(&view.file))).collect())
 }
 
-/// Returns the mean of `pictures`, each pixel's distance weighted by opacity.
-///
-/// # Panics
-/// If there are no pictures, or they differ in size.
+/// Returns the mean of `pictures`, at least one and all of one size, with each pixel's distance weighted by opacity.
 pub(crate) fn combine(mut pictures: Vec<RenderedImage>) -> RenderedImage {
     if pictures.len() == 1 {
         return pictures.remove(0);

@@ -61,9 +61,8 @@ impl Residuals {
             return self.clone();
         }
         let train: Vec<View> = self.scene.train.iter().map(|view| view.resized(longest)).collect();
-        let sizes = train.iter().map(|view| (view.camera.width, view.camera.height));
-        let cameras = self.cameras.iter().zip(sizes).map(|(camera, (width, height))| camera.resized(width, height));
-        let cameras = cameras.collect();
+        let resized = |(camera, view): (&Camera, &View)| camera.resized(view.camera.width, view.camera.height);
+        let cameras = self.cameras.iter().zip(&train).map(resized).collect();
         Arc::new(Self::new(Arc::new(Scene { train, ..self.scene.as_ref().clone() }), cameras))
     }
 

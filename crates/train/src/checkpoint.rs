@@ -151,10 +151,7 @@ impl Checkpoint {
     }
 
     /// Puts the trained weights into a model of the same config.
-    ///
-    /// # Errors
-    /// If the model is of another shape.
-    pub fn restore_model<F: Field>(&self, model: Model<F>) -> Result<Model<F>, TrainError> {
+    pub(crate) fn restore_model<F: Field>(&self, model: Model<F>) -> Result<Model<F>, TrainError> {
         load(model, &self.parts[MODEL])
     }
 
@@ -170,10 +167,7 @@ impl Checkpoint {
     }
 
     /// Puts the occupancy back into a grid of the same config.
-    ///
-    /// # Errors
-    /// If the grid is of another size.
-    pub fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
+    pub(crate) fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
         let Some(bytes) = self.parts.get(OCCUPANCY) else { return Ok(()) };
         let (updated, cells) = bytes.split_first().map_or((false, &[][..]), |(&first, cells)| (first != 0, cells));
         let (density, occupied) = cells.split_at(cells.len() / 5 * 4);

@@ -83,11 +83,8 @@ impl ValidPixels {
 }
 
 impl TrainingImages {
-    /// Returns the images of `scene` at full size, and box-filtered by each factor that `config` asks for and at which
-    /// every view has a valid pixel.
-    ///
-    /// # Panics
-    /// If a view has no valid pixel at full size.
+    /// Returns the images of `scene` at full size, at which every view has a valid pixel, and box-filtered by each factor
+    /// that `config` asks for and at which every view has one.
     pub(crate) fn new(scene: &Scene, config: &TrainConfig) -> Self {
         let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
         let is_partial = scene.train.iter().any(|view| view.valid.is_some());

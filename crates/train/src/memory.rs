@@ -46,9 +46,9 @@ impl MemoryPlan {
         let seen = if sees_images(&config.field) { SEEN } else { 0 };
         let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + seen);
         let occupancy = &config.render.occupancy;
-        let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
+        let cells = if occupancy.enabled { (occupancy.resolution as u64 * occupancy.refine as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
-        let activations = side_by_side * samples(config) * per_sample * FLOAT;
+        let activations = samples(config).saturating_mul(side_by_side * per_sample * FLOAT);
         let drawn = drawn.saturating_mul(FLOAT);
         let parts = [
             ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
@@ -142,7 +142,6 @@ fn samples(config: &Config) -> u64 {
     };
     match train.target_samples as u64 {
         0 => of_rays(render.samples.largest()),
-        // The target is the number of samples along seen rays.
         target => (target + target * others / seen.max(1)).max(of_rays(render.samples.at(Moment::START))),
     }
 }
@@ -163,7 +162,8 @@ mod tests {
         let small = ["train.rays=10", "train.target_samples=5000", "render.samples={from=100,to=200}"];
         let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
-        let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 7;
+        // The grid of pictures is twice as fine as that of training.
+        let field = tables + 5000 * 12 * 4 + 128 * 128 * 128 * 7;
         // Four training views: as loaded, RGB at full size and at half of it.
         let images = 64 * (4 * (4 + 3) + 4) * 4;
         let one = plan(&with(&[]), 1);

@@ -146,8 +146,7 @@ mod tests {
     #[test]
     fn unseen_rays_are_cropped_like_seen_ones() {
         let scene = knot(2, 16);
-        let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
-        config.precrop_steps = 10;
+        let config = Config::of(Preset::Paper, ["train.precrop_steps=10"]).unwrap().train;
         let region = ViewRegion::new(&training_cameras(&scene));
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let within = |step: usize| {

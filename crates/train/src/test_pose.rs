@@ -48,6 +48,10 @@ pub fn fit_test_pose<F: Field>(
         let shown: Vec<f32> = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
         let target = upload(shown, [RAYS, 3], &device);
         let loss = photometric_loss(passes.fine.color.expect("colour was asked for"), target, Norm::Mean);
+        if !loss.is_tracked() {
+            // No ray meets an occupied cell.
+            continue;
+        }
         let gradients = GradientsParams::from_grads(loss.backward(), &refinement);
         let rate = RATE * (1.0 - step as f64 / steps as f64);
         refinement = optimizer.step(rate, refinement, gradients);

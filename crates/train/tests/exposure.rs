@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::common::{configs, losses, scene_of};
+use crate::common::{fast_config, losses, scene_of};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::to_host;
 use infonerf_scene::Scene;
 use infonerf_train::Trainer;
-use infonerf_train::config::Refine;
 
 /// Share of the light that is left in the first image.
 const DARKER: f32 = 0.5;
@@ -29,14 +28,11 @@ fn scene_of_changing_exposure() -> Scene {
 
 /// Returns the training loss over the last steps, and the colour that each view shows for grey.
 fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
-    let [_, _, mut config, ..] = configs();
-    config.train.exposure_compensation = compensated;
-    config.train.cameras.refine = Refine::None;
-    config.train.iterations = STEPS;
-    config.train.rays = 128;
-    config.train.target_samples = 0;
-    config.train.lr = 1e-2.into();
-    config.train.grid_lr_multiplier = 2.0;
+    let settings = format!(
+        "train.exposure_compensation={compensated} train.cameras.refine=none train.iterations={STEPS} train.rays=128 \
+         train.target_samples=0 train.lr=1e-2 train.grid_lr_multiplier=2.0"
+    );
+    let config = fast_config(&settings.split(' ').collect::<Vec<_>>());
     let device = Device::flex();
     let mut trainer = Trainer::new(&config, scene_of_changing_exposure(), 0, None, &device).unwrap();
     let losses: Vec<f32> = losses(&mut trainer, STEPS).iter().map(|(losses, _)| losses["rgb"]).collect();

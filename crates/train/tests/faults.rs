@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_ops::to_host;
 use infonerf_schedule::Moment;
-use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
+use infonerf_train::{Checkpoint, Config, Event, Outcome, Preset, TrainError, Trainer};
 
 /// Returns a run folder with a checkpoint after step 2, and the previous one after step 1.
 fn saved() -> tempfile::TempDir {
@@ -119,11 +119,8 @@ fn infinite_loss_stops_the_run() {
         let TrainError::NonFinite { what, step, value } = &error else { panic!("{error}") };
         assert_eq!((what.as_str(), *step), ("loss `rgb`", 2));
         assert!(value.is_nan());
-        assert_eq!(
-            error.to_string(),
-            "step 2: the loss `rgb` is NaN, not a finite number; the last checkpoint is kept"
-        );
-        // The model is as it was before the step.
+        let expected = "step 2: the loss `rgb` is NaN, not a finite number; the last checkpoint is kept";
+        assert_eq!(error.to_string(), expected);
         assert_eq!(trainer.progress().step, 2);
         let folder = tempfile::tempdir().unwrap();
         good.save(folder.path()).unwrap();
@@ -227,4 +224,13 @@ fn step_has_at_least_one_ray_of_each_kind() {
     assert_eq!(steps(&mut trainer, 2).len(), 2);
     // A coarse pass of 10 samples and a fine one of 16, along two rays in each step.
     assert_eq!(trainer.progress().samples_total - before, 2 * 2 * (10 + 16));
+}
+
+/// Checks that a step in which no term is due is taken, and that a config without terms is refused.
+#[test]
+fn step_without_a_gradient_is_taken() {
+    let alone = ["loss.entropy.weight=0", "loss.kl.weight=0", "loss.rgb.weight={from=0.0,to=1.0}"];
+    assert_eq!(steps(&mut trainer(&config(&alone), 1, &devices()[0]), 3).len(), 3);
+    let none = Config::of(Preset::Paper, ["loss.entropy.weight=0", "loss.kl.weight=0", "loss.rgb.weight=0"]);
+    assert_eq!(none.unwrap_err().to_string(), "loss: expected a term with a weight above 0, found none");
 }

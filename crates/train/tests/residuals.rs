@@ -1,20 +1,16 @@
 //! Pictures with the residuals of the training views.
 
-use crate::common::{configs, scene, steps};
+use crate::common::{fast_config, scene, steps};
 use burn::tensor::Device;
 use infonerf_render::render_image;
 use infonerf_train::Trainer;
-use infonerf_train::config::Refine;
 
 #[test]
 fn residuals_bring_a_training_view_nearer_to_its_image() {
-    let [_, _, mut config, ..] = configs();
-    config.train.cameras.refine = Refine::None;
-    config.train.iterations = 200;
-    config.train.target_samples = 0;
     let errors = |residuals: bool| {
-        let mut config = config.clone();
-        config.render.residuals = residuals;
+        let residuals = format!("render.residuals={residuals}");
+        let settings = ["train.cameras.refine=none", "train.iterations=200", "train.target_samples=0", &residuals];
+        let config = fast_config(&settings);
         let mut trainer = Trainer::new(&config, scene(), 0, None, &Device::flex()).unwrap();
         steps(&mut trainer, 200);
         let view = &trainer.scene().train[0];

@@ -40,7 +40,7 @@ impl Warp {
             (SpaceChoice::Ndc, Some(camera)) => Self::Ndc {
                 to_camera: camera.to_world.inverse().as_mat4(),
                 scale: 2.0 * Vec2::new(camera.fx as f32 / camera.width as f32, camera.fy as f32 / camera.height as f32),
-                near: scene.space.near.max(1e-6 * scene.space.far),
+                near: scene.space.near.max(1e-3 * scene.space.far),
             },
             (SpaceChoice::Contraction | SpaceChoice::Content | SpaceChoice::Ndc, _) => match scene.space.range {
                 Range::Sphere { centre, radius } => Self::Contraction { centre, radius },

@@ -9,10 +9,7 @@ use infonerf_schedule::Fault;
 use super::{Batch, Config, NeighbourSampling};
 
 /// Checks every number, and that all parts are consistent.
-///
-/// # Errors
-/// The first key that is out of range.
-pub fn check_config(config: &Config) -> Result<(), Fault> {
+pub(super) fn check_config(config: &Config) -> Result<(), Fault> {
     let Config { scene, field, render, loss, train, eval } = config;
     field.validate()?;
     render.validate()?;
@@ -39,23 +36,22 @@ pub fn check_config(config: &Config) -> Result<(), Fault> {
         Fault::unless(train.batch != Batch::HeldOut, "train.batch", expected, name(&train.batch))?;
         config.scene.views.count().map_or(Ok(()), |views| enough_views(key, images, views))?;
     }
+    Fault::unless(loss.active().next().is_some(), "loss", "a term with a weight above 0", "none")?;
     let unseen = loss.needs().iter().any(|need| matches!(need, Need::Unseen | Need::UnseenNeighbours));
     let expected = "at least 1 with a loss over rays of unseen poses";
     Fault::unless(!unseen || train.unseen_rays > 0, "train.unseen_rays", expected, train.unseen_rays)?;
-    let skips = render.occupancy.enabled || render.clip_to_bounds;
+    // A single pass in the middles of steps takes as many samples of a ray as it is long.
+    let skips = render.occupancy.enabled || render.clip_to_bounds || render.marches();
     let paired = train.neighbours.sampling == NeighbourSampling::Partner
         || !skips
         || !loss.needs().iter().any(Need::is_of_neighbours);
-    let expected = "\"partner\" with render.occupancy.enabled or render.clip_to_bounds (rays and their neighbours are \
-                    paired by index, and skipping leaves them with different numbers of samples)";
+    let expected = "\"partner\" with render.occupancy.enabled, render.clip_to_bounds, or render.placement = \"mid\" in one \
+                    pass (rays and their neighbours are paired by index, and have different numbers of samples there)";
     Fault::unless(paired, "train.neighbours.sampling", expected, name(&train.neighbours.sampling))
 }
 
 /// Checks that `scene` has what `config` needs.
-///
-/// # Errors
-/// The first key that needs more than the scene has.
-pub fn check_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
+pub(crate) fn check_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let Config { field, render, .. } = config;
     if let SourceImages::First { key, count: images } = field.traits().sources {
         enough_views(key, images, scene.train.len())?;
@@ -79,10 +75,7 @@ pub fn check_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
 }
 
 /// Checks that `config` can learn from many scenes at once.
-///
-/// # Errors
-/// The first key that applies to a single scene only.
-pub fn check_multi_scene(config: &Config) -> Result<(), Fault> {
+pub(crate) fn check_multi_scene(config: &Config) -> Result<(), Fault> {
     let Config { field, render, train, .. } = config;
     Fault::unless(
         field.traits().sources == SourceImages::Any,

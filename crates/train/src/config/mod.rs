@@ -18,7 +18,7 @@ use infonerf_field::{FieldConfig, FieldFile, FieldSpec};
 use infonerf_loss::LossConfig;
 use infonerf_render::RenderConfig;
 use infonerf_scene::{Format, MaskUse, TestProtocol, ViewSelection};
-use infonerf_schedule::{Fault, Schedule};
+use infonerf_schedule::{Fault, Schedule, is_default};
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
@@ -86,11 +86,6 @@ pub enum PixelPosition {
     Centre,
     /// Through the pixel's top left corner, (i, j), as in the released code.
     Corner,
-}
-
-/// Returns whether a key has its default value and is not written, so that config files of earlier versions stay identical.
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 /// Evaluation: measurements at the end of a run.

@@ -5,10 +5,7 @@ use toml::{Table, Value};
 use super::Config;
 use crate::error::TrainError;
 
-/// Reads a config.
-///
-/// # Errors
-/// One line: the key, what was expected and what was found.
+/// Reads a config. An error is one line: the key, what was expected and what was found.
 pub(super) fn config(table: Table) -> Result<Config, TrainError> {
     parse(table.clone()).map_err(|(path, message)| {
         let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));

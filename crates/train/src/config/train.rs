@@ -2,10 +2,10 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use infonerf_scene::ViewRegion;
-use infonerf_schedule::{Fault, Schedule};
+use infonerf_schedule::{Fault, Schedule, is_default};
 use serde::{Deserialize, Serialize};
 
-use super::{CameraConfig, is_default};
+use super::CameraConfig;
 
 /// Max number of fields: further ones improve little, and each costs as much as the others.
 pub(crate) const MAX_ENSEMBLE: usize = 8;
@@ -163,9 +163,6 @@ impl TrainConfig {
     }
 
     /// Checks every number.
-    ///
-    /// # Errors
-    /// The first key that is out of range.
     pub(super) fn validate(&self) -> Result<(), Fault> {
         let within = |fault: Fault| fault.within("train");
         let number = |key, value, low, high| Fault::unless_within(low..=high, key, value).map_err(within);
@@ -180,7 +177,7 @@ impl TrainConfig {
         schedule("lr", &self.lr, 0.0, 1e3)?;
         number("grid_lr_multiplier", self.grid_lr_multiplier, 0.0, 1e6)?;
         number("adam_beta2", self.adam_beta2.into(), 0.0, 0.999_999)?;
-        number("adam_epsilon", self.adam_epsilon.into(), 0.0, 1.0)?;
+        number("adam_epsilon", self.adam_epsilon.into(), 1e-15, 1.0)?;
         number("ensemble.size", self.ensemble.size as f64, 1.0, MAX_ENSEMBLE as f64)?;
         number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
         number("weight_averaging", self.weight_averaging, 0.0, 1.0)

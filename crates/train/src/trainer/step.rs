@@ -159,7 +159,12 @@ impl<F: Field> Trainer<F> {
         let (samples, rays) = cost;
         let finite = finite_after(self.pending.last().map(|step| step.finite.clone()), total.clone());
         let Self { profile, model, optimizer, .. } = self;
-        let grads = profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), model));
+        // A step without due terms, or whose rays all pass through skipped space, has no gradient.
+        let backward = || match total.is_tracked() {
+            true => GradientsParams::from_grads(total.backward(), model),
+            false => GradientsParams::new(),
+        };
+        let grads = profile.time(Phase::Backward, backward);
         let rates = learning_rates(&self.config.train, at);
         let before = take_model(model);
         *model = profile

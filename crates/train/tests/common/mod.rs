@@ -52,6 +52,11 @@ pub fn config(settings: &[&str]) -> Config {
     configured(Preset::Paper, PAPER, settings)
 }
 
+/// Returns the config of a tiny run of the field of preset `fast` with `settings` on top.
+pub fn fast_config(settings: &[&str]) -> Config {
+    configured(Preset::Fast, FAST, settings)
+}
+
 /// Returns the config of a tiny run of the field that is conditioned on images, with `settings` on top.
 pub fn pixel_config(settings: &[&str]) -> Config {
     configured(Preset::Paper, PIXEL, settings)
@@ -60,8 +65,8 @@ pub fn pixel_config(settings: &[&str]) -> Config {
 /// Returns the configs of tiny runs of every kind of field.
 pub fn configs() -> [Config; 5] {
     let mip: Vec<&str> = MIP.split_whitespace().collect();
-    let fast = configured(Preset::Fast, FAST, &[]);
-    [config(&[]), config(&mip), fast, pixel_config(&[]), configured(Preset::Paper, ENCODED, &[])]
+    let encoded = configured(Preset::Paper, ENCODED, &[]);
+    [config(&[]), config(&mip), fast_config(&[]), pixel_config(&[]), encoded]
 }
 
 pub fn scene() -> Arc<Scene> {
@@ -95,13 +100,11 @@ pub fn steps(trainer: &mut Trainer, count: usize) -> Vec<Event> {
     events
 }
 
-pub fn timeless(event: Event) -> Event {
-    match event {
-        Event::Step { step, loss, losses, psnr, lr, acc, evaluated, .. } => {
-            Event::Step { step, seconds: 0.0, loss, losses, psnr, lr, rays_per_second: 0.0, acc, evaluated }
-        }
-        other => other,
+pub fn timeless(mut event: Event) -> Event {
+    if let Event::Step { seconds, rays_per_second, .. } = &mut event {
+        (*seconds, *rays_per_second) = (0.0, 0.0);
     }
+    event
 }
 
 /// Takes up to `count` steps and returns the losses of each by name, and the objective.
