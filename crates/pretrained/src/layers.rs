@@ -30,7 +30,7 @@ impl Window {
 
 /// Convolution with fixed weights and a rectifier, `max(0, W ∗ x + b)`.
 pub(crate) struct Convolution {
-    window: Window,
+    pub(crate) window: Window,
     weight: Tensor<4>,
     bias: Tensor<1>,
 }
@@ -56,6 +56,15 @@ impl Convolution {
 }
 
 pub(crate) fn max_pool(x: Tensor<4>, window: Window) -> Tensor<4> {
+    if window == Window::square(2, 2, 0) {
+        // On the host, Burn's pooling takes 2.5 times as long.
+        let [n, channels, height, width] = x.dims();
+        let [height, width] = [height / 2, width / 2];
+        let whole = x.narrow(2, 0, 2 * height).narrow(3, 0, 2 * width);
+        let rows = whole.reshape([n * channels, height, 2, 2 * width]);
+        let rows = rows.clone().narrow(2, 0, 1).max_pair(rows.narrow(2, 1, 1));
+        return rows.reshape([n * channels, height, width, 2]).max_dim(3).reshape([n, channels, height, width]);
+    }
     let options = MaxPoolOptions::new(window.kernel).with_stride([window.stride; 2]).with_padding(window.padding);
     max_pool2d(x, options)
 }

@@ -43,8 +43,7 @@ impl LpipsConfig {
         Self::new(Window::square(2, 2, 0), layers)
     }
 
-    /// Numbers the layers. Each is a convolution (window, number of outputs, whether images are compared after it), or
-    /// `None` for `pool`.
+    /// Numbers the layers: convolutions (window, number of outputs, whether images are compared after it), or `None` for `pool`.
     fn new(pool: Window, layers: impl Iterator<Item = Option<(Window, usize, bool)>>) -> Self {
         let (mut inputs, mut index, mut heads) = (3, 0, 0);
         let number = |layer: Option<(Window, usize, bool)>| match layer {
@@ -90,6 +89,20 @@ impl LpipsConfig {
         })
     }
 
+    /// Returns the number of layers up to and with the first pooling, if all maps before it have the size of the image and its
+    /// windows do not overlap; otherwise 0.
+    pub(super) fn first_block(&self) -> usize {
+        let keeps_size =
+            |window: &Window| window.stride == 1 && window.kernel == window.padding.map(|side| 2 * side + 1);
+        let is_first =
+            |layer: &&LpipsLayer| matches!(layer, LpipsLayer::Convolution(shape) if keeps_size(&shape.window));
+        let count = self.layers.iter().take_while(is_first).count();
+        match self.layers.get(count) {
+            Some(LpipsLayer::Pool(window)) if *window == Window::square(window.stride, window.stride, 0) => count + 1,
+            _ => 0,
+        }
+    }
+
     /// Returns whether images of `size` = (height, width) are large enough for every window.
     pub(super) fn fits(&self, size: [usize; 2]) -> bool {
         let output = |size: [usize; 2], layer: &LpipsLayer| match layer {
@@ -120,5 +133,6 @@ mod tests {
     fn fits_from_the_smallest_possible_side() {
         let smallest = |config: LpipsConfig| (1..100).find(|side| config.fits([*side, *side])).unwrap();
         assert_eq!((smallest(LpipsConfig::alex()), smallest(LpipsConfig::vgg())), (31, 16));
+        assert_eq!((LpipsConfig::alex().first_block(), LpipsConfig::vgg().first_block()), (0, 3));
     }
 }
