@@ -79,6 +79,19 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
+    fn boxes_hold_points() {
+        let found = Aabb::containing([[1.0, 5.0, 2.0], [3.0, 1.0, 2.0], [2.0, 2.0, 8.0]].map(Vec3::from)).unwrap();
+        let at = Vec3::new;
+        assert_eq!((found.centre(), found.size()), (at(2.0, 3.0, 5.0), at(2.0, 4.0, 6.0)));
+        assert!(
+            found.contains(at(1.0, 5.0, 8.0))
+                && !found.contains(at(1.0, 5.0, 8.1))
+                && !found.contains(at(0.9, 5.0, 8.0))
+        );
+        assert_eq!(Aabb::containing([]), None);
+    }
+
+    #[test]
     fn intervals_of_rays() {
         let forward = [1.0, 0.0, 0.0];
         for (origin, direction, expected) in [

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use crate::camera::Camera;
 use crate::format::{Backdrop, Format};
-use crate::image::{Image, resized_dimensions};
+use crate::image::{Image, resized_dimensions, resized_mask};
 use crate::ray::Ray;
 use crate::space::Space;
 
@@ -54,9 +54,8 @@ impl View {
     pub fn resized(&self, longest: u32) -> Self {
         let (width, height) = (self.image.width, self.image.height);
         let size = resized_dimensions(width, height, longest);
-        let resized = |mask: &Option<Arc<[bool]>>| {
-            mask.as_ref().map(|mask| crate::image::resized_mask(mask, (width, height), size).into())
-        };
+        let from = (width, height);
+        let resized = |mask: &Option<Arc<[bool]>>| mask.as_ref().map(|mask| resized_mask(mask, from, size).into());
         Self {
             camera: self.camera.resized(size.0, size.1),
             image: Arc::new(self.image.resized(size.0, size.1)),
@@ -199,6 +198,21 @@ impl PixelCount {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn unknown_backgrounds_become_the_mean_of_valid_pixels() {
+        let mut image = Image::filled(2, 1, [0.25; 3]);
+        image.rgb[1] = [0.75; 3];
+        let view = View::new(0, "a", Camera::from_fov(2, 1, 1.0, glam::DMat4::IDENTITY), image);
+        let background = |backdrop, valid: [bool; 2]| {
+            let view = View { valid: Some(valid.into()), ..view.clone() };
+            Scene { train: vec![view], backdrop, ..Scene::default() }.with_guessed_background().background
+        };
+        assert_eq!(background(Backdrop::Unknown, [true, true]), [0.5; 3]);
+        assert_eq!(background(Backdrop::Unknown, [true, false]), [0.25; 3]);
+        assert_eq!(background(Backdrop::Unknown, [false, false]), [1.0; 3]);
+        assert_eq!(background(Backdrop::Colour, [true, false]), Scene::default().background);
+    }
 
     #[test]
     fn a_reduced_view_sees_the_same() {

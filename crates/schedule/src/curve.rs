@@ -1,6 +1,6 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::Moment;
+use crate::{Moment, is_default};
 
 /// Number that depends on the [`Moment`] of a run. The crate's documentation lists its forms and their TOML.
 /// Serialization omits fields that have their default.
@@ -82,10 +82,6 @@ impl<'de> Deserialize<'de> for Schedule {
         schedule.validate().map_err(de::Error::custom)?;
         Ok(schedule)
     }
-}
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }
 
 fn whole() -> f64 {
@@ -292,6 +288,8 @@ mod tests {
             ("{ from = 1.0, to = 2.0, factor = 3.0 }", "expected a number, { from, to"),
             ("{ from = 1.0, to = 2.0, start = 0.5, end = 0.2 }", "start <= end"),
             ("{ from = 0.0, to = 2.0, curve = \"exponential\" }", "above 0"),
+            ("{ from = 2.0, to = 0.0, curve = \"exponential\" }", "above 0"),
+            ("{ from = 1.0, factor = 0.0, every = 1 }", "above 0"),
             ("{ from = 1.0, factor = 0.5, every = 0 }", "at least 1"),
             ("{ steps = [[0.1, 1]] }", "begin with 0"),
             ("{ steps = [[0.0, 1], [0.0, 2]] }", "rise"),

@@ -32,6 +32,11 @@ use serde::{Deserialize, Serialize};
 pub use curve::{RampShape, Schedule};
 pub use fault::Fault;
 
+/// Returns whether a key has its default value and is not written, so that config files of earlier versions stay identical.
+pub fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// A point in time of a training run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -301,6 +301,40 @@ mod tests {
         }
     }
 
+    /// Compares the gradient by the lens, all poses and all points with differences of half the cost. The rotations are those
+    /// expected, at which the prior's derivative is exact.
+    #[test]
+    fn the_gradient_is_that_of_half_the_cost() {
+        let mut all = world(3, 2, 5);
+        for (i, (_, pixel)) in all.points.iter_mut().flat_map(|point| &mut point.seen).enumerate() {
+            *pixel += 2.0 * DVec2::new((i as f64).sin(), (i as f64).cos());
+        }
+        let prior = Prior { focal: 0.9 * all.lens.focal, focal_deviation: 0.1, k1_deviation: 0.05 };
+        let poses = all.poses.iter().map(|pose| pose.moved(DVec3::ZERO, DVec3::new(0.1, -0.2, 0.05))).collect();
+        let expected = PosePrior { poses, turn_deviation: 0.1, shift_deviation: 0.25 };
+        let how = Adjustment { prior, poses: Some(&expected), points: true, scale: 1.5, steps: 1 };
+        let of_cameras = LENS + POSE * all.poses.len();
+        let cost = |k: usize, h: f64| {
+            let unit = |first: usize| DVec3::from_array(std::array::from_fn(|i| if first + i == k { h } else { 0.0 }));
+            let mut moved = all.clone();
+            moved.lens.focal *= unit(0).x.exp();
+            moved.lens.k1 += unit(1).x;
+            for (camera, pose) in moved.poses.iter_mut().enumerate() {
+                let first = LENS + POSE * camera;
+                *pose = pose.moved(unit(first), unit(first + 3));
+            }
+            moved.points.iter_mut().enumerate().for_each(|(i, point)| point.position += unit(of_cameras + 3 * i));
+            moved.cost(&how)
+        };
+        let normal = all.linearised(&how);
+        for k in 0..of_cameras + 3 * all.points.len() {
+            let difference = (cost(k, 1e-6) - cost(k, -1e-6)) / 4e-6;
+            let of_point = |at: usize| normal.points[at / 3].gradient[at % 3];
+            let exact = if k < of_cameras { normal.gradient[k] } else { of_point(k - of_cameras) };
+            assert!((exact - difference).abs() < 1e-4 * (1.0 + exact.abs()), "{k}: {exact} {difference}");
+        }
+    }
+
     #[test]
     fn the_cost_adds_what_priors_and_observations_disagree() {
         let mut all = world(3, 2, 5);

@@ -92,11 +92,8 @@ mod tests {
     fn pairs_that_stronger_ones_contradict_are_false() {
         let mut all = world(5, 6, 100);
         let pixels = |i: usize| all.points.iter().map(|point| point.seen[i].1).collect();
-        let mut features: Vec<Features> =
-            (0..6).map(|i| Features { pixels: pixels(i), ..Features::default() }).collect();
-        for pose in &mut all.poses[4..] {
-            pose.rotation *= DMat3::from_rotation_y(2.5);
-        }
+        let mut features = Vec::from_iter((0..6).map(|i| Features { pixels: pixels(i), ..Features::default() }));
+        all.poses[4..].iter_mut().for_each(|pose| pose.rotation *= DMat3::from_rotation_y(2.5));
         let at_false_pose = |point: &Point| all.lens.project(all.poses[4].transform(point.position));
         features[4].pixels.extend(all.points.iter().filter_map(at_false_pose));
         assert_eq!(features[4].pixels.len(), 200);

@@ -86,8 +86,8 @@ impl<'a> Mapper<'a> {
     fn without_uncertain_poses(mut self, needed: usize) -> SparseModel {
         loop {
             let points: Vec<Point> = self.found().into_iter().map(|(_, point)| point).collect();
-            let count =
-                |photograph: usize| points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
+            let seen = || points.iter().flat_map(|point| &point.seen);
+            let count = |photograph: usize| seen().filter(|(i, _)| *i == photograph).count();
             let placed = (0..self.poses.len()).filter(|&i| self.poses[i].is_ok());
             let fewest = placed.map(|i| (count(i), i)).min();
             let Some((count, photograph)) = fewest.filter(|(count, _)| *count < needed) else {
@@ -144,11 +144,8 @@ impl<'a> Mapper<'a> {
             let (poses, scale) = (self.expected.as_ref(), 0.5 * self.tolerance);
             bundle.adjust(&Adjustment { prior, poses, points: true, scale, steps: 30 });
             self.lens = bundle.lens;
-            for (pose, adjusted) in self.poses.iter_mut().zip(bundle.poses) {
-                if let Ok(pose) = pose {
-                    *pose = adjusted;
-                }
-            }
+            let placed = self.poses.iter_mut().zip(bundle.poses).filter(|(pose, _)| pose.is_ok());
+            placed.for_each(|(pose, adjusted)| *pose = Ok(adjusted));
             self.positions.fill(None);
             for (track, point) in indices.into_iter().zip(bundle.points) {
                 self.positions[track] = self.kept(track, point.position);
@@ -190,13 +187,10 @@ impl<'a> Mapper<'a> {
         let waiting = (0..self.poses.len()).filter(|&i| self.poses[i].is_err());
         let mut waiting: Vec<_> = waiting.map(|i| (i, seen(i))).collect();
         waiting.sort_by_key(|(i, seen)| (std::cmp::Reverse(seen.len()), *i));
-        for (i, seen) in waiting {
+        waiting.into_iter().any(|(i, seen)| {
             self.poses[i] = self.pose(&seen);
-            if self.poses[i].is_ok() {
-                return true;
-            }
-        }
-        false
+            self.poses[i].is_ok()
+        })
     }
 
     fn pose(&self, seen: &[(DVec2, DVec3)]) -> Result<Pose, String> {

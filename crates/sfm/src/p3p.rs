@@ -89,11 +89,7 @@ fn root_between(c: &[f64], derivative: &[f64], mut low: f64, mut high: f64) -> O
     let mut step = high - low;
     for _ in 0..200 {
         let value = evaluate(c, x);
-        if value.signum() == at_low.signum() {
-            low = x
-        } else {
-            high = x
-        }
+        (low, high) = if value.signum() == at_low.signum() { (x, high) } else { (low, x) };
         let newton = value / evaluate(derivative, x);
         let far = !(x - newton > low && x - newton < high) || 2.0 * newton.abs() > step.abs();
         let next = if far { 0.5 * (low + high) } else { x - newton };

@@ -106,6 +106,7 @@ pub fn reconstruct(
     let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
     progress(&format!("{} pairs of photographs have {MIN_MATCHES} matches or more, {most} at most", matched.len()));
     let longer = size.max_element();
+    let tolerance = TOLERANCE * longer;
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
     if let (None, Some(warning)) = (focal, zoom_warning(&known)) {
@@ -118,17 +119,15 @@ pub fn reconstruct(
     let prior = |focal: f64| Prior { focal, focal_deviation, k1_deviation: K1_DEVIATION };
     let mapped = |guess: f64, matched: &[Matches]| {
         let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
-        map(&features, matched, (lens, prior(lens.focal)), TOLERANCE * longer)
+        map(&features, matched, (lens, prior(lens.focal)), tolerance)
     };
     if guesses.len() > 1 && count > FEW {
         let (few, within) = most_matched(&matched, FEW);
         progress(&format!("finding the focal length from {few} of the photographs"));
         if let Ok(start) = best_guess(&guesses, longer, few, |guess| mapped(guess, &within), &mut progress) {
             let lens = (start.lens, prior(start.lens.focal));
-            let tolerance = TOLERANCE * longer;
-            let agreed: Vec<Matches> =
-                verified(&features, &matched, &start.lens, tolerance).into_iter().map(|(matches, _)| matches).collect();
-            let found = map_without_false_pairs(&features, agreed, start.poses, lens, tolerance);
+            let agreed = verified(&features, &matched, &start.lens, tolerance).into_iter().map(|(pairs, _)| pairs);
+            let found = map_without_false_pairs(&features, agreed.collect(), start.poses, lens, tolerance);
             let (placed, points) = (found.placed(), found.points.len());
             progress(&format!("{placed} of {count} photographs placed by {points} points"));
             return Ok(found);

@@ -228,7 +228,78 @@ fn cross_checked(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) ->
 
 #[cfg(test)]
 mod tests {
+    use glam::{DMat4, DVec3};
+    use infonerf_scene::{Range, SceneRequest};
+
     use super::*;
+
+    /// Returns a scene with content 2 to 8 in front of each camera.
+    fn scene() -> Scene {
+        let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
+        let mut scene = infonerf_procedural::load("room", &request).unwrap();
+        scene.space.range = Range::Distance { near: 2.0, far: 8.0 };
+        scene
+    }
+
+    /// Returns a camera that looks at the origin from a distance of 4.
+    fn looking(angle_deg: f64) -> Camera {
+        let back = DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
+        Camera::from_fov(40, 30, 1.0, DMat4::from_rotation_y(angle_deg.to_radians()) * back)
+    }
+
+    #[test]
+    fn neighbours_see_the_middle_from_about_five_degrees() {
+        let (scene, cameras) = (scene(), [0.0, 30.0, 12.0, 4.0, 60.0, 1.0, 180.0].map(looking));
+        assert_eq!(neighbours_of(&scene, &cameras, 0, 3, DisparityRange::ALL), [2, 3, 1]);
+        assert_eq!(neighbours_of(&scene, &cameras, 0, 9, DisparityRange::ALL), [2, 3, 1, 5]);
+    }
+
+    #[test]
+    fn the_middle_is_the_centre_of_objects_and_amid_disparities() {
+        let mut scene = scene();
+        let mut check = |layout, centre: f32, min, expected: f32| {
+            (scene.space.layout, scene.space.centre) = (layout, centre * Vec3::Z);
+            let found = middle(&scene, &looking(0.0), DisparityRange { min, ..DisparityRange::ALL }).unwrap();
+            approx::assert_abs_diff_eq!(found.z, expected, epsilon = 1e-5);
+            assert!(found.truncate().length() < 1e-5, "{found}");
+        };
+        check(Layout::Object, 1.0, 0.0, 1.0);
+        check(Layout::Object, 3.5, 0.0, 2.0);
+        check(Layout::Forward, 1.0, 0.0, 0.0);
+        check(Layout::Inside, 1.0, 0.25, 4.0 - 8.0f32.sqrt());
+    }
+
+    #[test]
+    fn borders_belong_to_the_last_pixels() {
+        let map = DepthMap { width: 2, height: 2, disparity: vec![1.0, 2.0, 3.0, 4.0], step: vec![0.1; 4] };
+        let camera = Camera::from_fov(4, 6, 1.0, DMat4::IDENTITY);
+        for (x, y, disparity) in [(0.0, 0.0, 1.0), (1.9, 3.1, 3.0), (4.0, 2.9, 2.0), (2.0, 6.0, 4.0)] {
+            assert_eq!(map.at(&camera, x, y), Some((disparity, 0.1)));
+        }
+    }
+
+    /// Compares two maps of a plane at a distance of 2, which moves by two pixels between the views. The other map has one pixel.
+    #[test]
+    fn a_depth_is_kept_where_another_view_confirms_it() {
+        let at = |x| Camera::pinhole((8, 6), [8.0; 2], [4.0, 3.0], DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
+        let distance = |i: usize| {
+            let (x, y) = ((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
+            2.0 * Vec3::new((x - 4.0) / 8.0, (y - 3.0) / 8.0, 1.0).length()
+        };
+        let map = DepthMap {
+            width: 8,
+            height: 6,
+            disparity: (0..48).map(|i| 1.0 / distance(i)).collect(),
+            step: vec![0.01; 48],
+        };
+        for (steps, expected) in [(0.0, vec![21]), (1.4, vec![21]), (-1.4, vec![21]), (1.6, vec![]), (-1.6, vec![])] {
+            let mut other = DepthMap { disparity: vec![f32::NAN; 48], ..map.clone() };
+            other.disparity[19] = map.disparity[19] + steps * 0.01;
+            let checked = cross_checked(&[map.clone(), other], &[at(0.0), at(0.5)], &[vec![1], vec![]]);
+            let kept: Vec<usize> = (0..48).filter(|&i| checked[0].disparity[i].is_finite()).collect();
+            assert_eq!((kept, checked[1].matched()), (expected, 0), "{steps}");
+        }
+    }
 
     #[test]
     fn the_nearest_surface_is_not_a_stray_match() {

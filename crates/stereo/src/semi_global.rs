@@ -93,6 +93,19 @@ mod tests {
         assert!(found.iter().all(|label| (label - 2.0).abs() < 1e-3), "{found:?}");
     }
 
+    /// Checks that a plane spreads from the pixel at which each direction begins.
+    #[test]
+    fn costs_are_summed_along_each_direction() {
+        let guide = GreyImage { width: 3, height: 3, values: vec![0.5; 9] };
+        for (dx, dy) in DIRECTIONS {
+            let pixel = |steps: isize| ((1 + steps * dy) * 3 + 1 + steps * dx) as usize;
+            let mut costs = vec![0.5; 9 * 4];
+            costs[pixel(-1) * 4 + 1] = 0.0;
+            let sums = aggregated(&costs, 4, &guide, (dx, dy));
+            assert_eq!(refined_minimum(&sums[pixel(1) * 4..][..4]), 1.0, "{dx} {dy}");
+        }
+    }
+
     #[test]
     fn an_edge_of_the_picture_may_be_one_of_depth() {
         let values = (0..8).map(|x| if x < 4 { 0.1 } else { 0.9 }).collect();

@@ -257,10 +257,8 @@ mod tests {
         fs::write(&jpeg, &phone).unwrap();
         assert_eq!(read_rgba(&jpeg).unwrap().pixels.len(), 64 * 64);
         fs::write(&jpeg, &phone[..phone.len() / 2]).unwrap();
-        assert!(
-            refusal(&jpeg)
-                .ends_with("bad.jpg: expected a complete PNG, JPEG, WebP, TIFF or BMP image: the file is cut short")
-        );
+        let cut = "bad.jpg: expected a complete PNG, JPEG, WebP, TIFF or BMP image: the file is cut short";
+        assert!(refusal(&jpeg).ends_with(cut));
         write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
         assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })), "refused before it is decoded");
         assert!(refusal(dir.path()).ends_with("it is no regular file"));

@@ -45,6 +45,19 @@ mod tests {
     use super::*;
 
     #[test]
+    fn colours_become_means_or_luma() {
+        let mut image = Image::filled(4, 2, [0.25, 0.5, 0.75]);
+        image.rgb[..2].fill([0.0, 0.25, 0.5]);
+        let mean = |size, (width, height), values| {
+            assert_eq!(GreyImage::mean(&image, size), GreyImage { width, height, values });
+        };
+        mean(9, (4, 2), vec![0.25, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]);
+        mean(2, (2, 1), vec![0.375, 0.5]);
+        let luma = GreyImage::luma(3, 1, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].into_iter());
+        assert_eq!((luma.at(0, 0), luma.at(1, 0), luma.at(2, 0)), (0.299, 0.587, 0.114));
+    }
+
+    #[test]
     fn values_are_interpolated_between_centres() {
         let image = GreyImage { width: 2, height: 2, values: vec![0.0, 1.0, 2.0, 3.0] };
         assert_eq!([image.sample(0.5, 0.5), image.sample(1.0, 1.0), image.sample(2.0, 2.0)], [0.0, 1.5, 3.0]);

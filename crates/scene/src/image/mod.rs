@@ -44,10 +44,8 @@ impl Image {
 
     /// Returns the colour of column `x`, row `y`, or `None` outside the image.
     pub fn get(&self, x: u32, y: u32) -> Option<[f32; 3]> {
-        if x >= self.width || y >= self.height {
-            return None;
-        }
-        self.rgb.get(y as usize * self.width as usize + x as usize).copied()
+        let pixel = self.rgb.get(y as usize * self.width as usize + x as usize);
+        pixel.filter(|_| x < self.width).copied()
     }
 
     /// Returns every channel rounded to 8 bits, `⌊255 · clamp(v, 0, 1) + ½⌋` with 0 for NaN, interleaved RGB.
@@ -138,6 +136,14 @@ mod tests {
             assert_eq!(round_to_u8(v), expected, "{v}");
         }
         assert!((0..=255u8).all(|byte| round_to_u8(f32::from(byte) / 255.0) == byte));
+    }
+
+    #[test]
+    fn values_are_bilinear_between_centres_and_constant_beyond() {
+        for (x, y, expected) in [(0.0, 0.0, 0.0), (1.25, 1.0, 1.75), (1.0, 1.5, 2.5), (5.0, 0.5, 1.0), (2.0, 9.0, 5.0)]
+        {
+            assert_eq!(bilinear([2, 3], (x, y), |pixel| pixel as f32), expected, "{x} {y}");
+        }
     }
 
     #[test]

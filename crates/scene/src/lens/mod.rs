@@ -40,16 +40,12 @@ impl Lens {
 
     /// Returns the lens of a model. A radial-tangential model whose coefficients are all 0 is [`Lens::PERSPECTIVE`].
     pub fn new(model: LensModel) -> Self {
-        match model {
-            LensModel::Perspective => Self::PERSPECTIVE,
-            LensModel::RadialTangential { k, q, p } if k.iter().chain(&q).chain(&p).all(|&c| c == 0.0) => {
-                Self::PERSPECTIVE
-            }
-            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
-                Self { model, reach: model.reach(MAX_TANGENT) }
-            }
-            LensModel::Fisheye { .. } => Self { model, reach: model.reach(PI) },
+        let zero = LensModel::RadialTangential { k: [0.0; 4], q: [0.0; 3], p: [0.0; 2] };
+        if [zero, LensModel::Perspective].contains(&model) {
+            return Self::PERSPECTIVE;
         }
+        let end = if let LensModel::Fisheye { .. } = model { PI } else { MAX_TANGENT };
+        Self { model, reach: model.reach(end) }
     }
 
     /// Returns a lens with the coefficients of nerfstudio's and OpenCV's polynomial model.
@@ -75,12 +71,11 @@ impl Lens {
 
     /// Returns the lens for the image turned clockwise by 90°, `(x, y) ↦ (−y, x)`, which changes the tangential part.
     pub(crate) fn turned(&self) -> Self {
-        match self.model {
-            LensModel::RadialTangential { k, q, p: [p1, p2] } => {
-                Self { model: LensModel::RadialTangential { k, q, p: [p2, -p1] }, reach: self.reach }
-            }
-            _ => *self,
+        let mut turned = *self;
+        if let LensModel::RadialTangential { p, .. } = &mut turned.model {
+            *p = [p[1], -p[0]];
         }
+        turned
     }
 
     /// Returns the lens's distortion model.

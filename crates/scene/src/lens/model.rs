@@ -4,10 +4,9 @@
 const STEPS: usize = 4096;
 
 /// The distortion model of a lens.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LensModel {
     /// Pinhole without distortion: straight lines stay straight.
-    #[default]
     Perspective,
     /// Radial-tangential (OpenCV): with `r² = x² + y²` and `d = (1 + k₁r² + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + q₁r² + q₂r⁴ +
     /// q₃r⁶)`: `x ↦ x·d + 2p₁xy + p₂(r² + 2x²)`, `y ↦ y·d + 2p₂xy + p₁(r² + 2y²)`. COLMAP's FULL_OPENCV has q = its k₄
@@ -105,4 +104,36 @@ pub(super) fn last_where((mut low, mut high): (f64, f64), steps: usize, holds: i
         if holds(middle) { low = middle } else { high = middle }
     }
     low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn series_about_the_axis_meets_the_closed_form() {
+        for omega in [0.3, 0.9, -1.2f64] {
+            let r2 = 1e-6 / (2.0 * (0.5 * omega).tan()).powi(2);
+            let [(a, da), (b, db)] = [-1e-9, 1e-9].map(|off| fov_factor(omega, r2 * (1.0 + off)));
+            assert!((a / b - 1.0).abs() < 1e-14 && (da / db - 1.0).abs() < 1e-8, "{omega}: {a} {b} {da} {db}");
+        }
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let check = |(_, derivative): (f64, f64), above: (f64, f64), below: (f64, f64)| {
+            let expected = (above.0 - below.0) / 2e-6;
+            assert!((derivative - expected).abs() < 1e-8, "{derivative} {expected}");
+        };
+        for model in [
+            LensModel::RadialTangential { k: [0.1, -0.05, 0.02, 0.01], q: [0.2, 0.1, 0.05], p: [0.0; 2] },
+            LensModel::Fov { omega: 0.9 },
+            LensModel::Fisheye { k: [0.1, -0.05, 0.02, 0.01] },
+        ] {
+            for r in [0.1, 0.5, 0.9] {
+                check(model.factor(r), model.factor(r + 1e-6), model.factor(r - 1e-6));
+                check(model.profile(r), model.profile(r + 1e-6), model.profile(r - 1e-6));
+            }
+        }
+    }
 }

@@ -91,13 +91,10 @@ impl ViewRegion {
     }
 
     fn sample_direction(&self, rng: &mut impl Rng) -> DVec3 {
-        if self.directions.len() > 2 {
-            for _ in 0..TRIES {
-                let direction = self.cap.sample(rng);
-                if direction.dot(self.up) >= self.lowest {
-                    return direction;
-                }
-            }
+        let tries = if self.directions.len() > 2 { TRIES } else { 0 };
+        let mut drawn = (0..tries).map(|_| self.cap.sample(rng));
+        if let Some(direction) = drawn.find(|direction| direction.dot(self.up) >= self.lowest) {
+            return direction;
         }
         let i = rng.random_range(0..self.directions.len());
         let j = if self.directions.len() == 2 { 1 - i } else { rng.random_range(0..self.directions.len()) };
