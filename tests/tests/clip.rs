@@ -16,15 +16,9 @@ use serde_json::Value;
 
 fn small(fixture: &Value) -> ClipConfig {
     let number = |key: &str| whole(&fixture["small"][key]);
-    ClipConfig {
-        image: number("image_size"),
-        patch: number("patch_size"),
-        width: number("hidden_size"),
-        layers: number("num_hidden_layers"),
-        heads: number("num_attention_heads"),
-        hidden: number("intermediate_size"),
-        embedding: number("projection_dim"),
-    }
+    let [image, patch, width, hidden] = ["image_size", "patch_size", "hidden_size", "intermediate_size"].map(number);
+    let [layers, heads, embedding] = ["num_hidden_layers", "num_attention_heads", "projection_dim"].map(number);
+    ClipConfig { image, patch, width, layers, heads, hidden, embedding }
 }
 
 /// Returns names and shapes of the published file's tensors, in the order of the rule.

@@ -2,15 +2,15 @@
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
-    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, SourceView,
-    Sources, density_gradient,
+    BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, Sources,
+    density_gradient,
 };
 use infonerf_ops::{Segments, from_host, to_host, upload};
 use infonerf_schedule::Moment;
-use infonerf_tests::{devices, hashed, parameters_of, picture, with_parameters};
+use infonerf_tests::{devices, hashed, parameters_of, with_parameters};
 use serde_json::json;
 
-use crate::setup;
+use crate::{setup, source_view};
 
 /// Returns configs of a small field of each kind, with part of the detail of those that anneal it.
 fn fields() -> [FieldConfig; 8] {
@@ -35,15 +35,8 @@ fn fields() -> [FieldConfig; 8] {
 }
 
 fn sources() -> Sources {
-    let view = SourceView {
-        width: 16,
-        height: 16,
-        rgb: picture(0, 256).into(),
-        focal: [10.0; 2],
-        centre: [8.0; 2],
-        to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -5.0]],
-    };
-    Sources { views: vec![view].into(), middle: [0.0; 3] }
+    let to_camera = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -5.0]];
+    Sources { views: [source_view(0, [16, 16], 10.0, to_camera)].into(), middle: [0.0; 3] }
 }
 
 /// Builds a field with parameters that make it vary; element `n` of parameter `l` is shifted by `moved(l, n)`.

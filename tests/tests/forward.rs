@@ -210,11 +210,9 @@ fn check_mip(device: &Device) {
         "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";
     let config = config(&[field, "render.samples=128", "render.fine_samples=128", "render.placement=interval"]);
     let model = Model::of(network(&config, device, |l, shape| mip_rule(fixture, l, shape)));
-    let ray = |row: &Value| Ray {
-        origin: triple(&row["origin"]).into(),
-        direction: triple(&row["direction"]).into(),
-        radius: numbers(&row["radius"])[0],
-        cosine: 1.0,
+    let ray = |row: &Value| {
+        let [origin, direction] = ["origin", "direction"].map(|key| triple(&row[key]).into());
+        Ray { origin, direction, radius: numbers(&row["radius"])[0], cosine: 1.0 }
     };
     let renderer = renderer(fixture, &config, ["coarse", "fine"]);
     let rays = renderer.rays(rows(fixture).iter().map(ray).collect(), device);

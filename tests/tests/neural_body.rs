@@ -10,7 +10,7 @@ use infonerf_field::{
 use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
 use infonerf_tests::{close, fixture, hashed, numbers, overwritten, parameters_of, triple};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use crate::{no_sources, setup};
 
@@ -23,9 +23,8 @@ fn triples(value: &Value) -> Vec<[f32; 3]> {
 
 fn config(fixture: &Value) -> NeuralBodyConfig {
     let sizes = ["voxel", "code", "channels", "width", "appearance", "position_frequencies", "direction_frequencies"];
-    let mut config: Map<String, Value> = sizes.map(|key| (key.to_owned(), fixture[key].clone())).into_iter().collect();
-    config.insert("vertices".to_owned(), "".into());
-    serde_json::from_value(config.into()).unwrap()
+    let values = sizes.map(|key| (key, fixture[key].clone())).into_iter().chain([("vertices", "".into())]);
+    serde_json::from_value(values.collect()).unwrap()
 }
 
 fn rule(l: usize, shape: &[usize], u: f64) -> f64 {

@@ -6,24 +6,23 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
     CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
-    RadianceField, SourceView, Sources,
+    RadianceField, Sources,
 };
 use infonerf_ops::{Segments, additive_depth, composite, from_host, to_host};
 use infonerf_procedural::load;
 use infonerf_render::Exposure;
 use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_schedule::Moment;
-use infonerf_tests::{close, fixture, gradients_of_rank, numbers, overwritten, picture, triple, whole, wholes};
+use infonerf_tests::{close, fixture, gradients_of_rank, numbers, overwritten, triple, whole, wholes};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
-use crate::{no_sources, setup};
+use crate::{no_sources, setup, source_view};
 
 /// Returns the config of the field without an encoder.
 fn sizes(fixture: &Value) -> NeuralVolumesConfig {
     let sizes = ["latent", "resolution", "width", "maps", "warp_resolution"];
-    let config: Map<String, Value> = sizes.map(|key| (key.to_owned(), fixture[key].clone())).into_iter().collect();
-    serde_json::from_value(config.into()).unwrap()
+    serde_json::from_value(sizes.map(|key| (key, fixture[key].clone())).into_iter().collect()).unwrap()
 }
 
 fn encoder(fixture: &Value) -> CodeEncoderConfig {
@@ -42,15 +41,6 @@ fn rule(shape: &[usize], u: f64) -> f64 {
     }
 }
 
-/// Returns an element of a parameter by the fixture's rule, for a field whose first parameters are a code.
-fn rule_of_learned(l: usize, shape: &[usize], u: f64) -> f64 {
-    match l {
-        0 => u,
-        1 => -1.0 + 0.1 * u,
-        _ => rule(shape, u),
-    }
-}
-
 fn built(fixture: &Value, config: NeuralVolumesConfig, device: &Device) -> RadianceField {
     let bounds = [0, 1].map(|index| triple(&fixture["box"][index]));
     let setup = FieldSetup { bounds, ..setup(device) };
@@ -60,9 +50,13 @@ fn built(fixture: &Value, config: NeuralVolumesConfig, device: &Device) -> Radia
 /// Number of the decoder's tensors: a dense layer, three transposed convolutions, and four branches of two dense layers.
 const DECODER: usize = 2 + 2 * 3 + 2 * 8;
 
-/// Builds the field whose code is a parameter.
+/// Builds the field whose code is its first two parameters.
 fn learned(fixture: &Value, device: &Device) -> RadianceField {
-    let (field, parameters) = overwritten(built(fixture, sizes(fixture), device), rule_of_learned);
+    let (field, parameters) = overwritten(built(fixture, sizes(fixture), device), |l, shape, u| match l {
+        0 => u,
+        1 => -1.0 + 0.1 * u,
+        _ => rule(shape, u),
+    });
     assert_eq!(parameters, 2 + DECODER);
     field
 }
@@ -79,15 +73,7 @@ fn encoded(fixture: &Value, device: &Device) -> RadianceField {
 /// Returns the fixture's images, and one more.
 fn photographs(fixture: &Value) -> Sources {
     let size = wholes(&fixture["encoder"]["picture"]);
-    let (height, width) = (size[0], size[1]);
-    let view = |k| SourceView {
-        width,
-        height,
-        rgb: picture(k, height * width).into(),
-        focal: [1.0; 2],
-        centre: [0.0; 2],
-        to_camera: [[0.0; 4]; 3],
-    };
+    let view = |k| source_view(k, [size[1], size[0]], 1.0, [[0.0; 4]; 3]);
     Sources { views: (0..=encoder(fixture).images).map(view).collect(), middle: [0.0; 3] }
 }
 
@@ -148,10 +134,8 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
     let behind = triple(&fixture["background"]);
     for device in infonerf_tests::devices() {
         let device = &device.autodiff();
-        let (exposure, parameters) = overwritten(Exposure::new(2, device), |l, _, u| match l {
-            0 => 1.0 + 0.3 * u,
-            _ => 0.1 * u,
-        });
+        let rule = |l: usize, _: &[usize], u: f64| if l == 0 { 1.0 + 0.3 * u } else { 0.1 * u };
+        let (exposure, parameters) = overwritten(Exposure::new(2, device), rule);
         assert_eq!(parameters, 2);
         let opacity = Tensor::<1>::from_floats(&numbers(&fixture["opacities"])[..], device).require_grad();
         let color = Tensor::<1>::from_floats(&numbers(&fixture["color"])[..], device).reshape([views.len(), 3]);

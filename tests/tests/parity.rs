@@ -75,22 +75,17 @@ fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> Rad
 
 /// Config of preset `released` at the fixture's size, with the weights of a run's losses.
 fn configured(fixture: &Value, run: &Value) -> Config {
-    let sizes = [
-        ("field.layers", "layers"),
-        ("field.width", "width"),
-        ("render.samples", "samples"),
-        ("render.fine_samples", "fine_samples"),
-        ("train.rays", "rays"),
-        ("train.unseen_rays", "rays"),
-    ];
+    // The fixture has each size under the last part of its key.
+    let sizes = ["field.layers", "field.width", "render.samples", "render.fine_samples", "train.rays"];
     let steps = run["steps"].as_array().unwrap().len();
     let mut settings = vec![
         format!("train.iterations={steps}"),
         format!("loss.entropy.weight={}", run["entropy_weight"]),
         format!("loss.kl.weight={}", run["kl_weight"]),
         format!("loss.entropy.neighbours={}", run["kl_weight"].as_f64() > Some(0.0)),
+        format!("train.unseen_rays={}", fixture["rays"]),
     ];
-    settings.extend(sizes.map(|(key, size)| format!("{key}={}", fixture[size])));
+    settings.extend(sizes.map(|key| format!("{key}={}", fixture[key.rsplit('.').next().unwrap()])));
     Config::of(Preset::Released, settings).unwrap()
 }
 

@@ -8,22 +8,21 @@ use std::path::Path;
 use burn::tensor::Device;
 use infonerf_field::{
     DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSpec, PixelNerfConfig, Points, RadianceField,
-    SourceView, Sources,
+    Sources,
 };
 use infonerf_ops::{Segments, from_host, to_host};
 use infonerf_schedule::Moment;
 use infonerf_tests::{
-    TOLERANCE, compare_within, fixture, gradients_of_rank, hashed, numbers, picture, triple, whole, wholes,
-    with_parameters, write_weights,
+    TOLERANCE, compare_within, fixture, gradients_of_rank, hashed, numbers, triple, whole, wholes, with_parameters,
+    write_weights,
 };
 use serde_json::Value;
 
-use crate::setup;
+use crate::{setup, source_view};
 
 const STAGES: [usize; 3] = [3, 4, 6];
 const BLOCKS: usize = 5;
 const POOL_AFTER: usize = 3;
-const WIDTH: usize = 512;
 
 /// Returns names and shapes that torchvision gives the tensors up to layer3, in order.
 fn tensors() -> Vec<(String, Vec<usize>)> {
@@ -87,15 +86,8 @@ fn mlp_rule(tensors: usize, visited: usize, shape: &[usize]) -> Vec<f32> {
 }
 
 fn config(encoder: EncoderConfig) -> PixelNerfConfig {
-    PixelNerfConfig {
-        encoder,
-        blocks: BLOCKS,
-        pool_after: POOL_AFTER,
-        width: WIDTH,
-        frequencies: 6,
-        lowest_frequency: 1.5,
-        density: DensityActivation::Relu,
-    }
+    let (blocks, pool_after, density) = (BLOCKS, POOL_AFTER, DensityActivation::Relu);
+    PixelNerfConfig { encoder, blocks, pool_after, width: 512, frequencies: 6, lowest_frequency: 1.5, density }
 }
 
 fn field(weights: &Path, device: &Device) -> RadianceField {
@@ -111,15 +103,11 @@ fn field(weights: &Path, device: &Device) -> RadianceField {
 }
 
 fn sources(fixture: &Value) -> Sources {
-    let [height, width] = ["height", "width"].map(|key| whole(&fixture[key]));
+    let size = ["width", "height"].map(|key| whole(&fixture[key]));
     let focal = fixture["focal"].as_f64().unwrap() as f32;
-    let view = |(index, matrix): (usize, &[f32])| SourceView {
-        width,
-        height,
-        rgb: picture(index, height * width).into(),
-        focal: [focal; 2],
-        centre: [width as f32 / 2.0, height as f32 / 2.0],
-        to_camera: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[4 * row + column])),
+    let view = |(index, matrix): (usize, &[f32])| {
+        let to_camera = [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[4 * row + column]));
+        source_view(index, size, focal, to_camera)
     };
     let views = numbers(&fixture["to_camera"]).chunks(12).enumerate().map(view).collect();
     Sources { views, middle: triple(&fixture["middle"]) }

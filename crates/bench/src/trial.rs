@@ -24,8 +24,7 @@ impl Bench {
     }
 }
 
-/// Takes `count` steps, or fewer if the run ends, and returns the duration of each in seconds. Steps that are reported together
-/// share their time equally.
+/// Takes `count` steps, or fewer if the run ends, and returns the seconds of each; steps reported together share theirs equally.
 pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
     let mut seconds = Vec::with_capacity(count);
     let mut start = Instant::now();

@@ -100,14 +100,13 @@ impl LaunchArgs {
     /// fails is not an error, but changes the exit code.
     pub(crate) fn run(
         &self,
-        sweeps: Vec<Sweep>,
+        mut sweeps: Vec<Sweep>,
         selection: &SelectionArgs,
         out: &Path,
         finish: impl FnOnce(Vec<SweepFiles>) -> Result<()>,
     ) -> Result<ExitCode> {
         self.own_processes()?;
-        let sweeps: Vec<Sweep> =
-            sweeps.into_iter().map(|sweep| sweep.with_existing(self.existing.existing())).collect();
+        sweeps.iter_mut().for_each(|sweep| sweep.existing = self.existing.existing());
         let device = selection.device.device.built_in()?;
         let executor = if self.merge {
             Executor::Merge(device)

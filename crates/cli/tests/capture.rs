@@ -24,23 +24,20 @@ fn paths(place: &Workplace, stdout: &str) -> Vec<String> {
 fn posed_photographs_are_learned_measured_and_shown() {
     let place = Workplace::new();
     place.run("scene export room photos --format llff --size 24").succeeds();
-    let capture = |parts: &[&str]| {
-        place.tiny_without("eval.test", "capture photos --budget 1s --out results").succeeds_with(parts)
-    };
+    let capture = |args: &str| place.tiny_without("eval.test", format!("capture photos --out results {args}"));
     let next = "next: `infonerf view results`, or the same command with --budget 5s";
     let parts =
         ["40 photographs, about ", "none to find", "measured on 5 held-out photographs", " frames of 24x24", next];
-    let stdout = capture(&parts);
+    let stdout = capture("--budget 1s").succeeds_with(&parts);
     let files = paths(&place, &stdout);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();
     let first = training();
-    let again = capture(&["(finished before)"]);
+    let again = capture("--budget 1s").succeeds_with(&["(finished before)"]);
     assert!(!again.contains("frames"), "{again}");
     fs::remove_file(place.path(&files[1])).unwrap();
-    let again = capture(&["(finished before)", " frames of 24x24"]);
+    let again = capture("--budget 1s").succeeds_with(&["(finished before)", " frames of 24x24"]);
     assert_eq!((paths(&place, &again), training()), (files, first.clone()));
-    let longer = place.tiny_without("eval.test", "capture photos --budget 2s --out results");
-    let longer = longer.succeeds_with(&[" frames of 24x24"]);
+    let longer = capture("--budget 2s").succeeds_with(&[" frames of 24x24"]);
     assert!(!longer.contains("(finished before)"), "{longer}");
     let notes = &records(&place.path("results/capture"))[0]["notes"];
     assert_has(&notes.to_string(), &["budget_seconds was 1.0 and is 2.0"]);
@@ -53,27 +50,25 @@ fn few_photographs_without_poses_are_learned_from() {
     let place = Workplace::new();
     room(&place.path("photos"), &[0, 1, 3, 9]);
     place.write("photos/masks/lost.png", "");
-    let capture = |parts: &[&str]| {
-        place.tiny_without("eval.test", "capture photos --budget 1s").env("PATH", place.path("")).succeeds_with(parts)
-    };
+    let command = "capture photos --budget 1s";
+    let capture = || place.tiny_without("eval.test", command).env("PATH", place.path(""));
     let unmeasured = "no photograph is held out, so no figure is measured";
-    let stdout = capture(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
+    let stdout = capture().succeeds_with(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
     assert!(!stdout.contains("PSNR") && stdout.matches("in masks belong to no image").count() == 1, "{stdout}");
     let record = &records(&place.path("runs/capture"))[0];
     assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
     assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
-    let again = capture(&["(finished before)"]);
+    let again = capture().succeeds_with(&["(finished before)"]);
     assert!(!again.contains("placed"), "{again}");
     assert_eq!(paths(&place, &again), paths(&place, &stdout));
     room(&place.path("other/photos"), &[0, 1]);
     let other = place.run("capture other/photos --budget 1s");
     other.fails_with(&["infonerf+/seed0 is of ", "/photos; --out names another folder for results"]);
     room(&place.path("photos"), &[2]);
-    let command = "capture photos --budget 1s";
     let remedy = "removed since: 02.png; --overwrite finds the poses again and trains anew";
     place.tiny_without("eval.test", command).fails_with(&["runs/capture/photos/infonerf+/seed0", remedy]);
-    let run = place.tiny_without("eval.test", command).arg("--overwrite").env("PATH", place.path(""));
-    run.succeeds_with(&["finding poses again: ", "removed: 02.png", "finding the poses of 5 photographs", unmeasured]);
+    let parts = ["finding poses again: ", "removed: 02.png", "finding the poses of 5 photographs", unmeasured];
+    capture().arg("--overwrite").succeeds_with(&parts);
 }
 
 #[test]

@@ -33,12 +33,8 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let task = listed.lines().find_map(third).unwrap_or_else(|| panic!("the third item does not run: {listed}"));
     slurm("scontrol", &["requeue", &task]);
     let output = child.wait_with_output().unwrap();
-    let stdout = text(&output.stdout);
-    assert!(
-        output.status.success() && stdout.contains("16 runs submitted as slurm"),
-        "{stdout}{}",
-        text(&output.stderr)
-    );
+    let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success() && stdout.contains("16 runs submitted as slurm"), "{stdout}{stderr}");
     let shown = slurm("scontrol", &["show", "job", &task]);
     assert!(shown.contains("Restarts=1"), "{shown}");
     assert!(folder.join("launch/merge.sh").exists());

@@ -23,13 +23,12 @@ fn folder(place: &Workplace, out: &str) -> PathBuf {
 fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
     let variants = fs::read_dir(folder.join("knot")).into_iter().flatten().flatten();
     let runs = variants.flat_map(|variant| fs::read_dir(variant.path()).unwrap().flatten());
-    let mut found: Vec<_> = runs
-        .filter_map(|run| {
-            let record = run.path().join("record-fast.json");
-            let time = fs::metadata(&record).and_then(|metadata| metadata.modified()).ok()?;
-            Some((record, time))
-        })
-        .collect();
+    let recorded = runs.filter_map(|run| {
+        let record = run.path().join("record-fast.json");
+        let time = fs::metadata(&record).and_then(|metadata| metadata.modified()).ok()?;
+        Some((record, time))
+    });
+    let mut found: Vec<_> = recorded.collect();
     found.sort();
     found
 }
@@ -107,13 +106,12 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
     exp("train.iterations=2").succeeds_with(&["1 of them finished before"]);
 }
 
-/// Sweep of four by four weights of the paper's losses.
-const WEIGHTS: &str = "sweep fast-losses --scene knot --variant infonerf --space paper";
-
+/// A sweep of four by four weights of the paper's losses is killed.
 #[test]
 fn a_sweep_that_was_killed_goes_on() {
     let place = Workplace::new();
-    let weights = |out: &str| place.tiny(WEIGHTS).args(format!("--set eval.information_rays=0 --out {out}"));
+    let sweep = "sweep fast-losses --scene knot --variant infonerf --space paper --set eval.information_rays=0";
+    let weights = |out: &str| place.tiny(sweep).args(format!("--out {out}"));
     weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
     let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -140,9 +138,8 @@ fn a_run_that_fails_or_takes_too_long_is_reported_and_the_others_go_on() {
     let views = "--grid scene.views={kind='ids',ids=[1]},{kind='ids',ids=[1000]} --set train.iterations=3 --out views";
     let steps = "--grid train.iterations=3,100000000 --timeout 8s --out steps";
     for (args, out, part) in [(views, "views", "1000"), (steps, "steps", "timed out after 8 s")] {
-        let sweep =
-            place.tiny_without("train.iterations", "sweep fast-losses --scene knot --variant factored").args(args);
-        let output = sweep.into_command().output().unwrap();
+        let sweep = place.tiny_without("train.iterations", "sweep fast-losses --scene knot --variant factored");
+        let output = sweep.args(args).into_command().output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
         assert_has(&text(&output.stderr), &["failed: ", part, "1 of 2 runs are not finished"]);
         assert_eq!(records(&folder(&place, out)).len(), 1);

@@ -59,8 +59,7 @@ impl DeviceName {
         }
     }
 
-    /// Resolves the name to a device that this program was built with: never [`DeviceName::Auto`]. [`open`] checks whether the
-    /// machine has such a device.
+    /// Resolves the name to a device that is built in: never [`DeviceName::Auto`]. [`open`] checks whether the machine has it.
     ///
     /// # Errors
     /// If it is not built in.
@@ -177,7 +176,6 @@ pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks>
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
 }
 
-/// Returns the name of the GPU as its driver reports it.
 #[cfg(not(any(feature = "wgpu", feature = "vulkan", feature = "cuda")))]
 fn adapter(_device: &Device, name: DeviceName) -> Result<String> {
     bail!("--device {name}: not built in")

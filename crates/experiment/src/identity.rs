@@ -1,6 +1,6 @@
 //! Identity of a run: checksums of all that its numbers depend on. A run is only continued if none of them has changed.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
@@ -101,9 +101,8 @@ impl Identity {
         if !changes.is_empty() {
             bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
         }
-        let grown =
-            then.0.get(GROWN).cloned().into_iter().chain(differences.iter().map(|difference| difference.text.clone()));
-        let grown = grown.collect::<Vec<_>>().join(", ");
+        let texts = differences.iter().map(|difference| difference.text.clone());
+        let grown = then.0.get(GROWN).cloned().into_iter().chain(texts).collect::<Vec<_>>().join(", ");
         if !grown.is_empty() {
             self.0.insert(GROWN.to_owned(), grown);
         }
@@ -149,9 +148,8 @@ fn short(hash: blake3::Hash) -> String {
 
 /// Returns the checksum of the names and contents of the scene's files below `folder`, read once per process.
 fn folder_checksum(folder: &Path) -> Result<String> {
-    static KNOWN: OnceLock<Mutex<HashMap<PathBuf, String>>> = OnceLock::new();
-    let known = KNOWN.get_or_init(Mutex::default);
-    if let Some(checksum) = known.lock().ok().and_then(|known| known.get(folder).cloned()) {
+    static KNOWN: Mutex<BTreeMap<PathBuf, String>> = Mutex::new(BTreeMap::new());
+    if let Some(checksum) = KNOWN.lock().ok().and_then(|known| known.get(folder).cloned()) {
         return Ok(checksum);
     }
     let mut files = Vec::new();
@@ -163,7 +161,7 @@ fn folder_checksum(folder: &Path) -> Result<String> {
         hash_file(&path, &mut hasher).with_context(|| path.display().to_string())?;
     }
     let checksum = short(hasher.finalize());
-    if let Ok(mut known) = known.lock() {
+    if let Ok(mut known) = KNOWN.lock() {
         known.insert(folder.to_owned(), checksum.clone());
     }
     Ok(checksum)
@@ -238,7 +236,7 @@ mod tests {
 
     #[test]
     fn every_part_makes_a_difference() {
-        let plan = |set: &str| first_run("fast-losses", "", &[set]);
+        let plan = |set: &str| first_run(&[set]);
         let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
         let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();

@@ -79,13 +79,10 @@ pub(crate) struct Outline {
     /// Name or path of the experiment.
     experiment: String,
     layers: Layers,
-    budget: Option<f64>,
     scenes: Vec<ChosenScene>,
-    seeds: Vec<u64>,
     variants: Vec<Variant>,
-    /// Preset of the selection, which is used for any number of views.
-    preset: Option<Preset>,
-    set: Vec<String>,
+    /// Selection with the seeds and the budget of the experiment if it has none of its own.
+    pub(crate) selection: Selection,
 }
 
 impl Outline {
@@ -94,7 +91,6 @@ impl Outline {
         let name = layers.result_name();
         check_name("experiment", &name)?;
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
-        let run_budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
         // In the user's own data, all scenes by default.
         let names = match &selection.scenes[..] {
             [] if selection.data.is_some() => None,
@@ -114,13 +110,9 @@ impl Outline {
             about.seconds_per_run = None;
         }
         let variants = chosen_variants(&layers, selection)?;
-        let (preset, set, experiment) = (*preset, set.clone(), experiment.to_owned());
-        Ok(Self { about, experiment, layers, budget: run_budget, scenes, seeds, variants, preset, set })
-    }
-
-    /// Returns the number of seeds, which is the number of consecutive runs that differ only in their seed.
-    pub(crate) fn seeds(&self) -> usize {
-        self.seeds.len()
+        let budget = budget.or_else(|| layers.last(|file| file.budget_seconds));
+        let selection = Selection { seeds, budget, ..selection.clone() };
+        Ok(Self { about, experiment: experiment.to_owned(), layers, scenes, variants, selection })
     }
 
     /// Lists the runs by scene, variant and seed. The assignments of `set` apply after those of the selection.
@@ -138,8 +130,8 @@ impl Outline {
                     Start::Experiment => self.layers.last(|file| file.preset),
                     Start::Preset(preset) => preset,
                 };
-                let preset = self.preset.or(own).unwrap_or(scene.suitable);
-                for &seed in &self.seeds {
+                let preset = self.selection.preset.or(own).unwrap_or(scene.suitable);
+                for &seed in &self.selection.seeds {
                     let mut plan = RunPlan {
                         experiment: self.about.name.clone(),
                         scene: name.clone(),
@@ -148,10 +140,11 @@ impl Outline {
                         variant: variant.name.clone(),
                         seed,
                         preset,
-                        budget: self.budget,
+                        budget: self.selection.budget,
                         config: config(preset)?,
                     };
-                    if preset == Preset::Capture && self.preset.is_none() {
+                    // A selected preset is used for any number of views.
+                    if preset == Preset::Capture && self.selection.preset.is_none() {
                         // If the scene cannot be read, loading it reports the error.
                         let views = plan.pixels().map_or(0, |pixels| pixels.views);
                         plan.preset = preset.for_views(views, scene.layout);
@@ -172,7 +165,7 @@ impl Outline {
             Start::Preset(_) => preset.table(),
         };
         config::merge(&mut table, variant.changes.clone());
-        assign(&mut table, &self.set)
+        assign(&mut table, &self.selection.set)
             .and_then(|()| assign(&mut table, set))
             .and_then(|()| Config::from_table(table).with_context(|| format!("variant {}", variant.name)))
             .with_context(|| self.experiment.clone())
@@ -233,8 +226,7 @@ fn check_distinct(what: &str, mut items: impl Iterator<Item = String>) -> Result
 const SWEEP: &str = "sweep-";
 
 impl About {
-    /// Describes the built-in experiment, or the sweep of one, whose results are called `name`. The description of any other
-    /// experiment has the name alone.
+    /// Describes the built-in experiment, or the sweep of one, whose results are called `name`; any other by its name alone.
     pub fn of_results(name: &str) -> Self {
         let known = |name: &str| {
             let layers = Layers::built_in(name)?;

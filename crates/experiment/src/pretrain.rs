@@ -1,6 +1,6 @@
 //! Training of one model on all scenes of an experiment, to initialise other runs.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
@@ -36,12 +36,14 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
         Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
     let folder = session.experiment_folder(&experiment.about.name);
     let run = session.open_run(folder.clone(), identity, config, watch)?;
-    if run.continues
-        && let Some(progress) = finished_progress(&folder, plan)?
-    {
+    let earlier = if run.continues { Checkpoint::load(&folder)?.0 } else { None };
+    let earlier = earlier.map(|checkpoint| checkpoint.progress().clone());
+    if let Some(progress) = earlier.filter(|progress| progress.step >= plan.config.train.iterations) {
         return Ok(Pretrained { folder, progress, finished: true });
     }
-    let plans: Vec<RunPlan> = experiment.runs.iter().map(with_one_test_view).collect();
+    // Pre-training uses no test view, and a scene has at least one.
+    let mut plans = experiment.runs.clone();
+    plans.iter_mut().for_each(|plan| plan.config.eval.test = TestProtocol::First(1));
     check_memory(&plans)?;
     run.begin(&folder)?;
     watch(RunEvent::Loading);
@@ -56,19 +58,6 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     watch(RunEvent::Ended);
     let [field] = training;
     Ok(Pretrained { folder, progress: field.trainer.progress().clone(), finished: field.is_over() })
-}
-
-/// Returns the progress of the model in `folder` if all steps are taken.
-fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> {
-    let progress = Checkpoint::load(folder)?.0.map(|checkpoint| checkpoint.progress().clone());
-    Ok(progress.filter(|progress| progress.step >= plan.config.train.iterations))
-}
-
-/// Returns the plan with a single test view, the minimum, since pre-training uses none.
-fn with_one_test_view(plan: &RunPlan) -> RunPlan {
-    let mut plan = plan.clone();
-    plan.config.eval.test = TestProtocol::First(1);
-    plan
 }
 
 /// Returns an error if the scenes would not fit into memory together, before any of them is loaded.

@@ -61,9 +61,7 @@ impl Paper {
     /// Returns the paper's figures, with each difference between its protocol and that of `runs`.
     pub(crate) fn to_published(&self, runs: &[&RunPlan]) -> Published {
         let means = self.figures.iter().map(|figures| row(figures, None));
-        let of_scenes = self.scenes.iter();
-        let of_scenes =
-            of_scenes.flat_map(|(scene, rows)| rows.iter().map(|figures| row(figures, Some(scene.clone()))));
+        let of_scenes = self.scenes.iter().flat_map(|(scene, rows)| rows.iter().map(|of| row(of, Some(scene.clone()))));
         let differences = self.protocol.iter().filter_map(|(aspect, there)| {
             let (what, here) = aspect.describe(runs);
             here.filter(|here| here != there).map(|here| format!("{what}: {here} here; {there} in the paper."))
@@ -134,12 +132,11 @@ const PAPER_TERMS: [(&str, &str); 3] = [("rgb", ""), ("entropy", "λ₁"), ("kl"
 /// Describes the weights of the paper's losses that are on, such as `λ₁ = 0.001`.
 fn weights(runs: &[&RunPlan]) -> String {
     let of = |(term, symbol): (&str, &str)| {
-        let weight = |plan: &RunPlan| {
-            let terms = plan.config.loss.active();
-            terms.filter(|(name, _)| *name == term).map(|(_, spec)| spec.weight().largest()).next()
+        let weight = |plan: &&RunPlan| {
+            let (_, spec) = plan.config.loss.active().find(|(name, _)| *name == term)?;
+            Some(spec.weight().largest().to_string())
         };
-        let on: Vec<&RunPlan> = runs.iter().copied().filter(|plan| weight(plan).is_some()).collect();
-        let values = distinct(&on, |plan| weight(plan).unwrap_or(0.0).to_string());
+        let values = Vec::from_iter(runs.iter().filter_map(weight).collect::<IndexSet<String>>());
         (!values.is_empty() && !symbol.is_empty()).then(|| format!("{symbol} = {}", values.join(" or ")))
     };
     PAPER_TERMS.into_iter().filter_map(of).collect::<Vec<_>>().join(", ")

@@ -27,8 +27,7 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
     parse_records(&text).with_context(|| path.display().to_string())
 }
 
-/// Writes a list of records, whole or not at all. Metrics that are not finite become `null` with a note
-/// ([`Record::representable`]).
+/// Writes a list of records, whole or not at all, each made [representable](Record::representable).
 fn write_records(path: &Path, records: &[Record]) -> Result<()> {
     let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
     let mut bytes = serde_json::to_vec_pretty(&records)?;
@@ -133,15 +132,9 @@ mod tests {
     use super::*;
 
     fn record(scene: &str, variant: &str, seed: u64) -> Record {
-        Record {
-            experiment: "e".into(),
-            scene: scene.into(),
-            variant: variant.into(),
-            seed,
-            preset: "fast".into(),
-            metrics: [("psnr".to_owned(), Some(18.123_456_789_012_345))].into_iter().collect(),
-            ..Record::default()
-        }
+        let [experiment, scene, variant, preset] = ["e", scene, variant, "fast"].map(str::to_owned);
+        let record = Record { experiment, scene, variant, seed, preset, ..Record::default() };
+        with_psnr(18.123_456_789_012_345, record)
     }
 
     fn with_psnr(psnr: f64, record: Record) -> Record {

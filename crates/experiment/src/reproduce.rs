@@ -78,8 +78,7 @@ pub fn experiments() -> [&'static str; CHAPTERS.len()] {
 /// cores. With `full` they have four scenes and five view sets for every claim of the paper's regime, and take a night.
 ///
 /// Settings in `selection` take precedence over a chapter's own extent. Data and scenes of `selection` apply to captures only
-/// if all of `names` are captures. Otherwise they apply to the synthetic experiments alone, and captures use their built-in
-/// scenes.
+/// if all of `names` are captures. Otherwise they apply to the synthetic experiments alone; captures use built-in scenes.
 ///
 /// # Errors
 /// If a name is not one of [`experiments`], and as [`Experiment::plan`].

@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn a_config_can_be_run_from_another_folder() {
-        let plan = first_run("fast-losses", "", &["train.init=runs/here"]);
+        let plan = first_run(&["train.init=runs/here"]);
         let text = plan.to_toml().unwrap();
         let numbers = text.split([' ', ',', '\n', '[', ']']).filter(|word| word.parse::<f64>().is_ok());
         let digits = |number: &&str| number.trim_start_matches(['0', '.', '-']).len();

@@ -10,8 +10,7 @@ pub(crate) fn selected(scenes: &[&str], variants: &[&str], settings: &[&str]) ->
     Selection { scenes, variants, set, ..Selection::default() }
 }
 
-/// Returns the first run of the experiment called `experiment`, on one scene if `scene` is not empty, with `settings`.
-pub(crate) fn first_run(experiment: &str, scene: &str, settings: &[&str]) -> RunPlan {
-    let scenes: &[&str] = if scene.is_empty() { &[] } else { &[scene] };
-    Experiment::plan(experiment, &selected(scenes, &[], settings)).unwrap().runs.remove(0)
+/// Returns the first run of the experiment `fast-losses` on the scene `knot`, with `settings`.
+pub(crate) fn first_run(settings: &[&str]) -> RunPlan {
+    Experiment::plan("fast-losses", &selected(&["knot"], &[], settings)).unwrap().runs.remove(0)
 }

@@ -49,11 +49,8 @@ mod tests {
     #[test]
     fn small_components_and_unused_vertices_go() {
         // A square of two triangles, a small triangle, an unused vertex, and a triangle that is large enough.
-        let mut positions = triangle(0.0, 1.0).to_vec();
-        positions.push(Vec3::new(0.0, 1.0, 1.0));
-        positions.extend(triangle(5.0, 0.03));
-        positions.push(Vec3::splat(9.0));
-        positions.extend(triangle(7.0, 0.1));
+        let (corner, unused) = ([Vec3::new(0.0, 1.0, 1.0)], [Vec3::splat(9.0)]);
+        let positions = [&triangle(0.0, 1.0)[..], &corner, &triangle(5.0, 0.03), &unused, &triangle(7.0, 0.1)].concat();
         let triangles = vec![[0, 1, 2], [4, 5, 6], [2, 1, 3], [8, 9, 10]];
         let (kept, triangles, dropped) = without_small(positions, triangles);
         assert_eq!((kept.len(), dropped), (7, 1));

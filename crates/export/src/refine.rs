@@ -215,9 +215,8 @@ mod tests {
     #[test]
     fn refining_recovers_changed_gaussians() {
         let truth = gaussians();
-        let targets: Vec<SplatTarget> = [-0.5, 0.0, 0.5]
-            .map(|x| SplatTarget { camera: camera(x), image: splat_image(&truth, &camera(x), BACKGROUND) })
-            .into();
+        let target = |x| SplatTarget { camera: camera(x), image: splat_image(&truth, &camera(x), BACKGROUND) };
+        let targets = [-0.5, 0.0, 0.5].map(target);
         let mut found = truth;
         for gaussian in &mut found {
             (gaussian.opacity, gaussian.scale) = (0.9, 0.8 * gaussian.scale);

@@ -110,11 +110,8 @@ fn fill_cavities(values: &mut [f32], grid: &DensityGrid) {
             }
         }
     }
-    for (value, outside) in values.iter_mut().zip(outside) {
-        if !outside && *value >= 0.0 {
-            *value = SOLID;
-        }
-    }
+    let cavities = values.iter_mut().zip(outside).filter(|(value, outside)| !outside && **value >= 0.0);
+    cavities.for_each(|(value, _)| *value = SOLID);
 }
 
 /// Averages the normals of each vertex's triangles, weighted by area.
@@ -152,13 +149,8 @@ mod tests {
 
     fn grid(size: u32, density: impl Fn(UVec3) -> f32) -> DensityGrid {
         let cell = |index: u32| UVec3::new(index % size, index / size % size, index / (size * size));
-        DensityGrid {
-            origin: Vec3::ZERO,
-            voxel: 1.0,
-            size: UVec3::splat(size),
-            density: (0..size.pow(3)).map(|index| density(cell(index))).collect(),
-            level: 1.0,
-        }
+        let density = (0..size.pow(3)).map(|index| density(cell(index))).collect();
+        DensityGrid { origin: Vec3::ZERO, voxel: 1.0, size: UVec3::splat(size), density, level: 1.0 }
     }
 
     #[test]

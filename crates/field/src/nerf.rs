@@ -7,7 +7,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{to_host, upload};
-use infonerf_schedule::{Fault, Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule, is_default};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -39,7 +39,7 @@ pub struct NerfConfig {
     /// Activation from raw density to σ.
     pub density: DensityActivation,
     /// Standard deviation of noise on raw density in training steps (released InfoNeRF code: 1 on DTU, 0 on Blender).
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub density_noise: f32,
     /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
@@ -65,10 +65,6 @@ impl From<DensityActivation> for Activation {
             DensityActivation::Softplus => Self::ShiftedSoftplus,
         }
     }
-}
-
-fn is_zero(value: &f32) -> bool {
-    *value == 0.0
 }
 
 impl fmt::Display for NerfConfig {

@@ -79,9 +79,7 @@ fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
 
 /// Returns the tensors of [`depths`], and the renders that depend on them.
 pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
-    let depths = depths();
-    let mut outputs = depths.iter().map(|rays| output(rays, device));
-    let [seen, unseen, near_seen, near_unseen, coarse] = std::array::from_fn(|_| outputs.next().unwrap());
+    let [seen, unseen, near_seen, near_unseen, coarse] = depths().map(|rays| output(&rays, device));
     let rays = PIXELS.len();
     let on_host = PIXELS.map(|pixel| pixel.map(|c| c as f32)).to_vec();
     let pixels = vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays];

@@ -1,6 +1,6 @@
 /// Name and format of a quantity of a run. Metrics have one, and so have quantities that are measured elsewhere, such
 /// as the time of training, so that one table can show both.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Descriptor {
     /// Key in `results.json`, such as `lpips_vgg`.
     pub key: &'static str,
@@ -15,7 +15,7 @@ pub struct Descriptor {
 }
 
 /// Direction of better values of a quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Better {
     /// Higher is better.
     Higher,

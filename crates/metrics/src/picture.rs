@@ -36,15 +36,6 @@ impl Picture {
         Self::new(pixels, image.width() as usize, image.height() as usize)
     }
 
-    /// Converts to an 8-bit image, rounded to the nearest step.
-    ///
-    /// # Errors
-    /// If a side does not fit in 32 bits.
-    pub fn to_rgb8(&self) -> Result<RgbImage, MetricError> {
-        let [width, height] = self.size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
-        to_rgb8(&self.pixels, width, height)
-    }
-
     /// Returns the row-major pixels.
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.pixels
@@ -73,8 +64,7 @@ impl Picture {
     }
 }
 
-/// Converts row-major `pixels`, `[height × width]`, to an 8-bit image, clamped and rounded to the nearest step; NaN becomes
-/// black.
+/// Converts row-major `pixels`, `[height × width]`, to an 8-bit image, clamped and rounded to the nearest step; NaN is black.
 ///
 /// # Errors
 /// If `pixels` does not hold `width × height` pixels.
@@ -131,7 +121,8 @@ mod tests {
     fn conversion_to_8_bits_and_back_rounds() {
         let pixels = (0..6).map(|i| [i as f32 / 7.0, 0.1, 1.5]).collect();
         let picture = Picture::new(pixels, 3, 2).unwrap();
-        assert_eq!(Picture::from_rgb8(&picture.to_rgb8().unwrap()).unwrap(), picture.rounded());
+        let image = to_rgb8(picture.pixels(), 3, 2).unwrap();
+        assert_eq!(Picture::from_rgb8(&image).unwrap(), picture.rounded());
         assert!(Picture::from_rgb8(&RgbImage::new(0, 4)).is_err());
     }
 }

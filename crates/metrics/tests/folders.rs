@@ -7,7 +7,7 @@ use image::{GrayImage, Luma, Rgba, RgbaImage};
 use infonerf_metrics::protocol::Background;
 use infonerf_metrics::{
     ComparedFolders, Folders, METRICS, Mask, MetricError, Networks, Pair, Picture, Protocol, compare_folders, evaluate,
-    select,
+    select, to_rgb8,
 };
 
 struct Workspace(tempfile::TempDir);
@@ -24,7 +24,8 @@ impl Workspace {
     }
 
     fn write(&self, file: &str, picture: &Picture) {
-        picture.to_rgb8().unwrap().save(self.path(file)).unwrap();
+        let [width, height] = picture.size().map(|side| side as u32);
+        to_rgb8(picture.pixels(), width, height).unwrap().save(self.path(file)).unwrap();
     }
 
     fn pair(&self, name: &str, width: usize, height: usize) -> (Picture, Picture) {
@@ -73,9 +74,8 @@ fn folders_and_images_in_memory_have_the_same_values() {
     let mut steps = Vec::new();
     let (renders, truth, masks) = (workspace.path("renders"), workspace.path("truth"), workspace.path("masks"));
     let folders = Folders { renders: &renders, truth: &truth, masks: Some(&masks), partial: false };
-    let compared =
-        compare_folders(folders, METRICS, &Networks::none(), &Protocol::default(), |done, all| steps.push((done, all)));
-    let compared = compared.unwrap();
+    let report = |done, all| steps.push((done, all));
+    let compared = compare_folders(folders, METRICS, &Networks::none(), &Protocol::default(), report).unwrap();
     assert_eq!(compared.measured, expected);
     assert_eq!(compared.views.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
     assert_eq!(compared.views[1].mask, Some(masks.join("b.png")));

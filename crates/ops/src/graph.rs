@@ -126,17 +126,10 @@ trait KernelOps: Backend {
     fn run(#[extension_type] inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self>;
 }
 
-#[cfg(feature = "flex")]
-impl KernelOps for Flex {
+impl<B: KernelBackend> KernelOps for B {
     fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
-        untracked(inputs, kernel)
-    }
-}
-
-#[cfg(feature = "cube")]
-impl KernelOps for CubeBackend {
-    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
-        untracked(inputs, kernel)
+        let inputs: Vec<FloatTensor<B>> = inputs.0.into_iter().map(B::prepare).collect();
+        B::operation(kernel).infer(&inputs)
     }
 }
 
@@ -157,11 +150,6 @@ impl<B: KernelBackend, C: CheckpointStrategy> KernelOps for Autodiff<B, C> {
 /// Runs a kernel on its `inputs` as a differentiable operation whose output has rank `D`.
 pub(crate) fn evaluate<const D: usize>(kernel: AnyKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
     Tensor::from_dispatch(<Dispatch as KernelOps>::run(inputs.into(), kernel))
-}
-
-fn untracked<B: KernelBackend>(inputs: Inputs<B>, kernel: AnyKernel) -> FloatTensor<B> {
-    let inputs: Vec<FloatTensor<B>> = inputs.0.into_iter().map(B::prepare).collect();
-    B::operation(kernel).infer(&inputs)
 }
 
 /// Records an operation of at most `N` inputs. The first input fills unused places, and receives no gradient through them.

@@ -67,9 +67,8 @@ fn run(case: &FactoredCase, device: &Device, body: FieldBody, scale: impl Fn(usi
 
 #[test]
 fn values_and_gradients_match_the_oracle() {
-    for (samples, color, view_dependent, channels) in
-        [(500, true, true, 4), (481, true, false, 2), (7, false, true, 8), (240, true, true, 16)]
-    {
+    let cases = [(500, true, true, 4), (481, true, false, 2), (7, false, true, 8), (240, true, true, 16)];
+    for (samples, color, view_dependent, channels) in cases {
         let case = case(samples, color, view_dependent, channels);
         let [tables, weights, positions] = &case.inputs.each_ref().map(|input| wide(input));
         let value = oracle::value(tables, weights, positions, &case.layout, &case.query);

@@ -1,5 +1,4 @@
-//! Inception's features against PyTorch: a narrow network with weights by rule (`inception.json`, made by
-//! `inception.py`).
+//! Inception's features against PyTorch: a narrow network with weights by rule (`inception.json`, made by `inception.py`).
 
 use crate::common::{devices, picture, write_weights};
 use approx::assert_abs_diff_eq;

@@ -74,7 +74,9 @@ pub(super) struct SceneCameras {
 /// Returns the cameras of the scene `name`, which exists, for `size`² images.
 pub(super) fn layout(name: &str, size: u32) -> SceneCameras {
     let capture = |near, far, min: [f32; 3], max: [f32; 3]| {
-        let (train, test) = divided(hand_held(name, size, CAPTURED));
+        // Every fourth camera, starting with the second, is for testing.
+        let mut places = (0..4).cycle();
+        let (test, train) = hand_held(name, size, CAPTURED).into_iter().partition(|_| places.next() == Some(1));
         SceneCameras { train, test, near, far, bounds: Aabb { min: min.into(), max: max.into() } }
     };
     let (train, test) = match name {
@@ -107,13 +109,6 @@ pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
     let mut hash = FnvHasher::default();
     hash.write(bytes);
     hash.finish()
-}
-
-/// Splits off every fourth camera, starting with the second, for testing.
-fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
-    let (train, test): (Vec<_>, Vec<_>) = cameras.into_iter().enumerate().partition(|(i, _)| i % 4 != 1);
-    let plain = |list: Vec<(usize, Camera)>| list.into_iter().map(|(_, camera)| camera).collect();
-    (plain(train), plain(test))
 }
 
 /// Returns `count` hand-held cameras: at one end of `room`, looking at the other, or before `table` in an arc of 130°.

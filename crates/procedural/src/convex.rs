@@ -105,8 +105,7 @@ impl Convex {
 
     /// Returns a rod with a round end at `a`.
     pub fn bullet(a: DVec3, b: DVec3, radius: f64) -> Self {
-        let half = 0.5 * a.distance(b);
-        Self { frame: LocalFrame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
+        Self { kind: Kind::Bullet { radius, half: 0.5 * a.distance(b) }, ..Self::rod(a, b, radius) }
     }
 
     /// Returns a frustum from `a` to `b` with radii `bottom` and `top`.
@@ -201,32 +200,23 @@ fn sphere(line: &HalfLine, centre: DVec3, radius: f64) -> Option<Span> {
 }
 
 fn block(line: &HalfLine, half: DVec3) -> Option<Span> {
-    let mut span =
-        Span { enter: f64::NEG_INFINITY, enter_normal: DVec3::ZERO, exit: f64::INFINITY, exit_normal: DVec3::ZERO };
-    for axis in 0..3 {
-        let (o, d, h) = (line.origin[axis], line.direction[axis], half[axis]);
-        if d.abs() < 1e-15 {
-            if o.abs() > h {
-                return None;
-            }
-            continue;
+    let mut span = slab(line, 0, half.x)?;
+    for axis in 1..3 {
+        let other = slab(line, axis, half[axis])?;
+        if other.enter > span.enter {
+            (span.enter, span.enter_normal) = (other.enter, other.enter_normal);
         }
-        let side = DVec3::AXES[axis] * d.signum();
-        let (a, b) = ((-h * d.signum() - o) / d, (h * d.signum() - o) / d);
-        if a > span.enter {
-            (span.enter, span.enter_normal) = (a, -side);
-        }
-        if b < span.exit {
-            (span.exit, span.exit_normal) = (b, side);
+        if other.exit < span.exit {
+            (span.exit, span.exit_normal) = (other.exit, other.exit_normal);
         }
     }
     (span.enter < span.exit).then_some(span)
 }
 
-/// Returns the part of the line with `|z| ≤ half`.
-fn slab(line: &HalfLine, half: f64) -> Option<Span> {
-    let (o, d) = (line.origin.z, line.direction.z);
-    let side = DVec3::Z * d.signum();
+/// Returns the part of the line at most `half` away from the origin along `axis`.
+fn slab(line: &HalfLine, axis: usize, half: f64) -> Option<Span> {
+    let (o, d) = (line.origin[axis], line.direction[axis]);
+    let side = DVec3::AXES[axis] * d.signum();
     let (enter, exit) = if d.abs() < 1e-15 {
         if o.abs() > half {
             return None;
@@ -241,7 +231,7 @@ fn slab(line: &HalfLine, half: f64) -> Option<Span> {
 /// Returns the part of the line inside a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
 fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
-    let mut span = slab(line, half)?;
+    let mut span = slab(line, 2, half)?;
     let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
     // Shift the origin to where the line is nearest to the solid's middle: keeps the quadratic well conditioned.
     let shift = -o.dot(d);

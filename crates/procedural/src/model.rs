@@ -94,9 +94,7 @@ impl Builder {
 
     /// Adds a convex solid for each of `values`.
     pub fn each<T>(&mut self, values: impl IntoIterator<Item = T>, solid: impl Fn(T) -> Convex, material: Material) {
-        for value in values {
-            self.solid(solid(value), material);
-        }
+        values.into_iter().for_each(|value| self.solid(solid(value), material));
     }
 
     /// Adds a convex solid with others cut out of it.
@@ -129,6 +127,11 @@ impl Builder {
         self.push(Shape::Ring { frame: frame.into(), radius, tube }, material);
     }
 
+    /// Adds a torus about the vertical through each centre, with its radius and the radius of its tube.
+    pub fn rings(&mut self, rings: impl IntoIterator<Item = (DVec3, f64, f64)>, material: Material) {
+        rings.into_iter().for_each(|(centre, radius, tube)| self.ring(centre, radius, tube, material));
+    }
+
     /// Adds a tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
     pub fn closed_tube(&mut self, curve: impl Fn(f64) -> DVec3, pieces: usize, tube: f64, material: Material) {
         let mut knots: Vec<Knot> = Vec::with_capacity(pieces + 1);
@@ -136,10 +139,8 @@ impl Builder {
             let s = i as f64 / pieces as f64;
             let point = curve(s);
             let tangent = (curve(s + 1e-4) - curve(s - 1e-4)).normalize_or(DVec3::X);
-            let (length, side) = match knots.last() {
-                Some(last) => (last.length + point.distance(last.point), last.side),
-                None => (0.0, DVec3::Z),
-            };
+            let after = |last: &Knot| (last.length + point.distance(last.point), last.side);
+            let (length, side) = knots.last().map_or((0.0, DVec3::Z), after);
             let side = (side - tangent * side.dot(tangent)).normalize_or(tangent.any_orthonormal_vector());
             knots.push(Knot { point, tangent, side, length });
         }

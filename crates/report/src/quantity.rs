@@ -1,4 +1,3 @@
-use std::hash::{Hash, Hasher};
 use std::ops::Deref;
 
 use infonerf_metrics::{Better, Descriptor, METRICS};
@@ -8,7 +7,7 @@ use crate::record::Record;
 
 /// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
 /// or a cost. Files name a quantity by its key.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Quantity(Descriptor);
 
 const fn quantity([key, name, unit]: [&'static str; 3], decimals: usize, better: Better) -> Quantity {
@@ -91,12 +90,6 @@ impl Deref for Quantity {
 
     fn deref(&self) -> &Descriptor {
         &self.0
-    }
-}
-
-impl Hash for Quantity {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        self.key().hash(state);
     }
 }
 

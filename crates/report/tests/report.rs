@@ -73,12 +73,10 @@ fn pictures(root: &Path, record: &Record) {
 }
 
 fn events(root: &Path, record: &Record) {
-    let event = |step: u32| {
-        let about = format!("\"step\":{step},\"seconds\":{step},\"psnr\":{}", 10 + step);
-        let losses = "\"loss\":0.01,\"losses\":{\"rgb\":0.01,\"kl\":0.1}";
-        format!("{{\"event\":\"step\",{about},{losses}}}\n")
-    };
-    let lines: String = (1..6).map(event).collect();
+    let losses = json!({ "rgb": 0.01, "kl": 0.1 });
+    let event =
+        |n: u32| json!({ "event": "step", "step": n, "seconds": n, "psnr": 10 + n, "loss": 0.01, "losses": losses });
+    let lines: String = (1..6).map(|step| format!("{}\n", event(step))).collect();
     fs::write(folder(root, record).join("metrics.jsonl"), lines + "{\"event\":\"st").unwrap();
 }
 

@@ -50,8 +50,7 @@ use infonerf_experiment::Trained;
 
 /// Makes a self-contained page of the run in `folder`: orbit, pan and zoom, depth and normals, and the training cameras
 /// with their images. The page shows and notes the first of several fields, without residuals. A baked field has
-/// at most `voxels` along the longest side of its box, by default 256, or 128 if the field is slow; fewer if too many
-/// of them are filled.
+/// at most `voxels` along the longest side of its box, by default 256, or 128 if the field is slow; fewer if too many are filled.
 ///
 /// # Errors
 /// If an image cannot be encoded.

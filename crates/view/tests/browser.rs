@@ -13,6 +13,7 @@ use glam::DVec3;
 use infonerf_experiment::{RunPlan, Trained};
 use infonerf_render::{RenderedImage, render_image};
 use infonerf_view::{TrainingControl, page};
+use serde_json::{Value, json};
 
 const SIZE: u32 = 64;
 
@@ -41,7 +42,7 @@ fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
     document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
 }
 
-fn json_attribute(document: &str, name: &str) -> serde_json::Value {
+fn json_attribute(document: &str, name: &str) -> Value {
     serde_json::from_str(&attribute(document, name).expect("the script ended").replace("&quot;", "\"")).unwrap()
 }
 
@@ -107,8 +108,8 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn page_draws_the_programs_renders() {
-    let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let (_out, run, file) = trained_page(&plan("infonerf+", &set));
+    let plan = plan("infonerf+", "train.iterations=300 scene.size=64 eval.test=first-1");
+    let (_out, run, file) = trained_page(&plan);
     let length = fs::metadata(&file).unwrap().len();
     for view in [0, 2] {
         let (drawn, image, colour) = drawn_and_rendered(&file, &run, view);
@@ -131,8 +132,8 @@ fn page_draws_the_programs_renders() {
 fn page_draws_baked_fields() {
     let baked = [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")];
     for (experiment, variant) in baked {
-        let set = ["train.iterations=300", "eval.test=first-1"];
-        let (_out, run, file) = trained_page(&plan_of("crane", experiment, variant, &set));
+        let plan = plan_of("crane", experiment, variant, "train.iterations=300 eval.test=first-1");
+        let (_out, run, file) = trained_page(&plan);
         let length = fs::metadata(&file).unwrap().len();
         for view in [0, 2] {
             let (drawn, _, colour) = drawn_and_rendered(&file, &run, view);
@@ -233,12 +234,11 @@ fn live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
     let folder = train(out.path(), &plan("infonerf", TINY), None);
     // Losses of 0 and less are drawn like others.
-    let log = folder.join("metrics.jsonl");
-    let step = |step: usize, value: f64| {
-        format!("{{\"event\":\"step\",\"step\":{step},\"loss\":{value},\"losses\":{{\"rgb\":0.01,\"kl\":{value}}}}}\n")
+    let event = |step: u32| {
+        let loss = 0.5 - 0.25 * f64::from(step);
+        json!({ "event": "step", "step": step, "loss": loss, "losses": { "rgb": 0.01, "kl": loss } }).to_string() + "\n"
     };
-    let steps = (1..=8).map(|k| step(k, 0.5 - 0.25 * k as f64));
-    fs::write(&log, steps.collect::<String>()).unwrap();
+    fs::write(folder.join("metrics.jsonl"), (1..=8).map(event).collect::<String>()).unwrap();
     let document = document(&format!("http://{}/", serve(out.path(), None)), 20_000, &[]);
     for part in ["<h1>fast-losses/crane/infonerf/seed0</h1>", "4 steps", "total -1.5"] {
         assert!(document.contains(part), "{part}: {document}");
@@ -259,9 +259,9 @@ fn live_page_shows_a_run() {
 #[ignore = "needs a browser: just test-view"]
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
-    let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), None);
-    let baked = train(out.path(), &plan_of("crane", "integration", "mipnerf", &set), None);
+    let settings = "train.iterations=150 eval.test=first-1";
+    let exact = train(out.path(), &plan("infonerf", &format!("{settings} scene.size=64")), None);
+    let baked = train(out.path(), &plan_of("crane", "integration", "mipnerf", settings), None);
     let url = format!("http://{}/", serve(out.path(), None));
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));
@@ -299,11 +299,9 @@ fn page_of_another_site_cannot_stop_a_run() {
     std::thread::spawn(move || {
         for mut stream in listener.incoming().flatten() {
             let _ = stream.read(&mut [0; 4096]);
-            let head = format!(
-                "HTTP/1.1 200 OK\r\ncontent-type: text/html\r\ncontent-length: {}\r\nconnection: close\r\n\r\n",
-                evil.len()
-            );
-            let _ = stream.write_all((head + &evil).as_bytes());
+            let head = "HTTP/1.1 200 OK\r\ncontent-type: text/html\r\nconnection: close";
+            let answer = format!("{head}\r\ncontent-length: {}\r\n\r\n{evil}", evil.len());
+            let _ = stream.write_all(answer.as_bytes());
         }
     });
     // Another name than the server's makes it another site.

@@ -189,9 +189,9 @@ fn fields_of_other_kinds_are_baked() {
     let out = tempfile::tempdir().unwrap();
     let nerf = "field={kind=\"nerf\",layers=1,width=8,skip=0,position_frequencies=2,direction_frequencies=1,\
                 density=\"softplus\",detail=1.0}";
-    let others = TINY.iter().filter(|setting| !setting.starts_with("field."));
-    let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
-    let plan = plan("factored", &set);
+    let others = TINY.split(' ').filter(|setting| !setting.starts_with("field."));
+    let settings: Vec<&str> = others.chain([nerf, "loss.tv.weight=0"]).collect();
+    let plan = plan("factored", &settings.join(" "));
     // The field is baked coarsely while it trains.
     let folder = train(out.path(), &plan, Some(2));
     let address = serve(&folder, None);

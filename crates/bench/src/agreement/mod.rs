@@ -18,8 +18,7 @@ use training::{FIELDS, STEPS, loss_difference};
 
 /// Maximum error of a gradient of a whole step, relative to the largest of its parameter: devices sum in another order.
 const GRADIENT: f64 = 2e-3;
-/// Maximum relative error of a loss in the following steps: Adam divides by the size of gradients, so that small
-/// differences grow.
+/// Maximum relative error of a loss in the following steps, where Adam, which divides by the size of gradients, magnifies it.
 const LOSS: f64 = 1e-2;
 /// Maximum mean difference of a render's values after those steps.
 const COLOR: f64 = 5e-3;

@@ -32,8 +32,7 @@ pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
 pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
-/// Compares compositing, entropy and divergence on rays of all lengths, some without samples, with optical depths from almost
-/// nothing to opaque.
+/// Compares compositing, entropy and divergence on rays of any number of samples, from almost transparent to opaque ones.
 fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 300;
     let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..40)));
@@ -240,8 +239,7 @@ fn rows(points: &Tensor<1>) -> Tensor<2> {
     points.clone().reshape([-1, 3])
 }
 
-/// Compares compositing of rows with padding between them in memory, as CUDA lays them out. The columns that are cut off pad
-/// the gradient as well.
+/// Compares compositing of rows with padding between them, as CUDA lays them out; columns that are cut off pad the gradient.
 fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const BETWEEN: usize = 64;
     const CHANNELS: usize = 3;

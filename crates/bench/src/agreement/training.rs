@@ -73,8 +73,7 @@ impl FieldCase {
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
 
-    /// Returns −g/(1 + |g|) for the gradient g of the whole loss with respect to each parameter: with ε = 1, Adam's first step is
-    /// the rate times this.
+    /// Returns −g/(1 + |g|) for the gradient g of the loss by each parameter: with ε = 1, Adam's first step is the rate times it.
     pub(super) fn gradients(&self, plan: &RunPlan, device: &Device) -> Result<Vec<Vec<f32>>> {
         const RATE: f32 = 100.0;
         let lr = format!("train.lr={RATE:?}");

@@ -157,8 +157,7 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     Ok(frames)
 }
 
-/// Prints the stages for `count` photographs, of which at most `pairs` pairs are matched to find poses, with estimates of the
-/// time that each stage takes.
+/// Prints the stages for `count` photographs, at most `pairs` pairs of which are matched for poses, with their estimated times.
 fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let time = |seconds: u64| format_duration(Duration::from_secs(seconds));
     let [read, rendered] = SECONDS_PER_PHOTOGRAPH;
@@ -198,8 +197,7 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
 }
 
 /// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the
-/// fields, if they were trained just now, and the path of the report; `None` if the user stops the run. Warnings that are
-/// `known` are not printed again.
+/// fields, if they were trained just now, and the report's path; `None` if the user stops. `known` warnings are not repeated.
 fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<Option<(Option<Trained>, PathBuf)>> {
     let folder = session.experiment_folder(&experiment.about.name);
     let mut progress = ProgressDisplay::new(&experiment.runs[0].label());

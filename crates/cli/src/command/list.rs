@@ -56,11 +56,10 @@ fn print_description(name: &str, described: &Description) {
         let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
         Vec::from_iter(values).join(", ")
     };
-    let data = about.data.as_ref();
-    let data = data.map_or_else(
-        || "built-in procedural scenes; --data DIR takes others".into(),
-        |data| data.display().to_string(),
-    );
+    let data = match &about.data {
+        Some(data) => data.display().to_string(),
+        None => "built-in procedural scenes; --data DIR takes others".into(),
+    };
     outln!("{name}: {}", about.title);
     for (what, values) in [
         ("changes", bases.join(", ")),

@@ -1,7 +1,7 @@
 //! Running the program in a folder of its own.
 
 use std::collections::BTreeSet;
-use std::ffi::OsString;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -25,11 +25,7 @@ pub const SWEEP: &str = "sweep fast-losses --scene knot --variant infonerf --gri
 pub struct Workplace(tempfile::TempDir);
 
 /// Command line of the program, before it is run.
-pub struct Invocation {
-    folder: PathBuf,
-    args: Vec<String>,
-    variables: Vec<(String, OsString)>,
-}
+pub struct Invocation(Command);
 
 impl Workplace {
     pub fn new() -> Self {
@@ -54,7 +50,11 @@ impl Workplace {
 
     /// Makes the command `infonerf ARGS` in this folder.
     pub fn run(&self, args: impl AsRef<str>) -> Invocation {
-        Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
+        let mut command = Command::new(env!("CARGO_BIN_EXE_infonerf"));
+        command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE").env_remove("COLUMNS");
+        // The weights of the user who runs the tests are not used.
+        command.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", self.path("cache")).current_dir(self.0.path());
+        Invocation(command).args(args)
     }
 
     /// Makes the command `infonerf ARGS` in this folder with settings that make it quick; those in `args` take precedence.
@@ -90,31 +90,27 @@ impl Invocation {
     }
 
     pub fn arg(mut self, arg: &str) -> Self {
-        self.args.push(arg.to_owned());
+        self.0.arg(arg);
         self
     }
 
-    pub fn env(mut self, name: &str, value: impl Into<OsString>) -> Self {
-        self.variables.push((name.to_owned(), value.into()));
+    pub fn env(mut self, name: &str, value: impl AsRef<OsStr>) -> Self {
+        self.0.env(name, value);
         self
     }
 
     pub fn inside(mut self, part: &str) -> Self {
-        self.folder.push(part);
+        let folder = self.0.get_current_dir().unwrap().join(part);
+        self.0.current_dir(folder);
         self
     }
 
     pub fn into_command(self) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_infonerf"));
-        command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE").env_remove("COLUMNS");
-        // The weights of the user who runs the tests are not used.
-        command.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", self.folder.join("cache"));
-        command.envs(self.variables).current_dir(self.folder).args(self.args);
-        command
+        self.0
     }
 
     pub fn succeeds(self) -> Output {
-        let line = format!("{:?}", self.args);
+        let line = format!("{:?}", self.0.get_args());
         let output = self.into_command().output().unwrap();
         assert!(output.status.success(), "{line}: {}\n{}", output.status, text(&output.stderr));
         output
@@ -122,7 +118,7 @@ impl Invocation {
 
     /// Runs the command, and asserts exit code 2 and one line on stderr that contains each of `parts`.
     pub fn fails_with(self, parts: &[&str]) {
-        let args = format!("{:?}", self.args);
+        let args = format!("{:?}", self.0.get_args());
         let output = self.into_command().output().unwrap();
         let stderr = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{args}: {stderr}");

@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn settings_with_side_effects_are_noted() {
         let noted = |part: &str, set: &[&str]| {
-            let plan = first_run("fast-losses", "knot", set);
+            let plan = first_run(set);
             notes(&plan, &Scene::default(), 0).iter().any(|note| note.contains(part))
         };
         let unseen =

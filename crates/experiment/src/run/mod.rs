@@ -132,8 +132,7 @@ pub(crate) struct OpenRun {
 }
 
 impl OpenRun {
-    /// Removes the files of an earlier run unless it is continued, and writes the run's identity and config. `first` is the
-    /// folder of the run's first field.
+    /// Removes an earlier run's files unless it is continued; writes identity and config. `first` is the first field's folder.
     pub(crate) fn begin(&self, first: &Path) -> Result<()> {
         if !self.continues {
             clear(&self.folder)?;

@@ -62,11 +62,6 @@ impl Grid {
     pub(super) fn number(&self, index: usize) -> Option<f64> {
         self.values.get(index)?.parse::<f64>().ok().filter(|number| number.is_finite())
     }
-
-    /// Returns `key=value` of the value at `index`.
-    fn assignment(&self, index: usize) -> String {
-        format!("{}={}", self.key(), self.values[index])
-    }
 }
 
 /// Whether one of two keys is equal to the other or a parent of it.
@@ -89,7 +84,7 @@ pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
 
 /// Returns `key=value` of each grid, for the values that `choice` has the indices of.
 pub(super) fn assignments(grids: &[Grid], choice: &[usize]) -> Vec<String> {
-    grids.iter().zip(choice).map(|(grid, &index)| grid.assignment(index)).collect()
+    grids.iter().zip(choice).map(|(grid, &index)| format!("{}={}", grid.key(), grid.values[index])).collect()
 }
 
 /// Returns the elements of a list, as written. Arrays, tables and quoted strings may hold commas of their own.

@@ -59,22 +59,22 @@ impl From<Experiment> for Sweep {
 }
 
 impl Sweep {
-    /// Returns the runs of the experiment called `experiment` for every combination of the values of `grids`, each
-    /// `dotted.key=value,value,...`.
+    /// Returns the runs of `experiment` for every combination of the values of `grids`, each `dotted.key=value,value,...`.
     ///
     /// # Errors
     /// One line that names the option and what was expected.
     pub fn plan(experiment: &str, grids: &[String], selection: &Selection) -> Result<Self> {
         let grids = Grid::parse_all(grids, &selection.set)?;
         let outline = Outline::read(experiment, selection)?;
-        let about = outline.about.clone().swept();
+        let (about, seeds) = (outline.about.clone().swept(), outline.selection.seeds.len());
         let runs_of = |(order, choice): (usize, Vec<usize>)| -> Result<Vec<_>> {
             let set = assignments(&grids, &choice);
             let runs = outline.runs(&set).with_context(|| format!("with {}", set.join(" ")))?;
             let item = |(index, plan): (usize, RunPlan)| {
                 let variant = plan.variant.clone();
                 let plan = RunPlan { experiment: about.name.clone(), variant: safe_name(&variant, &set), ..plan };
-                let place = (index / outline.seeds(), order, index % outline.seeds());
+                // Consecutive runs differ in their seed alone.
+                let place = (index / seeds, order, index % seeds);
                 (place, Item { plan, variant, choice: choice.clone() })
             };
             Ok(runs.into_iter().enumerate().map(item).collect())
@@ -84,12 +84,6 @@ impl Sweep {
         items.sort_by_key(|(place, _)| *place);
         let items = items.into_iter().map(|(_, item)| item).collect();
         Ok(Self { about, existing: Existing::Continue, grids, items })
-    }
-
-    /// Returns the sweep with a policy for runs that exist already.
-    #[must_use]
-    pub fn with_existing(self, existing: Existing) -> Self {
-        Self { existing, ..self }
     }
 
     /// Iterates over the runs, in the order of the tables.
@@ -138,12 +132,10 @@ mod tests {
     #[test]
     fn names_are_safe_and_different() {
         let name = |values: &[&str]| safe_name("infonerf", &values.iter().map(|&v| v.to_owned()).collect::<Vec<_>>());
-        assert_eq!(
-            name(&["loss.entropy.weight=1e-3", "train.rays=64"]),
-            "infonerf_loss.entropy.weight_1e-3_train.rays_64"
-        );
-        let names =
-            [name(&["a=[1, 2]"]), name(&["a=[1; 2]"]), name(&["a=[12]"]), name(&[&format!("a={}", "x".repeat(300))])];
+        let expected = "infonerf_loss.entropy.weight_1e-3_train.rays_64";
+        assert_eq!(name(&["loss.entropy.weight=1e-3", "train.rays=64"]), expected);
+        let long = format!("a={}", "x".repeat(300));
+        let names = ["a=[1, 2]", "a=[1; 2]", "a=[12]", &long].map(|value| name(&[value]));
         for (index, name) in names.iter().enumerate() {
             assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)), "{name}");
             assert!(name.len() <= MAX_NAME + 9 && !names[..index].contains(name), "{name}");

@@ -65,26 +65,21 @@ impl Sweep {
     /// other process can prepare the same sweep until the returned value is dropped.
     ///
     /// # Errors
-    /// As [`Self::find_missing`], and if another process or a launch is at work on it, or a manifest of another version is
-    /// there.
+    /// Errors of [`Self::find_missing`]; if another process or a launch is at work on it; if a manifest has another version.
     pub(crate) fn prepare(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let folder = self.folder(out);
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let (lock, warning) = lock(&folder, "sweep")?;
+        let (own_lock, warning) = lock(&folder, "sweep")?;
         manifest::refuse_another_version(&folder.join(manifest::NAME))?;
         check_no_running_jobs(&folder)?;
         if self.existing == Existing::Overwrite {
-            self.remove_runs(&folder)?;
+            // Files are removed once every run is locked against other processes.
+            let runs = self.runs().map(|plan| folder.join(plan.directory())).filter(|run| run.exists());
+            let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;
+            locked.iter().try_for_each(|(_lock, run)| clear(run))?;
         }
-        let prepared = Prepared { warning, _lock: Some(lock), ..self.find_missing(out, device)? };
+        let prepared = Prepared { warning, _lock: Some(own_lock), ..self.find_missing(out, device)? };
         manifest::write(&prepared.manifest(), self.runs())?;
         Ok(prepared)
-    }
-
-    /// Removes the files of the sweep's runs in `folder`, once no other process is at work on any of them.
-    fn remove_runs(&self, folder: &Path) -> Result<()> {
-        let runs = self.runs().map(|plan| folder.join(plan.directory())).filter(|run| run.exists());
-        let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;
-        locked.iter().try_for_each(|(_lock, run)| clear(run))
     }
 }

@@ -240,8 +240,6 @@ impl NeuralBody {
 }
 
 impl Field for NeuralBody {
-    /// # Panics
-    /// If the field was not [conditioned](Field::conditioned).
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let features = self.features(points.positions.clone());
         let trunk = self.trunk.iter().fold(features, |x, layer| relu(layer.forward(x)));

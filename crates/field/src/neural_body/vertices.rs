@@ -7,10 +7,7 @@ use std::path::Path;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
-/// Reads the vertices of a PLY file.
-///
-/// # Errors
-/// If it cannot be read, or has none, or one that is not finite.
+/// Reads the vertices of a PLY file, at least one and all finite.
 pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, Fault> {
     let fault = |cause: String| {
         Fault::new("field.vertices", "a PLY file with finite vertices", format!("{}: {cause}", path.display()))

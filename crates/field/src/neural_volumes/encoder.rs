@@ -91,7 +91,6 @@ struct Tower {
 impl Tower {
     fn new(channels: &[usize], rng: &mut impl Rng, device: &Device) -> Self {
         let layer = |(inputs, &outputs): (usize, &usize)| {
-            // Weights are uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
             let fans = KERNEL * KERNEL * (inputs + outputs);
             let bound = LEAKY_GAIN * (6.0 / fans as f32).sqrt();
             init::convolution(rng, [inputs, outputs], [KERNEL, 2, 1], bound, device)
@@ -118,10 +117,7 @@ impl CodeEncoder {
         }
     }
 
-    /// Encodes the first `views`, one per tower.
-    ///
-    /// # Panics
-    /// If there are fewer views than towers.
+    /// Encodes the first `views`, of which there is at least one per tower.
     pub(super) fn code(&self, views: &[SourceView]) -> Code {
         let device = self.hidden.weight.val().device();
         let pairs = self.towers.iter().zip(views);

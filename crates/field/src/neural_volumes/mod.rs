@@ -167,8 +167,6 @@ impl NeuralVolumes {
 }
 
 impl Field for NeuralVolumes {
-    /// # Panics
-    /// If the field was not [conditioned](Field::conditioned).
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let samples = points.len();
         let Decoded { voxels, warp, .. } = self.decoded();
@@ -189,8 +187,6 @@ impl Field for NeuralVolumes {
         self.template.device()
     }
 
-    /// # Panics
-    /// If there are fewer images than the encoder needs.
     fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         let code = match &self.codes {
             Codes::Encoded(encoder) => encoder.code(&sources.views),

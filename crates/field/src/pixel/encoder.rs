@@ -117,9 +117,6 @@ fn images(views: &[SourceView], device: &Device) -> Tensor<4> {
 }
 
 /// Replaces all weights of `encoder` by those of the safetensors file at `path`, under torchvision's names.
-///
-/// # Errors
-/// If the file cannot be read, or a tensor is missing or has another shape.
 pub(super) fn load_resnet34(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, Fault> {
     let expected = "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)";
     let filled = WeightFile::read(path).and_then(|file| filled(encoder, &file));

@@ -134,8 +134,6 @@ struct EncodedSources {
 }
 
 impl Field for PixelNerf {
-    /// # Panics
-    /// If the field was not [conditioned](Field::conditioned) on any images.
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let encoded = self.encoded.as_ref().expect("a PixelNeRF is conditioned on images before it is evaluated");
         let EncodedSources { injected, sources } = encoded;

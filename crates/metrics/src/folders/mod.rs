@@ -47,8 +47,7 @@ pub struct ComparedView {
     pub mask: Option<PathBuf>,
 }
 
-/// Measures every render with `metrics`, with one pair in memory at a time. `progress` receives the number of measured
-/// views and of all views.
+/// Measures every render with `metrics`, one pair in memory at a time. `progress` receives the numbers of measured and all views.
 ///
 /// A metric without a value (such as FID of one image) has a note; [`Measured::require`] makes it an error.
 ///

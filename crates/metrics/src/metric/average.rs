@@ -7,8 +7,7 @@ pub(super) const AVERAGE: Metric = Metric {
     measure: Measure::Values(&[&PSNR, &SSIM, &LPIPS_VGG], |values| average(values[0], values[1], values[2])),
 };
 
-/// Computes the geometric mean of three errors, as reported by mip-NeRF (Barron et al. 2021, Sec. 4) and RegNeRF (Niemeyer et
-/// al. 2022, Sec. 5):
+/// Computes the geometric mean of three errors (mip-NeRF: Barron et al. 2021, Sec. 4; RegNeRF: Niemeyer et al. 2022, Sec. 5):
 ///
 /// `(MSE · √(1 − SSIM) · LPIPS)^⅓`, `MSE = 10^(−PSNR/10)`
 ///

@@ -22,8 +22,7 @@ pub(super) const SILHOUETTE_IOU: Metric = Metric {
     measure: Measure::View(|view| view.depths().and_then(|(render, truth)| silhouette_iou(render, truth))),
 };
 
-/// Computes the root mean square error of depth, in the unit of the scene, over the pixels where both the render and the
-/// truth hit something.
+/// Computes the root mean square error of depth, in scene units, over the pixels where both render and truth hit something.
 ///
 /// `RMSE = sqrt(Σ_i h_i (d_i − d*_i)² / Σ_i h_i)`, `h_i = 1` where both depths are finite: a ray that hits nothing has
 /// depth +∞. [`silhouette_iou`] measures hits that only one of them has.
@@ -42,8 +41,7 @@ pub fn depth_error(render: &[f32], truth: &[f32]) -> Result<f64, MetricError> {
     Ok((squares / count as f64).sqrt())
 }
 
-/// Computes intersection over union of what the render and the truth hit, `|R ∩ T| / |R ∪ T|`, by finite depth; 1 if
-/// neither hits anything.
+/// Computes `|R ∩ T| / |R ∪ T|` of what render and truth hit, that is, where depth is finite; 1 if neither hits anything.
 ///
 /// # Errors
 /// If the maps differ in length, or a rendered depth is NaN or −∞.

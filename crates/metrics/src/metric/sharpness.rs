@@ -9,8 +9,7 @@ pub(super) const SHARPNESS: Metric = Metric {
     measure: Measure::View(|view| sharpness(&view.render, &view.truth)),
 };
 
-/// Divides the mean gradient magnitude of a render by the truth's: 1 is as sharp as the truth, below 1 is blur, above 1 is
-/// noise or ringing.
+/// Divides the mean gradient magnitude of a render by the truth's: 1 is as sharp, below 1 is blur, above 1 is noise or ringing.
 ///
 /// `sharpness = mean‖∇Y_render‖ / mean‖∇Y_truth‖` with the luma `Y = 0.299 R + 0.587 G + 0.114 B` (ITU-R BT.601) and
 /// `‖∇Y‖ = sqrt(Y_x² + Y_y²)`. `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided

@@ -7,7 +7,7 @@ use burn::cubecl::{self, prelude::*};
 use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::rays::{RayOffsets, alpha_of, first_sample};
+use crate::cube::rays::{alpha_of, first_sample};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
 use crate::segments::Segments;
 
@@ -22,8 +22,8 @@ pub(super) fn composite(
 ) -> (Option<tensor::Tensor<2>>, tensor::Tensor<1>, tensor::Tensor<1>) {
     let channels = values.as_ref().map_or(0, |values| values.dims()[1]);
     let is_colored = values.is_some();
-    let kernel =
-        GpuComposite { offsets: RayOffsets::new(segments), channels, has_distances: distances.is_some(), background };
+    let segments = segments.clone();
+    let kernel = GpuComposite { segments, channels, has_distances: distances.is_some(), background };
     // A missing input is replaced by another tensor, which the kernels do not read.
     let distances = distances.unwrap_or_else(|| tau.clone()).detach();
     let values = values.unwrap_or_else(|| tau.clone().detach().unsqueeze_dim(1));
@@ -36,7 +36,7 @@ pub(super) fn composite(
 /// Operation whose output is a row of values, depth and Σw per ray, `[R, C + 2]`.
 #[derive(Debug)]
 struct GpuComposite {
-    offsets: RayOffsets,
+    segments: Segments,
     /// Columns of the values; 0 for none.
     channels: usize,
     has_distances: bool,
@@ -51,7 +51,7 @@ impl GpuComposite {
             arg(tau),
             arg(values),
             arg(distances),
-            arg(&self.offsets.on_device_of(tau)),
+            arg(&self.segments.offsets_on_device_of(tau)),
             red,
             green,
             blue,
@@ -64,14 +64,14 @@ impl GpuComposite {
 
 impl CubeKernel for GpuComposite {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let out = empty(&inputs[0], [self.offsets.rays(), self.channels + 2]);
-        launch!(composite_forward::launch, self.offsets.rays(); &out; self.inputs(inputs));
+        let out = empty(&inputs[0], [self.segments.rays(), self.channels + 2]);
+        launch!(composite_forward::launch, self.segments.rays(); &out; self.inputs(inputs));
         out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let (dtau, dvalues) = (empty_like(&pass.inputs[0]), empty_like(&pass.inputs[1]));
-        launch!(composite_backward::launch, self.offsets.rays(); pass.grad, &dtau, &dvalues; self.inputs(pass.inputs));
+        launch!(composite_backward::launch, self.segments.rays(); pass.grad, &dtau, &dvalues; self.inputs(pass.inputs));
         vec![Some(dtau), Some(dvalues).filter(|_| self.channels > 0), None]
     }
 }

@@ -33,7 +33,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
-pub(crate) use rays::{alpha_of, ln_1p, points, spread};
+pub(crate) use rays::{PointsOnRays, Spread, alpha_of, ln_1p};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};
 pub(crate) use together::together;
 
@@ -107,10 +107,7 @@ pub(crate) fn threads(like: &CubeTensor, count: usize) -> (CubeCount, CubeDim) {
     (calculate_cube_count_elemwise(&like.client, count, dim), dim)
 }
 
-/// Converts a tensor to a kernel's argument.
-///
-/// # Panics
-/// If there is padding between its rows, which kernels would read as values of the next row.
+/// Converts a tensor without padding, which kernels would read as values of the next row, to a kernel's argument.
 pub(crate) fn arg(tensor: &CubeTensor) -> TensorArg {
     assert!(tensor.is_contiguous(), "kernels index dense rows");
     tensor.clone().into_tensor_arg()

@@ -1,32 +1,20 @@
 //! Several outputs of one operation as parts of one buffer, which are split without a launch.
 
-use burn::tensor::{self, Shape};
-use burn_cubecl::kernel::slice;
-use burn_cubecl::ops::reshape;
+use burn::tensor::{self, DType, Shape};
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{CubeKernel, apply, empty};
+use crate::segments::Segments;
 
 /// Number of elements to a multiple of which the start of a part is rounded up: 512 bytes, which suit every device.
 pub(super) const ALIGNMENT: usize = 128;
 
-/// Returns the part of a buffer from `start` on as a tensor of `shape`.
-pub(super) fn part<S: Into<Shape>>(buffer: CubeTensor, start: usize, shape: S) -> CubeTensor {
-    let shape = shape.into();
+/// Returns the part of a buffer from `start`, a multiple of [`ALIGNMENT`], on as a tensor of `shape`.
+fn part(buffer: CubeTensor, start: usize, shape: Shape) -> CubeTensor {
     let bytes = |elements: usize| (elements * size_of::<f32>()) as u64;
     let behind = buffer.meta.num_elements() - start - shape.num_elements();
     let handle = buffer.handle.offset_start(bytes(start)).offset_end(bytes(behind));
     CubeTensor::new_contiguous(buffer.client, buffer.device, shape, handle, buffer.dtype)
-}
-
-/// Returns the part of a buffer from `start` on, to be read: a copy if the device cannot begin a buffer at `start`.
-pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, shape: S) -> CubeTensor {
-    let (buffer, shape) = (buffer.clone(), shape.into());
-    let alignment = buffer.client.properties().memory.alignment as usize;
-    if (start * size_of::<f32>()).is_multiple_of(alignment) {
-        return part(buffer, start, shape);
-    }
-    reshape(slice(buffer, &[start..start + shape.num_elements()]), shape)
 }
 
 /// Places of an operation's outputs in one buffer. The operation has no gradient.
@@ -54,24 +42,31 @@ impl<const N: usize> Outputs<N> {
     }
 
     pub(crate) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
-        std::array::from_fn(|index| part_or_copy(buffer, self.starts[index], self.shapes[index].clone()))
+        std::array::from_fn(|index| part(buffer.clone(), self.starts[index], self.shapes[index].clone()))
     }
 
     /// Returns an output of the operation that filled the `buffer`.
     pub(crate) fn output<const D: usize>(&self, buffer: &tensor::Tensor<1>, index: usize) -> tensor::Tensor<D> {
-        apply(OutputPart { start: self.starts[index], shape: self.shapes[index].clone() }, buffer.clone())
+        let (start, shape) = (self.starts[index], self.shapes[index].clone());
+        apply(BufferPart { start, shape, segments: None }, buffer.clone())
     }
 }
 
-/// Part of the output of the operation that filled its input.
+/// Operation that takes a part of a buffer, without a launch and without a gradient.
 #[derive(Debug)]
-struct OutputPart {
-    start: usize,
-    shape: Shape,
+pub(super) struct BufferPart {
+    pub(super) start: usize,
+    pub(super) shape: Shape,
+    /// Segments that cache the part: it holds their offsets, as the bits of integers.
+    pub(super) segments: Option<Segments>,
 }
 
-impl CubeKernel for OutputPart {
+impl CubeKernel for BufferPart {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        part_or_copy(&inputs[0], self.start, self.shape.clone())
+        let part = part(inputs[0].clone(), self.start, self.shape.clone());
+        if let Some(segments) = &self.segments {
+            segments.on_gpu.get_or_init(|| CubeTensor { dtype: DType::I32, ..part.clone() });
+        }
+        part
     }
 }

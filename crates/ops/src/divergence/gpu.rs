@@ -1,48 +1,38 @@
 //! Kernels of the divergence of neighbouring rays: one thread per pair of rays.
 
 use burn::cubecl::{self, prelude::*};
-use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::composite::MIN_ALPHA_SUM;
-use crate::cube::rays::{RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
-use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
+use crate::cube::rays::{alpha_of, first_sample, ln_1p, mass_of};
+use crate::cube::{CubeKernel, Pass, arg, empty, empty_like, launch};
 use crate::segments::Segments;
 
-pub(super) fn divergence(
-    tau: tensor::Tensor<1>,
-    near: tensor::Tensor<1>,
-    segments: &Segments,
-    epsilon: f32,
-) -> tensor::Tensor<1> {
-    apply(GpuDivergence { offsets: RayOffsets::new(segments), epsilon }, (tau, near))
-}
-
 #[derive(Debug)]
-struct GpuDivergence {
-    offsets: RayOffsets,
-    epsilon: f32,
+pub(super) struct GpuDivergence {
+    pub(super) segments: Segments,
+    pub(super) epsilon: f32,
 }
 
 impl GpuDivergence {
     fn pairs(&self, inputs: &[CubeTensor]) -> RayPairsLaunch {
         let [tau, near] = inputs else { unreachable!("a divergence has two inputs") };
-        let offsets = self.offsets.on_device_of(tau);
+        let offsets = self.segments.offsets_on_device_of(tau);
         RayPairsLaunch::new(arg(tau), arg(near), arg(&offsets), self.epsilon, MIN_ALPHA_SUM)
     }
 }
 
 impl CubeKernel for GpuDivergence {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let out = empty(&inputs[0], [self.offsets.rays()]);
-        launch!(divergence_forward::launch, self.offsets.rays(); &out; self.pairs(inputs));
+        let out = empty(&inputs[0], [self.segments.rays()]);
+        launch!(divergence_forward::launch, self.segments.rays(); &out; self.pairs(inputs));
         out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let (dtau, dnear) = (empty_like(&pass.inputs[0]), empty_like(&pass.inputs[1]));
         launch!(
-            divergence_backward::launch, self.offsets.rays();
+            divergence_backward::launch, self.segments.rays();
             pass.grad, &dtau, &dnear; self.pairs(pass.inputs)
         );
         vec![Some(dtau), Some(dnear)]

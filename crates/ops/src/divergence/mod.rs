@@ -34,7 +34,9 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
             let kernel = host::DivergenceKernel { epsilon };
             crate::ray_kernel::apply(kernel, segments, [segments.rays()], (tau, near))
         },
-        cube if segments.samples() > 0 => gpu::divergence(tau, near, segments, epsilon),
+        cube if segments.samples() > 0 => {
+            crate::cube::apply(gpu::GpuDivergence { segments: segments.clone(), epsilon }, (tau, near))
+        },
         plain => plain(tau, near, segments, epsilon),
     }
 }

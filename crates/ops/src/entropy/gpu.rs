@@ -5,30 +5,30 @@ use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::composite::MIN_ALPHA_SUM;
-use crate::cube::rays::{RayMass, RayOffsets, alpha_of, first_sample, ln_1p, mass_of};
+use crate::cube::rays::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
 use crate::segments::Segments;
 
 /// Computes the results of [`ray_entropy`](super::ray_entropy): bits and Σα, `[R]` each.
 pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
-    let packed: tensor::Tensor<2> = apply(GpuEntropy { offsets: RayOffsets::new(segments), epsilon }, tau);
+    let packed: tensor::Tensor<2> = apply(GpuEntropy { segments: segments.clone(), epsilon }, tau);
     [0, 1].map(|index| packed.clone().narrow(1, index, 1).squeeze_dim(1))
 }
 
 /// Operation whose output is a row of bits and Σα per ray, `[R, 2]`.
 #[derive(Debug)]
 struct GpuEntropy {
-    offsets: RayOffsets,
+    segments: Segments,
     epsilon: f32,
 }
 
 impl CubeKernel for GpuEntropy {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let tau = &inputs[0];
-        let out = empty(tau, [self.offsets.rays(), 2]);
+        let out = empty(tau, [self.segments.rays(), 2]);
         launch!(
-            entropy_forward::launch, self.offsets.rays();
-            tau, &self.offsets.on_device_of(tau), &out;
+            entropy_forward::launch, self.segments.rays();
+            tau, &self.segments.offsets_on_device_of(tau), &out;
             self.epsilon, MIN_ALPHA_SUM
         );
         out
@@ -38,8 +38,8 @@ impl CubeKernel for GpuEntropy {
         let tau = &pass.inputs[0];
         let dtau = empty_like(tau);
         launch!(
-            entropy_backward::launch, self.offsets.rays();
-            tau, &self.offsets.on_device_of(tau), pass.grad, &dtau;
+            entropy_backward::launch, self.segments.rays();
+            tau, &self.segments.offsets_on_device_of(tau), pass.grad, &dtau;
             self.epsilon, MIN_ALPHA_SUM
         );
         vec![Some(dtau)]

@@ -234,7 +234,6 @@ impl Job for BlockBackward<'_> {
                 break;
             }
             dense::input_gradient(&layers[index], layer, used, dy, spare, samples);
-            // The gradient is 0 where the ReLU's output is 0.
             for (dy, y) in spare.iter_mut().zip(&x[..samples * padded(layer.inputs)]) {
                 *dy = if *y <= 0.0 { 0.0 } else { *dy };
             }

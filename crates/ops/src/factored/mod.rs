@@ -81,7 +81,7 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Factor
                 None => crate::kernel::apply(kernel, shape, (tables, weights, positions)),
             }
         },
-        plain => plain::packed(plain::heads(features(tables, layout, &query), weights, layout, &query)),
+        plain => crate::mlp::packed(plain::heads(features(tables, layout, &query), weights, layout, &query)),
     }
 }
 

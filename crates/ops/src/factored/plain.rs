@@ -5,19 +5,11 @@ use burn::tensor::{Int, Tensor};
 
 use super::Query;
 use super::layout::{FactoredLayout, Level, PLANES};
-use crate::mlp::{Activation, Dense, Precision, dense};
+use crate::mlp::{Activation, Dense, Precision, dense, packed};
 
 /// Computes [`factored_field`](super::factored_field) without host kernels, and without kernels that read tables.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
     packed(heads(features(tables, layout, query), weights, layout, query))
-}
-
-/// Joins density and colour, `[M, 4]` or `[M, 1]`.
-pub(super) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor<2> {
-    match color {
-        Some(color) => Tensor::cat(vec![density, color], 1),
-        None => density,
-    }
 }
 
 pub(super) fn features(tables: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {

@@ -2,38 +2,29 @@
 
 use burn::backend::ops::FloatTensorOps;
 use burn::cubecl::{self, prelude::*};
-use burn::tensor::{self, FloatDType};
+use burn::tensor::FloatDType;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::product::product;
 use super::tall::{sum_rows, transposed_product};
-use super::{Activation, Dense, Precision};
-use crate::cube::{CubeKernel, Pass, alpha_of, apply, empty, empty_like, launch, ln_1p};
+use super::{Activation, Precision};
+use crate::cube::{CubeKernel, Pass, alpha_of, empty, empty_like, launch, ln_1p};
 
 /// Number of threads that share the sums of a bias's gradient: what fills a large GPU.
 const THREADS: usize = 1 << 18;
 /// Max number of partial sums of an element of a bias's gradient.
 const MAX_SUMS: usize = 1 << 12;
 
-/// Evaluates `activation(x W + b)` of at least one row.
-pub(super) fn dense(
-    x: tensor::Tensor<2>,
-    layer: &Dense,
-    activation: Activation,
-    precision: Precision,
-) -> tensor::Tensor<2> {
-    apply(DenseKernel { activation, precision }, (x, layer.weight.clone(), layer.bias.clone()))
-}
-
+/// Layer `activation(x W + b)` of at least one row; its inputs are x, W and b.
 #[derive(Debug)]
-struct DenseKernel {
-    activation: Activation,
-    precision: Precision,
+pub(super) struct GpuDense {
+    pub(super) activation: Activation,
+    pub(super) precision: Precision,
 }
 
-impl DenseKernel {
+impl GpuDense {
     /// Rounds a factor to the precision of products.
     fn rounded(&self, factor: CubeTensor) -> CubeTensor {
         match self.precision {
@@ -43,7 +34,7 @@ impl DenseKernel {
     }
 }
 
-impl CubeKernel for DenseKernel {
+impl CubeKernel for GpuDense {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [x, weight, bias] = inputs else { unreachable!("a layer has an input, a matrix and a bias") };
         let out = product(self.rounded(x.clone()), self.rounded(weight.clone()));

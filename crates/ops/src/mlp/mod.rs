@@ -12,8 +12,8 @@ mod product;
 mod tall;
 
 pub use network::{Activation, ColorBranch, Dense, Precision, RadianceMlp};
-pub(crate) use plain::dense;
 pub use plain::plain;
+pub(crate) use plain::{dense, packed};
 
 use burn::tensor::Tensor;
 

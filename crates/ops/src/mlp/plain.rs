@@ -7,9 +7,14 @@ use crate::dispatch::dispatch;
 
 /// Computes [`radiance_mlp`](super::radiance_mlp) without a kernel of the host.
 pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
-    match heads(encoded, network, [Activation::None; 2]) {
-        (sigma, Some(color)) => Tensor::cat(vec![sigma, color], 1),
-        (sigma, None) => sigma,
+    packed(heads(encoded, network, [Activation::None; 2]))
+}
+
+/// Joins density and colour, `[M, 4]` or `[M, 1]`.
+pub(crate) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor<2> {
+    match color {
+        Some(color) => Tensor::cat(vec![density, color], 1),
+        None => density,
     }
 }
 
@@ -42,7 +47,10 @@ pub(super) fn heads(
 pub(crate) fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precision: Precision) -> Tensor<2> {
     dispatch! {
         &x.device();
-        cube if x.dims()[0] > 0 => super::gpu::dense(x, layer, activation, precision),
+        cube if x.dims()[0] > 0 => {
+            let kernel = super::gpu::GpuDense { activation, precision };
+            crate::cube::apply(kernel, (x, layer.weight.clone(), layer.bias.clone()))
+        },
         plain => {
             let bf16 = |factor: Tensor<2>| factor.cast(FloatDType::BF16);
             let product = match precision {

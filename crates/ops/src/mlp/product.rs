@@ -17,9 +17,6 @@ use cubek::matmul::strategy::Strategy;
 use cubek::std::InputBinding;
 
 /// Computes a b of matrices or of batches of matrices, both `f32` or both `bf16`, summed and returned in `f32`.
-///
-/// # Panics
-/// If the device has no kernel for these types.
 pub(super) fn product(a: CubeTensor, b: CubeTensor) -> CubeTensor {
     let mut shape = a.meta.shape().clone();
     let columns = b.meta.shape().num_dims() - 1;

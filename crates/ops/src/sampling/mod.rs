@@ -19,7 +19,7 @@ use crate::segments::Segments;
 use crate::traffic::{to_host, upload, upload_together};
 
 /// Rule by which samples divide the interval of a ray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SampleRule {
     /// Samples at the near end of their intervals (NeRF): interval i reaches from sample i to sample i + 1.
     Left,
@@ -155,7 +155,9 @@ pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInte
 pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
     dispatch! {
         &t.device();
-        cube if segments.samples() > 0 => crate::cube::points(origins, directions, t, segments),
+        cube if segments.samples() > 0 => {
+            crate::cube::apply(crate::cube::PointsOnRays(segments.clone()), (origins, directions, t.detach()))
+        },
         plain => segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1),
     }
 }

@@ -33,9 +33,8 @@ impl RayImplementation {
     }
 
     pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
-        (if self == Self::Kernel { divergence::ray_divergence } else { divergence::plain })(
-            tau, near, segments, epsilon,
-        )
+        let body = if self == Self::Kernel { divergence::ray_divergence } else { divergence::plain };
+        body(tau, near, segments, epsilon)
     }
 }
 

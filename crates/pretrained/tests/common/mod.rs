@@ -36,10 +36,8 @@ pub fn values_of(name: &str, shape: &[usize]) -> Vec<f32> {
 pub fn write_weights(path: &Path, tensors: &[TensorShape]) {
     let bytes = |(name, shape): &TensorShape| values_of(name, shape).into_iter().flat_map(f32::to_le_bytes).collect();
     let bytes: Vec<Vec<u8>> = tensors.iter().map(bytes).collect();
-    let views = tensors
-        .iter()
-        .zip(&bytes)
-        .map(|((name, shape), bytes)| (name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap()));
+    let stored = tensors.iter().zip(&bytes);
+    let views = stored.map(|((name, shape), bytes)| (name, TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap()));
     serialize_to_file(views, &None, path).unwrap();
 }
 

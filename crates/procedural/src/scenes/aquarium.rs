@@ -22,10 +22,8 @@ pub(super) fn aquarium(scene: &mut Builder) {
 fn stand(scene: &mut Builder) {
     scene.block(v(0.0, 0.0, BASE - 0.16), v(1.78, 1.06, 0.30), satin(Planks(rgb(0x966238), rgb(0x5c361c), 0.13, 0.8)));
     scene.block(v(0.0, 0.0, BASE - 0.34), v(1.66, 0.94, 0.06), matt(0x322218));
-    let knob = metal(0xc8c8c8);
-    for x in [-0.44, 0.44] {
-        scene.each([-0.54, 0.54], |y| Convex::sphere(v(x, y, BASE - 0.16), 0.035), knob);
-    }
+    let knobs = [(-0.44, -0.54), (-0.44, 0.54), (0.44, -0.54), (0.44, 0.54)];
+    scene.each(knobs, |(x, y)| Convex::sphere(v(x, y, BASE - 0.16), 0.035), metal(0xc8c8c8));
     for x in [-1.0, 0.0, 1.0] {
         let seam = |y: f64| Convex::block(v(0.888 * x, y, BASE - 0.16), v(0.02, 0.006, 0.28));
         scene.each([-0.531, 0.531], seam, matt(0x2e1e14));

@@ -21,9 +21,7 @@ fn tray(scene: &mut Builder) {
     let enamel = Flowers(rgb(0x22545c), rgb(0xecd696), 6.0, true);
     let hollow = vec![Convex::cylinder(v(0.0, 0.0, FLOOR - 0.12), RADIUS - 0.03, 0.4)];
     scene.carved(Convex::cylinder(v(0.0, 0.0, FLOOR - 0.16), RADIUS + 0.03, 0.17), hollow, glossy(enamel));
-    for z in [FLOOR - 0.16, FLOOR + 0.01] {
-        scene.ring(v(0.0, 0.0, z), RADIUS + 0.03, 0.022, metal(BRASS));
-    }
+    scene.rings([FLOOR - 0.16, FLOOR + 0.01].map(|z| (v(0.0, 0.0, z), RADIUS + 0.03, 0.022)), metal(BRASS));
     let foot = |degrees: f64| Convex::sphere(polar(RADIUS - 0.06, degrees, FLOOR - 0.21), 0.05);
     scene.each([45.0, 135.0, 225.0, 315.0], foot, metal(BRASS));
     // The mesh over the tray.
@@ -51,13 +49,9 @@ fn wires(scene: &mut Builder) {
         };
         scene.closed_tube(arc, 12, 0.010, metal(BRASS));
     }
-    for (z, tube) in [(-0.58, 0.012), (-0.32, 0.012), (-0.05, 0.012), (SPRING, 0.020)] {
-        scene.ring(v(0.0, 0.0, z), RADIUS, tube, metal(BRASS));
-    }
-    for s in [0.35, 0.65] {
-        let (radius, z) = dome(s);
-        scene.ring(v(0.0, 0.0, z), radius, 0.013, metal(BRASS));
-    }
+    let hoops = [(-0.58, 0.012), (-0.32, 0.012), (-0.05, 0.012), (SPRING, 0.020)];
+    scene.rings(hoops.map(|(z, tube)| (v(0.0, 0.0, z), RADIUS, tube)), metal(BRASS));
+    scene.rings([0.35, 0.65].map(dome).map(|(radius, z)| (v(0.0, 0.0, z), radius, 0.013)), metal(BRASS));
     scene.sphere(v(0.0, 0.0, 1.09), 0.055, metal(BRASS));
     scene.ring(LocalFrame::along(v(0.0, 0.0, 1.20), v(0.4, 1.0, 0.0)), 0.075, 0.014, metal(BRASS));
 }

@@ -39,9 +39,8 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
     let foot = v(at.x, at.y, FLOOR);
     let radius = 0.19;
     let mut cuts = vec![Convex::cylinder(foot + DVec3::Z * 0.05, radius - 0.05, height - 0.12)];
-    for angle in [45.0, 135.0, 225.0, 315.0] {
-        cuts.push(Convex::block(foot + polar(0.2, angle, height * 0.62), v(0.30, 0.05, 0.14)).turned(angle));
-    }
+    let slit = |angle| Convex::block(foot + polar(0.2, angle, height * 0.62), v(0.30, 0.05, 0.14)).turned(angle);
+    cuts.extend([45.0, 135.0, 225.0, 315.0].map(slit));
     scene.carved(Convex::cylinder(foot, radius, height), cuts, stone(true));
     scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
     scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));

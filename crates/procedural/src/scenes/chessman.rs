@@ -13,9 +13,7 @@ pub(super) fn chessman(scene: &mut Builder) {
         0.46, 0.10, 0.485, 0.10, 0.505, 0.06, 0.525, 0.065, 0.56, 0.10, 0.66,
     ];
     scene.lathe(foot, &body, glossy(wood));
-    for (z, radius) in [(0.08, 0.145), (0.50, 0.098)] {
-        scene.ring(at(z), radius, 0.013, gold);
-    }
+    scene.rings([(0.08, 0.145), (0.50, 0.098)].map(|(z, radius)| (at(z), radius, 0.013)), gold);
     for k in 0..8 {
         let pearl = if k % 2 == 0 { rgb(0xf0eee6) } else { rgb(0x285aaa) };
         scene.sphere(foot + polar(0.092, f64::from(k) * 45.0, 0.675), 0.024, glossy(pearl));

@@ -11,9 +11,7 @@ pub(super) fn facade(scene: &mut Builder) {
     let pave = Checker(rgb(0x96928a), rgb(0x767470), v(5.0, 5.0, 0.1));
     scene.block(v(0.0, 0.0, LOW - 0.02), v(2.58, 2.58, 0.06), matt(pave));
     body(scene);
-    for side in 0..4u32 {
-        front(scene, side);
-    }
+    (0..4).for_each(|side| front(scene, side));
     roof(scene);
 }
 

@@ -26,9 +26,8 @@ fn stand(scene: &mut Builder) {
     scene.cylinder(v(0.0, 0.0, -0.98), 0.09, 0.5, metal(COPPER));
     scene.cone(v(0.0, 0.0, -0.48), 0.09, 0.03, 0.20, metal(BRASS));
     scene.rod(v(0.0, 0.0, -0.4), v(0.0, 0.0, 0.0), 0.03, metal(BRASS));
-    for (z, radius) in [(-0.72, 0.13), (-0.60, 0.115), (-0.48, 0.11)] {
-        scene.ring(v(0.0, 0.0, z), radius, 0.022, metal(BRASS));
-    }
+    let rings = [(-0.72, 0.13), (-0.60, 0.115), (-0.48, 0.11)].map(|(z, radius)| (v(0.0, 0.0, z), radius, 0.022));
+    scene.rings(rings, metal(BRASS));
 }
 
 /// Adds an arm from the column to under a planet at `at`, and the pin that carries it.

@@ -55,9 +55,7 @@ fn vase(scene: &mut Builder) {
         [0.15, 0.0, 0.16, 0.04, 0.13, 0.10, 0.22, 0.34, 0.26, 0.56, 0.20, 0.78, 0.09, 0.94, 0.08, 1.06, 0.13, 1.15];
     scene.lathe(foot, &outline, sprigged());
     scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, metal(GILT));
-    for z in [0.96, 1.03] {
-        scene.ring(foot + DVec3::Z * z, 0.086, 0.014, glossy(WHITE));
-    }
+    scene.rings([0.96, 1.03].map(|z| (foot + DVec3::Z * z, 0.086, 0.014)), glossy(WHITE));
     scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(0x969490));
     let twig = matt(0xcec8be);
     for k in 0..6u32 {

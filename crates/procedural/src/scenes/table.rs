@@ -33,14 +33,10 @@ fn bowl(scene: &mut Builder) {
     let red = apple(rgb(0xce1e24), rgb(0xf0963c));
     let green = apple(rgb(0x82b428), rgb(0xd2d250));
     let orange = satin(Patches(rgb(0xfa961e), rgb(0xf08214), 30.0, 9.0));
-    for (angle, r, z, material) in [
-        (0.0, 0.19, 0.25, red),
-        (75.0, 0.19, 0.26, orange),
-        (150.0, 0.19, 0.25, green),
-        (222.0, 0.19, 0.25, orange),
-        (290.0, 0.19, 0.25, red),
-    ] {
-        scene.sphere(at + polar(r, angle, z), 0.115, material);
+    for (angle, z, material) in
+        [(0.0, 0.25, red), (75.0, 0.26, orange), (150.0, 0.25, green), (222.0, 0.25, orange), (290.0, 0.25, red)]
+    {
+        scene.sphere(at + polar(0.19, angle, z), 0.115, material);
     }
     scene.sphere(at + v(0.01, 0.02, 0.38), 0.12, green);
     for (angle, z) in [(0.0, 0.37), (290.0, 0.37), (45.0, 0.505)] {

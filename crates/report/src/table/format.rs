@@ -86,8 +86,7 @@ impl Table {
         }
     }
 
-    /// Formats the cells as text. With [`Emphasis::Star`] every value of a column that has a best one keeps a place for the star,
-    /// so that decimals align.
+    /// Formats the cells as text. With [`Emphasis::Star`], values of a column that has a best one align by a place for the star.
     fn grid(&self, emphasis: Emphasis) -> TextTable {
         let mut grid = TextTable(self.formatted(plain, |text, best| match emphasis {
             Emphasis::Terminal if best => bold(&text),

@@ -24,8 +24,7 @@ use runs::Roots;
 ///
 /// The server reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that
 /// are open in the browser are kept out: requests must name this server as their host and, if they have an origin, as
-/// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry a random
-/// token that the page holds.
+/// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry its random token.
 pub struct Server {
     address: SocketAddr,
     listening: JoinHandle<()>,

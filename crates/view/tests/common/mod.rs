@@ -10,37 +10,24 @@ use infonerf_experiment::{
 use infonerf_view::{Server, TrainingControl};
 
 /// Settings of a run of a few steps, with a field of small tables.
-pub const TINY: &[&str] = &[
-    "train.iterations=4",
-    "train.checkpoint_every=2",
-    "train.rays=64",
-    "train.unseen_rays=16",
-    "train.target_samples=1000",
-    "scene.size=24",
-    "eval.test=first-2",
-    "eval.information_rays=32",
-    "field.resolutions=[8,16]",
-    "field.view_dependence=0.4",
-    "render.occupancy.resolution=8",
-    "render.occupancy.warmup=1",
-    "render.occupancy.every=1",
-];
+pub const TINY: &str = "train.iterations=4 train.checkpoint_every=2 train.rays=64 train.unseen_rays=16 \
+                        train.target_samples=1000 scene.size=24 eval.test=first-2 eval.information_rays=32 \
+                        field.resolutions=[8,16] field.view_dependence=0.4 render.occupancy.resolution=8 \
+                        render.occupancy.warmup=1 render.occupancy.every=1";
 
 pub fn device() -> OpenDevice {
     open(DeviceName::Flex).unwrap()
 }
 
-pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
-    plan_of("crane", "fast-losses", variant, set)
+pub fn plan(variant: &str, settings: &str) -> RunPlan {
+    plan_of("crane", "fast-losses", variant, settings)
 }
 
-pub fn plan_of(scene: &str, experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
-    let selection = Selection {
-        scenes: vec![scene.into()],
-        variants: vec![variant.into()],
-        set: set.iter().map(|&setting| setting.to_owned()).collect(),
-        ..Selection::default()
-    };
+/// Plans a run with settings that spaces separate.
+pub fn plan_of(scene: &str, experiment: &str, variant: &str, settings: &str) -> RunPlan {
+    let [scenes, variants] = [scene, variant].map(|name| vec![name.to_owned()]);
+    let set = settings.split(' ').map(str::to_owned).collect();
+    let selection = Selection { scenes, variants, set, ..Selection::default() };
     Experiment::plan(experiment, &selection).unwrap().runs.remove(0)
 }
 

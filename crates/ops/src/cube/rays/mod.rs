@@ -3,33 +3,24 @@
 mod kernels;
 
 use burn::backend::ops::IntTensorOps;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::TensorData;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use self::kernels::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
-use super::{CubeKernel, Pass, apply, empty, empty_like};
+use super::{CubeKernel, Pass, empty, empty_like};
 use crate::segments::Segments;
 use crate::traffic::count_upload;
 
-/// Copies the rows of rays, `[R, C]`, to their samples ([`Segments::spread`]).
-pub(crate) fn spread(rows: Tensor<2>, segments: &Segments) -> Tensor<2> {
-    apply(Spread(RayOffsets::new(segments)), rows)
-}
-
-/// Computes the positions of samples ([`points_on_rays`](crate::sampling::points_on_rays)).
-pub(crate) fn points(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
-    apply(PointsOnRays(RayOffsets::new(segments)), (origins, directions, t.detach()))
-}
-
+/// Kernel of [`points_on_rays`](crate::sampling::points_on_rays), whose distances have no gradient.
 #[derive(Debug)]
-struct PointsOnRays(RayOffsets);
+pub(crate) struct PointsOnRays(pub(crate) Segments);
 
 impl CubeKernel for PointsOnRays {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [origins, directions, t] = inputs else { unreachable!("points have three inputs") };
-        let out = empty(t, [self.0.0.samples(), 3]);
-        let offsets = self.0.on_device_of(t);
+        let out = empty(t, [self.0.samples(), 3]);
+        let offsets = self.0.offsets_on_device_of(t);
         launch!(kernels::points_forward::launch, out.meta.num_elements(); origins, directions, t, &offsets, &out;);
         out
     }
@@ -37,7 +28,7 @@ impl CubeKernel for PointsOnRays {
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let [origins, directions, t] = pass.inputs else { unreachable!("points have three inputs") };
         let (dorigins, ddirections) = (empty_like(origins), empty_like(directions));
-        let offsets = self.0.on_device_of(t);
+        let offsets = self.0.offsets_on_device_of(t);
         launch!(
             kernels::points_backward::launch, dorigins.meta.num_elements();
             t, &offsets, pass.grad, &dorigins, &ddirections;
@@ -46,46 +37,36 @@ impl CubeKernel for PointsOnRays {
     }
 }
 
+/// Kernel of [`Segments::spread`].
 #[derive(Debug)]
-struct Spread(RayOffsets);
+pub(crate) struct Spread(pub(crate) Segments);
 
 impl CubeKernel for Spread {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let rows = &inputs[0];
-        let out = empty(rows, [self.0.0.samples(), rows.meta.shape()[1]]);
-        launch!(kernels::spread::launch, out.meta.num_elements(); rows, &self.0.on_device_of(rows), &out;);
+        let out = empty(rows, [self.0.samples(), rows.meta.shape()[1]]);
+        launch!(kernels::spread::launch, out.meta.num_elements(); rows, &self.0.offsets_on_device_of(rows), &out;);
         out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let drows = empty_like(&pass.inputs[0]);
-        launch!(kernels::gather::launch, drows.meta.num_elements(); pass.grad, &self.0.on_device_of(&drows), &drows;);
+        let offsets = self.0.offsets_on_device_of(&drows);
+        launch!(kernels::gather::launch, drows.meta.num_elements(); pass.grad, &offsets, &drows;);
         vec![Some(drows)]
     }
 }
 
-/// First sample of each ray, for kernels along rays.
-#[derive(Debug)]
-pub(crate) struct RayOffsets(Segments);
-
-impl RayOffsets {
-    pub(crate) fn new(segments: &Segments) -> Self {
-        Self(segments.clone())
-    }
-
-    pub(crate) fn rays(&self) -> usize {
-        self.0.rays()
-    }
-
+impl Segments {
     /// Returns the offsets, `[R + 1]`, on the device of `like`; cached on the first device that asks for them.
-    pub(crate) fn on_device_of(&self, like: &CubeTensor) -> CubeTensor {
+    pub(crate) fn offsets_on_device_of(&self, like: &CubeTensor) -> CubeTensor {
         let upload = || {
-            let offsets: Vec<i32> = self.0.offsets().iter().map(|offset| *offset as i32).collect();
+            let offsets: Vec<i32> = self.offsets().iter().map(|offset| *offset as i32).collect();
             let count = offsets.len();
             count_upload(size_of_val(offsets.as_slice()));
             CubeBackend::int_from_data(TensorData::new(offsets, [count]), &like.device)
         };
-        let cached = self.0.on_gpu.get_or_init(upload);
+        let cached = self.on_gpu.get_or_init(upload);
         if cached.device == like.device { cached.clone() } else { upload() }
     }
 }

@@ -4,6 +4,7 @@ use burn::cubecl::{self, prelude::*};
 
 use crate::cube::random::{self, Bits};
 use crate::cube::rays::alpha_of;
+use crate::sampling::SampleRule;
 
 /// Returns number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
@@ -238,15 +239,16 @@ pub(super) fn resample_draw(
     out[at] = edges[below] + share * (edges[above] - edges[below]);
 }
 
-/// Computes the distance and length of samples at the near end of their intervals; the last interval has length `last`,
-/// or that of the one before if `last` is 0.
+/// Computes the distance of each sample and the length of its interval ([`intervals`](crate::sampling::intervals)). The last
+/// interval under [`SampleRule::Left`] has length `last`, or that of the one before if `last` is 0.
 #[cube(launch)]
-pub(super) fn lengths_left(
+pub(super) fn intervals(
     t: &Tensor<f32>,
     ends: &Tensor<f32>,
     distance: &mut Tensor<f32>,
     length: &mut Tensor<f32>,
     last: f32,
+    #[comptime] rule: SampleRule,
 ) {
     let at = ABSOLUTE_POS;
     if at >= length.len() {
@@ -254,50 +256,37 @@ pub(super) fn lengths_left(
     }
     let count = t.shape(1);
     let (row, i) = (at / count, at % count);
+    let mut place = t[at];
     let mut own = last;
-    if i + 1 < count {
-        own = t[at + 1] - t[at];
-    } else if last == 0.0f32 {
-        if count > 1 {
-            own = t[at] - t[at - 1];
-        } else {
-            own = end(ends, row, 1) - t[at];
+    match comptime!(rule) {
+        SampleRule::Left => {
+            if i + 1 < count {
+                own = t[at + 1] - t[at];
+            } else if last == 0.0f32 {
+                if count > 1 {
+                    own = t[at] - t[at - 1];
+                } else {
+                    own = end(ends, row, 1) - t[at];
+                }
+            }
+        }
+        SampleRule::Mid => {
+            let mut lower = end(ends, row, 0);
+            if i > 0 {
+                lower = 0.5f32 * (t[at - 1] + t[at]);
+            }
+            let mut upper = end(ends, row, 1);
+            if i + 1 < count {
+                upper = 0.5f32 * (t[at] + t[at + 1]);
+            }
+            own = f32::max(upper - lower, 0.0f32);
+        }
+        SampleRule::Edges => {
+            let edge = at / (count - 1) * count + at % (count - 1);
+            place = 0.5f32 * (t[edge] + t[edge + 1]);
+            own = t[edge + 1] - t[edge];
         }
     }
-    distance[at] = t[at];
+    distance[at] = place;
     length[at] = own;
-}
-
-/// Computes the distance and length of samples whose intervals lie between the midpoints to both neighbours.
-#[cube(launch)]
-pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
-    let at = ABSOLUTE_POS;
-    if at >= length.len() {
-        terminate!();
-    }
-    let count = t.shape(1);
-    let (row, i) = (at / count, at % count);
-    let mut lower = end(ends, row, 0);
-    if i > 0 {
-        lower = 0.5f32 * (t[at - 1] + t[at]);
-    }
-    let mut upper = end(ends, row, 1);
-    if i + 1 < count {
-        upper = 0.5f32 * (t[at] + t[at + 1]);
-    }
-    distance[at] = t[at];
-    length[at] = f32::max(upper - lower, 0.0f32);
-}
-
-/// Computes the middle and length of intervals whose edges, one more in each row, are `t`.
-#[cube(launch)]
-pub(super) fn lengths_between(t: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
-    let at = ABSOLUTE_POS;
-    if at >= length.len() {
-        terminate!();
-    }
-    let count = t.shape(1) - 1;
-    let edge = at / count * (count + 1) + at % count;
-    distance[at] = 0.5f32 * (t[edge] + t[edge + 1]);
-    length[at] = t[edge + 1] - t[edge];
 }

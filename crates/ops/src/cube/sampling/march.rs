@@ -6,7 +6,6 @@ use burn_cubecl::tensor::CubeTensor;
 
 use crate::cube::outputs::Outputs;
 use crate::cube::random::{Bits, uniform};
-use crate::cube::rays::RayOffsets;
 use crate::cube::{CubeKernel, apply, empty};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
@@ -16,13 +15,13 @@ use crate::traffic::to_host;
 pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
-    let jitter = rays.jitter.as_ref().map_or_else(|| geometry.clone().flatten(0, 1), |streams| streams.0.clone());
+    let jitter = super::streams_or(rays.jitter.as_ref(), &geometry);
     let density = cells.map_or_else(|| geometry.clone().flatten(0, 1), |cells| cells.density.clone());
     let ([x, y, z], [per_x, per_y, per_z], resolution) =
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
     let settings = [march.step, march.hidden_depth, x, y, z, per_x, per_y, per_z, resolution as f32];
-    let walk = Walk { settings, jittered: rays.jitter.is_some(), has_cells: cells.is_some() };
-    let counts: tensor::Tensor<1> = apply(Count(walk), (geometry.clone(), jitter.clone(), density.clone()));
+    let walk = Walk { settings, jittered: rays.jitter.is_some(), has_cells: cells.is_some(), written: None };
+    let counts: tensor::Tensor<1> = apply(walk.clone(), (geometry.clone(), jitter.clone(), density.clone()));
     // Counts are whole numbers below 2^24, which f32 holds exactly.
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
@@ -32,60 +31,48 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
         return PackedSamples { segments, distance: none.clone(), delta: none, positions, on_host: None };
     }
     let outputs = Outputs::new([[samples, 1], [samples, 1], [samples, 3]].map(Shape::new));
-    let kernel = Write { walk, rays: RayOffsets::new(&segments), outputs: outputs.clone() };
-    let buffer: tensor::Tensor<1> = apply(kernel, (geometry, jitter, density));
+    let writing = Walk { written: Some((segments.clone(), outputs.clone())), ..walk };
+    let buffer: tensor::Tensor<1> = apply(writing, (geometry, jitter, density));
     let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1));
     let positions = outputs.output::<2>(&buffer, 2);
     PackedSamples { segments, distance, delta, positions, on_host: None }
 }
 
-/// Arguments of both kernels in addition to tensors.
-#[derive(Clone, Copy, Debug)]
+/// Walk along rays that counts their samples, `[R]`, or writes them.
+#[derive(Clone, Debug)]
 struct Walk {
     /// Step, hidden depth, corner, cells per unit and resolution.
     settings: [f32; 9],
     jittered: bool,
     has_cells: bool,
+    /// Samples of each ray, and places at which they are written; `None` to count them.
+    written: Option<(Segments, Outputs<3>)>,
 }
 
-#[derive(Debug)]
-struct Count(Walk);
-
-impl CubeKernel for Count {
+impl CubeKernel for Walk {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
-        let count = rays.meta.shape()[0];
-        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.0.settings, rays));
-        let counts = empty(rays, [count]);
-        launch!(count::launch, count; rays, &streams, density, &settings, &counts; self.0.jittered, self.0.has_cells);
-        counts
-    }
-}
-
-#[derive(Debug)]
-struct Write {
-    walk: Walk,
-    rays: RayOffsets,
-    outputs: Outputs<3>,
-}
-
-impl CubeKernel for Write {
-    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
-        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.walk.settings, rays));
-        let buffer = self.outputs.buffer(rays);
-        let [distance, delta, positions] = self.outputs.parts(&buffer);
+        let (count, jittered, has_cells) = (rays.meta.shape()[0], self.jittered, self.has_cells);
+        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.settings, rays));
+        let Some((segments, outputs)) = &self.written else {
+            let counts = empty(rays, [count]);
+            launch!(count::launch, count; rays, &streams, density, &settings, &counts; jittered, has_cells);
+            return counts;
+        };
+        let buffer = outputs.buffer(rays);
+        let [distance, delta, positions] = outputs.parts(&buffer);
+        let offsets = segments.offsets_on_device_of(rays);
         launch!(
-            write::launch, rays.meta.shape()[0];
-            rays, &streams, density, &settings, &self.rays.on_device_of(rays), &distance, &delta, &positions;
-            self.walk.jittered, self.walk.has_cells
+            write::launch, count;
+            rays, &streams, density, &settings, &offsets, &distance, &delta, &positions;
+            jittered, has_cells
         );
         buffer
     }
 }
 
 /// Returns the tensor with its bits read as integers.
-fn integers(tensor: &CubeTensor) -> CubeTensor {
+pub(super) fn integers(tensor: &CubeTensor) -> CubeTensor {
     CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
 

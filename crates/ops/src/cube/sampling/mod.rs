@@ -3,7 +3,7 @@
 mod kernels;
 mod march;
 
-use burn::tensor::{DType, Shape, Tensor};
+use burn::tensor::{Shape, Tensor};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use march::march;
@@ -53,8 +53,7 @@ impl CubeKernel for Sampling {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let first = &inputs[0];
         let rays = first.meta.shape()[0];
-        // Streams hold the bits of integers.
-        let streams = || CubeTensor { dtype: DType::U32, ..inputs.last().expect("streams are last").clone() };
+        let streams = || march::integers(inputs.last().expect("streams are last"));
         match self {
             Self::Stratified { shape, rule, jitter } => {
                 let out = empty(first, *shape);
@@ -93,20 +92,11 @@ impl CubeKernel for Sampling {
             Self::Intervals { outputs, rule, last } => {
                 let buffer = outputs.buffer(first);
                 let [distance, length] = outputs.parts(&buffer);
-                let (count, ends) = (length.meta.num_elements(), &inputs[1]);
-                match rule {
-                    SampleRule::Left => launch!(
-                        kernels::lengths_left::launch, count;
-                        first, ends, &distance, &length;
-                        last.length().unwrap_or(0.0)
-                    ),
-                    SampleRule::Mid => {
-                        launch!(kernels::lengths_mid::launch, count; first, ends, &distance, &length;);
-                    }
-                    SampleRule::Edges => {
-                        launch!(kernels::lengths_between::launch, count; first, &distance, &length;);
-                    }
-                }
+                launch!(
+                    kernels::intervals::launch, length.meta.num_elements();
+                    first, &inputs[1], &distance, &length;
+                    last.length().unwrap_or(0.0), *rule
+                );
                 buffer
             }
         }

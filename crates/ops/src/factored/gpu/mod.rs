@@ -9,7 +9,7 @@ use burn::cubecl::ir::{FloatKind, Type};
 use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{FactoredLayout, Level, PLANES, Query};
+use super::{FactoredLayout, PLANES, Query};
 use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, uploaded, zeros};
 use kernels::{CompareExchange, Native};
 
@@ -27,12 +27,6 @@ struct FeatureKernel {
     weights: Vec<f32>,
 }
 
-impl FeatureKernel {
-    fn sizes(&self) -> (usize, Vec<Level>) {
-        (self.layout.frequencies, self.layout.levels.clone())
-    }
-}
-
 impl CubeKernel for FeatureKernel {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         self.forward_keeping(inputs).0
@@ -44,8 +38,11 @@ impl CubeKernel for FeatureKernel {
         let samples = positions.meta.shape()[0];
         let out = empty(tables, [samples, self.layout.features()]);
         let weights = uploaded(&self.weights, tables);
-        let (frequencies, levels) = self.sizes();
-        launch!(kernels::features::launch, samples * PLANES.len(); tables, positions, &weights, &out; frequencies, levels);
+        launch!(
+            kernels::features::launch, samples * PLANES.len();
+            tables, positions, &weights, &out;
+            self.layout.frequencies, self.layout.levels.clone()
+        );
         (out, vec![weights])
     }
 
@@ -60,21 +57,19 @@ impl CubeKernel for FeatureKernel {
                 false => kernels::table_gradient::launch::<CompareExchange>,
             };
             let dtables = zeros(tables, tables.meta.shape().clone());
-            let (frequencies, levels) = self.sizes();
             launch!(
                 launch, samples * PLANES.len();
                 tables, positions, weights, pass.grad, &dtables;
-                frequencies, levels
+                self.layout.frequencies, self.layout.levels.clone()
             );
             dtables
         };
         let in_positions = || {
             let dpositions = empty_like(positions);
-            let (frequencies, levels) = self.sizes();
             launch!(
                 kernels::position_gradient::launch, samples;
                 tables, positions, weights, pass.output, pass.grad, &dpositions;
-                frequencies, levels
+                self.layout.frequencies, self.layout.levels.clone()
             );
             dpositions
         };

@@ -4,25 +4,19 @@ use std::sync::Arc;
 
 use burn::backend::ops::FloatTensorOps;
 use burn::cubecl::{self, prelude::*};
-use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{FactoredLayout, weight};
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
+use crate::cube::{CubeKernel, Pass, empty, empty_like, launch};
 use crate::factored::Level;
 
 const SUMS: usize = 4096;
 
-/// Computes the variation, `[1]`.
-pub(super) fn variation(tables: tensor::Tensor<1>, layout: &Arc<FactoredLayout>) -> tensor::Tensor<1> {
-    apply(Variation(layout.clone()), tables)
-}
-
 #[derive(Debug)]
-struct Variation(Arc<FactoredLayout>);
+pub(super) struct GpuVariation(pub(super) Arc<FactoredLayout>);
 
-impl CubeKernel for Variation {
+impl CubeKernel for GpuVariation {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let tables = &inputs[0];
         let sums = empty(tables, [SUMS]);

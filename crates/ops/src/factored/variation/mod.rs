@@ -23,7 +23,7 @@ pub fn plane_variation(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tenso
     dispatch! {
         &tables.device();
         host => crate::kernel::apply(host::VariationKernel { layout: layout.clone() }, [1], tables),
-        cube => gpu::variation(tables, layout),
+        cube => crate::cube::apply(gpu::GpuVariation(layout.clone()), tables),
         plain => plain(tables, layout),
     }
 }

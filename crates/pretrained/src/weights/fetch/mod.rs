@@ -27,8 +27,7 @@ const TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Store {
     /// Downloads the weights called `name` and their companions, unless they are present: verifies the checksum of each file
-    /// and keeps its needed tensors in the first folder, as [`Store::import`] does. A download that was cut off resumes where
-    /// it ended. Returns the files.
+    /// and keeps its needed tensors, as [`Store::import`] does. An interrupted download resumes. Returns the files.
     ///
     /// # Errors
     /// If no weights have this name, a file does not arrive or is another one, or the folder cannot be written.

@@ -20,8 +20,8 @@ enum Answer {
     Status(&'static str),
 }
 
-/// Starts a server that gives these answers and ends; its thread returns the `Range` of each request.
-fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
+/// Starts a server that publishes `file`, gives these answers and ends; its thread returns the `Range` of each request.
+fn serve(file: &[u8], answers: Vec<Answer>) -> (KnownWeights, WeightFolder, JoinHandle<Vec<Option<String>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("http://{}/models/heads-12345678.pth", listener.local_addr().unwrap());
     let answer = move |answer: Answer| {
@@ -49,7 +49,8 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
         let _ = stream.write_all(&body[..kept.min(body.len())]);
         range
     };
-    (url, std::thread::spawn(move || answers.into_iter().map(answer).collect()))
+    let server = std::thread::spawn(move || answers.into_iter().map(answer).collect());
+    (published(url, file), WeightFolder::new(), server)
 }
 
 /// Describes the heads of LPIPS as if `file` were published at `url`.
@@ -84,8 +85,7 @@ const KEPT: &str = "lpips-alex-heads.safetensors";
 
 #[test]
 fn fetch_reports_progress_and_leaves_only_the_weights() {
-    let (url, server) = serve(vec![Answer::File]);
-    let (weights, folder) = (published(url, FILE), WeightFolder::new());
+    let (weights, folder, server) = serve(FILE, vec![Answer::File]);
     let mut reports = Vec::new();
     let store = Store::in_folder(folder.0.path().join("new"));
     let path = store.fetch_file(&weights, &mut |progress| reports.push(progress)).unwrap();
@@ -99,11 +99,10 @@ fn fetch_reports_progress_and_leaves_only_the_weights() {
 
 #[test]
 fn interrupted_downloads_resume() {
-    let (url, server) = serve(vec![Answer::Cut(1000), Answer::Cut(2000), Answer::File]);
-    let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
+    let (weights, folder, server) = serve(FILE, vec![Answer::Cut(1000), Answer::Cut(2000), Answer::File]);
     for done in [1000, 3000] {
         let kept = format!("{done} of {} bytes; what has arrived is kept; try again to resume", FILE.len());
-        assert_eq!(folder.fetch(&weights), Err(format!("{url}: the connection ended after {kept}")));
+        assert_eq!(folder.fetch(&weights), Err(format!("{}: the connection ended after {kept}", weights.url)));
         assert_eq!(std::fs::read(folder.part()).unwrap(), FILE[..done]);
     }
     folder.fetch(&weights).unwrap();
@@ -123,8 +122,7 @@ fn partial_files_are_completed_or_replaced() {
         (FILE, vec![]),
     ];
     for (part, answers) in cases {
-        let (url, server) = serve(answers);
-        let (weights, folder) = (published(url, FILE), WeightFolder::new());
+        let (weights, folder, server) = serve(FILE, answers);
         std::fs::write(folder.part(), part).unwrap();
         folder.fetch(&weights).unwrap();
         assert_eq!(folder.files(), [KEPT]);
@@ -141,9 +139,9 @@ fn refusals_are_one_line_and_keep_nothing() {
         (Answer::Status("404 Not Found"), "the server answered with HTTP status 404".to_owned()),
         (Answer::Other(b"<html>"), format!("the server offers 6 bytes, expected {length}")),
     ] {
-        let (url, server) = serve(vec![answer]);
-        let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
-        assert_eq!(folder.fetch(&KnownWeights { sha256: "00ff", ..weights }), Err(format!("{url}: {expected}")));
+        let (weights, folder, server) = serve(FILE, vec![answer]);
+        let weights = KnownWeights { sha256: "00ff", ..weights };
+        assert_eq!(folder.fetch(&weights), Err(format!("{}: {expected}", weights.url)));
         assert_eq!(folder.files(), [""; 0]);
         server.join().unwrap();
     }
@@ -162,8 +160,7 @@ fn missing_connection_is_one_line_that_names_import() {
 #[test]
 #[cfg(target_os = "linux")]
 fn full_disk_is_one_line() {
-    let (url, server) = serve(vec![Answer::File]);
-    let (weights, folder) = (published(url, FILE), WeightFolder::new());
+    let (weights, folder, server) = serve(FILE, vec![Answer::File]);
     std::os::unix::fs::symlink("/dev/full", folder.part()).unwrap();
     assert_eq!(folder.fetch(&weights), Err(format!("no space left in {}", folder.0.path().display())));
     server.join().unwrap();
@@ -172,8 +169,7 @@ fn full_disk_is_one_line() {
 #[test]
 fn other_tensors_are_refused() {
     const OTHER: &[u8] = b"\x08\0\0\0\0\0\0\0{}      ";
-    let (url, server) = serve(vec![Answer::Other(OTHER)]);
-    let (weights, folder) = (published(url, OTHER), WeightFolder::new());
+    let (weights, folder, server) = serve(OTHER, vec![Answer::Other(OTHER)]);
     let error = folder.fetch(&weights).unwrap_err();
     assert!(error.ends_with("no tensor `lin0.model.1.weight`, expected F32 [1, 64, 1, 1]"), "{error}");
     server.join().unwrap();
