@@ -381,6 +381,12 @@ fn results_are_collected_into_one_document() {
     place.tiny("exp mine.toml --scene knot --variant factored").succeeds();
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     assert_has(&place.read("results.md"), &["## sweep-mine", "## mine", "mine.toml", "2e-3"]);
+    // A run that was begun anew with another preset counts once.
+    place
+        .tiny("exp fast-losses --scene knot --variant factored --out results-of-mine --preset dense --overwrite")
+        .succeeds();
+    place.run("collect results-of-mine/fast-losses").succeeds();
+    assert_has(&place.read("results.md"), &["\npreset dense ·"]);
     // A document of the user is kept.
     place.write("notes.md", "My own notes.");
     place.run("collect results-of-mine/fast-losses --out notes.md").fails_with(&["notes.md", "--out"]);
