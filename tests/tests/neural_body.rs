@@ -1,5 +1,4 @@
-//! Neural Body against PyTorch: masked dense convolutions, the look-up of four levels, the MLP, and gradients back to codes,
-//! vectors and matrices.
+//! Neural Body against PyTorch: masked dense convolutions, the look-up of four levels, the MLP, and gradients of parameters.
 //!
 //! `fixtures/neural_body.py` made the expected values; its head states the rule that gives every weight.
 

@@ -1,5 +1,3 @@
-//! Connected components of a surface.
-
 use glam::Vec3;
 use petgraph::unionfind::UnionFind;
 

@@ -78,9 +78,8 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
         (0..width * height).map(move |i| camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5))
     };
     let rays = cameras.iter().flat_map(of_camera);
-    let crossing = rays.filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)));
-    let crossing = crossing.filter(|(_, near, far)| far > near);
-    let crossing: Vec<_> = crossing.map(|(ray, near, far)| (ray, near, (far - near) / SAMPLES as f32)).collect();
+    let crossing = rays.filter_map(|ray| Some((ray, bounds.intersect(&ray).filter(|(near, far)| far > near)?)));
+    let crossing: Vec<_> = crossing.map(|(ray, (near, far))| (ray, near, (far - near) / SAMPLES as f32)).collect();
     let of_chunk = |rays: &[_]| -> Vec<RayDepths> {
         let at = |&(ray, near, step): &(infonerf_scene::Ray, f32, f32)| {
             (0..SAMPLES).map(move |i| ray.origin + (near + (i as f32 + 0.5) * step) * ray.direction)

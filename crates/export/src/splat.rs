@@ -28,9 +28,8 @@ pub struct Gaussian {
     pub rotation: Quat,
     /// Opacity at the centre.
     pub opacity: f32,
-    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the
-    /// unit direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see
-    /// [`Gaussian::color`].
+    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the unit
+    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see [`Gaussian::color`].
     pub sh: [[f32; 4]; 3],
 }
 

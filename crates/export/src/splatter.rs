@@ -1,5 +1,3 @@
-//! Images of gaussians, as viewers of 3DGS show them.
-
 use std::ops::Range;
 
 use glam::{Mat3, Vec2, Vec3};

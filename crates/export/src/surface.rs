@@ -25,9 +25,8 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Extracts the surface on which `grid` has the density σ = [`DensityGrid::level`], by naive surface nets (Gibson
-    /// 1998) on the opacity `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than
-    /// the density does.
+    /// Extracts the surface on which `grid` has the density σ = [`DensityGrid::level`], by naive surface nets (Gibson 1998)
+    /// on the opacity `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than σ does.
     ///
     /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no
     /// camera sees into them, and components with less than a thousandth of the largest one's area are left out.

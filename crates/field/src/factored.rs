@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_ops::HostField;
 use infonerf_ops::factored::{FactoredLayout, Query, density_and_color, on_host, plane_variation};
 use infonerf_ops::unit_box::{share_of_box, unit_box};
@@ -174,10 +174,6 @@ impl Field for FactoredField {
         FieldOutput { sigma, color }
     }
 
-    fn device(&self) -> Device {
-        self.tables.val().device()
-    }
-
     fn on_host(&self, at: Moment) -> Option<HostField> {
         let (bounds, v) = (self.bounds, self.config.view_dependence);
         let field = on_host(self.tables.val(), self.weights.val(), &self.layout, self.detail(at))?;
@@ -195,6 +191,7 @@ impl Field for FactoredField {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
     use infonerf_ops::to_host;
 
     use super::*;

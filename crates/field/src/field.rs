@@ -24,8 +24,10 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// May panic if the field needs to be [conditioned](Self::conditioned) and is not.
     fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput;
 
-    /// Returns the device that holds the parameters.
-    fn device(&self) -> Device;
+    /// Returns the device that holds the parameters: by default that of the module's first tensor.
+    fn device(&self) -> Device {
+        self.devices().swap_remove(0)
+    }
 
     /// Returns a function of positions in scene units and unit directions that evaluates the field at a moment of the run
     /// without tensors, which makes renders faster; `None` if the field has none.

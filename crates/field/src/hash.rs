@@ -3,8 +3,8 @@
 use std::fmt;
 
 use burn::module::{Module, Param};
+use burn::tensor::Tensor;
 use burn::tensor::activation::softplus;
-use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{to_host, unit_box, upload};
 use infonerf_schedule::{Fault, Moment, Schedule};
@@ -226,14 +226,12 @@ impl Field for HashGrid {
         let out = self.mlp.forward(encoded, points, color, Activation::None);
         FieldOutput { sigma: softplus(out.sigma + self.config.density_bias, 1.0) * self.density_scale, ..out }
     }
-
-    fn device(&self) -> Device {
-        self.mlp.device()
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+
     use super::*;
 
     fn config() -> HashConfig {

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 use serde::{Deserialize, Serialize};
@@ -73,10 +73,6 @@ macro_rules! fields {
         impl Field for RadianceField {
             fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
                 match self { $(Self::$name(field) => field.evaluate(points, color, at),)* }
-            }
-
-            fn device(&self) -> Device {
-                match self { $(Self::$name(field) => field.device(),)* }
             }
 
             fn on_host(&self, at: Moment) -> Option<HostField> {

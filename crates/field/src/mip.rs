@@ -3,7 +3,7 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_ops::frequency::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{RayGaussians, frustum_gaussians};
@@ -100,10 +100,6 @@ impl Field for MipNerf {
         let encoded = integrated_encode(means, variances, frequencies, &window);
         let out = self.mlp.forward(encoded, points, color, Activation::ShiftedSoftplus);
         FieldOutput { color: out.color.map(|color| color * (1.0 + 2.0 * COLOR_PADDING) - COLOR_PADDING), ..out }
-    }
-
-    fn device(&self) -> Device {
-        self.mlp.device()
     }
 }
 

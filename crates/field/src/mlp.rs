@@ -97,10 +97,6 @@ impl Mlp {
         let (sigma, color) = density_and_color(encoded, &network, activation);
         FieldOutput { sigma, color }
     }
-
-    pub(crate) fn device(&self) -> Device {
-        self.sigma.weight.val().device()
-    }
 }
 
 fn dense(layer: &Linear) -> Dense {

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{to_host, upload};
@@ -147,10 +147,6 @@ impl Field for NerfMlp {
         FieldOutput { sigma: Activation::from(c.density).apply(raw.sigma + noise), ..raw }
     }
 
-    fn device(&self) -> Device {
-        self.mlp.device()
-    }
-
     fn conditioned(&self, _sources: &Sources, seed: Option<u64>) -> Self {
         Self { step_seed: seed, ..self.clone() }
     }
@@ -158,6 +154,8 @@ impl Field for NerfMlp {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+
     use super::*;
     use crate::points::Extent;
 

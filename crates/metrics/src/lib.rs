@@ -12,8 +12,6 @@
 //! assert!((psnr(&render, &truth)? - 20.0).abs() < 1e-4);
 //! # Ok::<(), infonerf_metrics::MetricError>(())
 //! ```
-//!
-//! Adding a metric takes a file with a [`Metric`] constant, and its line in [`METRICS`].
 
 mod descriptor;
 mod error;

@@ -1,7 +1,5 @@
 //! Evaluation protocol: preparation of images before they are measured, and the definition of metrics that have several.
 //!
-//! # The protocol
-//!
 //! A published figure depends on a metric of two images *and* on their preparation. This project reports
 //! [`Protocol::default`] everywhere; every deviation is a named option, and the protocol's [`Display`](fmt::Display) is the
 //! line under each table.

@@ -70,10 +70,8 @@ impl<'a> PreparedView<'a> {
             return Err(MetricError::NothingValid);
         }
         let picture = |picture: &Picture| {
-            let seen = match valid {
-                Some(valid) => valid.composite(picture, protocol.background.color()),
-                None => picture.clone(),
-            };
+            let behind = protocol.background.color();
+            let seen = valid.map_or_else(|| picture.clone(), |valid| valid.composite(picture, behind));
             if protocol.eight_bit { seen.rounded() } else { seen }
         };
         let depth = |map: &'a [f32]| match valid {

@@ -68,6 +68,12 @@ impl<const A: usize> From<Tensor<A>> for Inputs<Dispatch> {
     }
 }
 
+impl<const A: usize, const B: usize> From<(Tensor<A>, Option<Tensor<B>>)> for Inputs<Dispatch> {
+    fn from((a, b): (Tensor<A>, Option<Tensor<B>>)) -> Self {
+        std::iter::once(a.into_dispatch()).chain(b.map(Tensor::into_dispatch)).collect()
+    }
+}
+
 macro_rules! inputs_from_tuples {
     ($(($($tensor:ident: $rank:ident),+))+) => {$(
         impl<$(const $rank: usize),+> From<($(Tensor<$rank>,)+)> for Inputs<Dispatch> {

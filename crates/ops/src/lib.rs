@@ -36,6 +36,7 @@
 //! assert_eq!(tau.grad(&gradients).map(to_host).map(|gradient| gradient.len()), Some(3));
 //! # }
 //! ```
+#![cfg_attr(test, allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable"))]
 
 pub mod adam;
 pub mod additive;

@@ -146,10 +146,7 @@ impl Product<'_> {
     }
 
     /// Computes `R` rows of a strip. Rows are copied whole, and b by value, so that the compiler keeps all sums in registers.
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "iterators are not compiled for the instruction set chosen at run time"
-    )]
+    #[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the chosen instruction set")]
     #[inline(always)]
     fn tile<const FMA: bool, const R: usize, const N: usize>(
         &mut self,
@@ -234,14 +231,8 @@ mod tests {
         for instructions in simd::Instructions::ALL.into_iter().filter(|instructions| instructions.present()) {
             let mut y = vec![f32::NAN; m * n];
             let [y_at, a_at, b_at] = [n, k, n].map(|row| Matrix::rows(0, row));
-            let whole = Product {
-                sizes: [m, n, k],
-                initial: InitialSum::Zero,
-                y: (&mut y, y_at),
-                a: (&a, a_at),
-                b: (&b, b_at),
-            };
-            instructions.run(whole);
+            let (initial, left, right) = (InitialSum::Zero, (&a[..], a_at), (&b[..], b_at));
+            instructions.run(Product { sizes: [m, n, k], initial, y: (&mut y, y_at), a: left, b: right });
             assert!((0..m * n).all(|i| y[i] == sum(i)), "{instructions:?}");
         }
     }

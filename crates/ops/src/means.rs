@@ -7,12 +7,7 @@ pub fn mean_squared_difference<const D: usize>(a: Tensor<D>, b: Tensor<D>) -> Te
     (a - b.detach()).square().mean()
 }
 
-/// Returns the sum of `values` `[R]` where `measure` `[R]` exceeds `threshold`, `[1]`; differentiable in `values`.
-pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
-    mask_above(values, measure, threshold).sum()
-}
-
-/// Sets `values` `[R]` to 0 where `measure` `[R]` does not exceed `threshold`; no gradient reaches `measure`.
+/// Sets `values` `[R]` to 0 where `measure` `[R]` does not exceed `threshold`; differentiable in `values` alone.
 pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     values * measure.detach().greater_elem(threshold).float()
 }
@@ -30,7 +25,6 @@ mod tests {
     use burn::tensor::Device;
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn values_and_gradients_by_hand() {
         for device in [Device::flex(), Device::ndarray()] {
             let device = device.autodiff();
@@ -42,7 +36,7 @@ mod tests {
             assert_eq!(to_host(a.grad(&grads).unwrap()), [0.5, 0.0, -1.0, -0.25]);
             assert!(b.grad(&grads).is_none());
             let flat = a.clone().flatten(0, 1);
-            let sum = sum_above(flat, Tensor::from_floats([0.0, 0.5, 0.6, 9.0], &device), 0.5);
+            let sum = mask_above(flat, Tensor::from_floats([0.0, 0.5, 0.6, 9.0], &device), 0.5).sum();
             let grads = sum.clone().backward();
             assert_eq!(to_host(sum), [12.0]);
             assert_eq!(to_host(a.grad(&grads).unwrap()), [0.0, 0.0, 1.0, 1.0]);

@@ -23,9 +23,7 @@ pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
     job: impl Fn(B::Item, &mut [f32]) + Send + Sync,
 ) {
     match saved {
-        Some(saved) => {
-            blocks.zip(saved.par_chunks_mut(length)).for_each(|(block, buffer)| job(block, buffer));
-        }
+        Some(saved) => blocks.zip(saved.par_chunks_mut(length)).for_each(|(block, buffer)| job(block, buffer)),
         None => blocks.for_each_init(|| vec![0.0; length], |buffer, block| job(block, buffer)),
     }
 }

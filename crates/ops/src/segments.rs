@@ -98,7 +98,6 @@ mod tests {
     use crate::traffic::{from_host, to_host};
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn rows_of_rays_go_to_their_samples_and_gradients_back() {
         let segments = Segments::from_counts([0, 2, 0, 1]);
         for device in [Device::flex(), Device::ndarray()] {

@@ -1,7 +1,5 @@
 //! The factored field and the planes' variation: host kernel and plain tensors on two backends against the oracle in `f64`.
 
-#![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
-
 use std::sync::Arc;
 
 use crate::common::{Draws, assert_close, vector, wide};

@@ -1,4 +1,5 @@
 //! Integration tests of infonerf-ops, in one program.
+#![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
 mod agreement;
 mod common;

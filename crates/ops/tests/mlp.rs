@@ -1,7 +1,5 @@
 //! NeRF's network: host kernel against plain tensors on two backends.
 
-#![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
-
 use crate::common::{Draws, assert_close, vector};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};

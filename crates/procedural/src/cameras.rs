@@ -45,8 +45,7 @@ fn hemisphere(seed: u64, size: u32) -> Vec<Camera> {
     (0..TRAIN_VIEWS).map(view).collect()
 }
 
-/// Returns the 200 test cameras for `size`² images: once around, while the elevation swings
-/// between 10° and 60°, looking at the origin.
+/// Returns the 200 test cameras for `size`² images: once around, at elevations from 10° to 60°, looking at the origin.
 pub fn test_cameras(size: u32) -> Vec<Camera> {
     let view = |i: usize| {
         let turn = i as f64 / TEST_VIEWS as f64;
@@ -103,8 +102,7 @@ pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// Returns the 64-bit FNV-1a hash of `bytes`. The hash of a scene's name is the seed of its cameras, so that no seed is
-/// chosen by hand.
+/// Returns the 64-bit FNV-1a hash of `bytes`. A scene's name is hashed to the seed of its cameras: none is chosen by hand.
 pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
     let mut hash = FnvHasher::default();
     hash.write(bytes);

@@ -231,7 +231,7 @@ fn slab(line: &HalfLine, axis: usize, half: f64) -> Option<Span> {
 /// Returns the part of the line inside a frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
 fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
-    let mut span = slab(line, 2, half)?;
+    let span = slab(line, 2, half)?;
     let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
     // Shift the origin to where the line is nearest to the solid's middle: keeps the quadratic well conditioned.
     let shift = -o.dot(d);
@@ -250,49 +250,40 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
             return (c <= 0.0).then_some(span);
         }
         let t = -0.5 * c / b;
-        return clip(&mut span, shift, (b < 0.0, t), (b > 0.0, t), &normal);
+        let (enter, exit) = if b < 0.0 { (t, f64::INFINITY) } else { (f64::NEG_INFINITY, t) };
+        return clip(span, shift, enter, exit, normal);
     }
     let disc = b * b - a * c;
-    if a > 0.0 {
-        if disc <= 0.0 {
-            return None;
-        }
-        let root = disc.sqrt();
-        return clip(&mut span, shift, (true, (-b - root) / a), (true, (-b + root) / a), &normal);
-    }
-    // a < 0: inside the double cone before the first and after the second root; inside the slab only one of its halves
-    // exists (the radius is never negative there).
     if disc <= 0.0 {
-        return (c <= 0.0).then_some(span);
+        return (a < 0.0 && c <= 0.0).then_some(span);
     }
     let root = disc.sqrt();
     let (first, second) = ((-b + root) / a, (-b - root) / a);
+    if a > 0.0 {
+        return clip(span, shift, second, first, normal);
+    }
+    // a < 0: inside the double cone before the first and after the second root; inside the slab only one of its halves
+    // exists (the radius is never negative there).
     let middle = |lo: f64, hi: f64| p.z + 0.5 * (lo + hi) * d.z;
     let (lo, hi) = (span.enter - shift, span.exit - shift);
     if first > lo && middle(lo, first.min(hi)).abs() <= half {
-        return clip(&mut span, shift, (false, 0.0), (true, first), &normal);
+        return clip(span, shift, f64::NEG_INFINITY, first, normal);
     }
     if second < hi {
-        return clip(&mut span, shift, (true, second), (false, 0.0), &normal);
+        return clip(span, shift, second, f64::INFINITY, normal);
     }
     None
 }
 
-/// Clips `span` to the entry and the exit of the side: whether each exists, and its distance from `shift`.
-fn clip(
-    span: &mut Span,
-    shift: f64,
-    enter: (bool, f64),
-    exit: (bool, f64),
-    normal: &impl Fn(f64) -> DVec3,
-) -> Option<Span> {
-    if enter.0 && enter.1 + shift > span.enter {
-        (span.enter, span.enter_normal) = (enter.1 + shift, normal(enter.1));
+/// Clips `span` to the entry and the exit of the side, distances from `shift`; an infinite one clips nothing.
+fn clip(mut span: Span, shift: f64, enter: f64, exit: f64, normal: impl Fn(f64) -> DVec3) -> Option<Span> {
+    if enter + shift > span.enter {
+        (span.enter, span.enter_normal) = (enter + shift, normal(enter));
     }
-    if exit.0 && exit.1 + shift < span.exit {
-        (span.exit, span.exit_normal) = (exit.1 + shift, normal(exit.1));
+    if exit + shift < span.exit {
+        (span.exit, span.exit_normal) = (exit + shift, normal(exit));
     }
-    (span.enter < span.exit).then_some(*span)
+    (span.enter < span.exit).then_some(span)
 }
 
 #[cfg(test)]
@@ -300,8 +291,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns a number that is negative inside the solid, not a distance.
     fn inside(kind: &Kind, p: DVec3) -> f64 {
-        // Negative inside; a distance bound is not needed, only the sign and its scale.
         match *kind {
             Kind::Sphere { radius } => p.length() - radius,
             Kind::Block { half } => (p.abs() - half).max_element(),
@@ -310,9 +301,8 @@ mod tests {
                 (p.truncate().length() - radius).max(p.z.abs() - half)
             }
             Kind::Bullet { radius, half } => {
-                let ball = (p + DVec3::Z * half).length() - radius;
-                let rod = (p.truncate().length() - radius).max(p.z.abs() - half);
-                ball.min(rod)
+                let rod = Kind::Cone { bottom: radius, top: radius, half };
+                inside(&rod, p).min((p + DVec3::Z * half).length() - radius)
             }
         }
     }

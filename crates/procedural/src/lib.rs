@@ -154,8 +154,7 @@ pub fn cameras(name: &str, size: u32) -> Result<(Vec<Camera>, Vec<Camera>), Scen
     Ok((layout.train, layout.test))
 }
 
-/// Returns the min and max distance of any surface from any camera of the scene `name`, and a box that contains the
-/// scene.
+/// Returns the min and max distance of any surface from any camera of the scene `name`, and a box that contains the scene.
 ///
 /// # Errors
 /// There is no scene `name`.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::convex::HalfLine;
 use super::model::SceneModel;
-use super::shade::{LIGHT_SAMPLES, encode};
+use super::shade::encode;
 use super::through::{half_hidden_distance, light};
 
 /// Number of samples per pixel along each side.
@@ -49,7 +49,7 @@ fn pixel(model: &SceneModel, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
         let offset = |k: usize| (k as f64 + 0.5) / GRID as f64;
         let (dx, dy) = (offset(sample % GRID), offset(sample / GRID));
         let line = ray(model, camera, f64::from(x) + dx, f64::from(y) + dy);
-        let (colour, hidden) = light(model, &line, sample % LIGHT_SAMPLES);
+        let (colour, hidden) = light(model, &line, sample);
         sum += colour;
         cover += hidden;
     }

@@ -6,9 +6,8 @@ use super::convex::HalfLine;
 use super::model::{MIRRORS_ABOVE, Material, SceneModel};
 use super::shape::Hit;
 
-/// Number of positions over the lamps, which the samples of a pixel use in turn.
-pub(super) const LIGHT_SAMPLES: usize = 4;
-const JITTER: [(f64, f64); LIGHT_SAMPLES] = [(0.6, 0.25), (-0.25, 0.6), (-0.6, -0.25), (0.25, -0.6)];
+/// Positions over the lamps, which the samples of a pixel use in turn.
+const JITTER: [(f64, f64); 4] = [(0.6, 0.25), (-0.25, 0.6), (-0.6, -0.25), (0.25, -0.6)];
 
 const SUN: DVec3 = DVec3::new(0.55, -0.45, 0.70);
 const SUN_COLOUR: DVec3 = DVec3::new(2.05, 1.92, 1.70);
@@ -35,7 +34,7 @@ pub(super) fn surface(
     let normal = if hit.normal.dot(view) < 0.0 { -hit.normal } else { hit.normal };
     let start = line.at(hit.t) + LIFT * normal;
     let albedo = material.texture.at(hit.texture_point, hit.texture_normal);
-    let (dx, dy) = JITTER[sample % LIGHT_SAMPLES];
+    let (dx, dy) = JITTER[sample % JITTER.len()];
     let towards = |axis: DVec3, size: f64| {
         let axis = axis.normalize();
         let (u, v) = axis.any_orthonormal_pair();

@@ -104,8 +104,7 @@ fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
     }
 }
 
-/// A point seen in one view, at its depth, is seen by the other at its own depth or hidden there by
-/// something nearer: never is the other's surface beyond the point.
+/// Checks that a point of one view is seen by another one at its own depth, or hidden there by something nearer.
 #[test]
 fn depth_is_consistent_between_views() {
     for name in NAMES {

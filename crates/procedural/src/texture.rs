@@ -13,8 +13,7 @@ pub(super) enum Texture {
     Checker(DVec3, DVec3, DVec3),
     /// Stripes of two colours across a direction, whose length is their number per unit.
     Stripes(DVec3, DVec3, DVec3),
-    /// Courses of bricks on faces that stand upright: colours of bricks and mortar, width, height, and whether they wrap
-    /// about z.
+    /// Courses of bricks on upright faces: colours of bricks and mortar, width, height, and whether they wrap about z.
     Bricks(DVec3, DVec3, f64, f64, bool),
     /// Colour, colour of the veins in it, and features per unit.
     Marble(DVec3, DVec3, f64),
@@ -26,8 +25,7 @@ pub(super) enum Texture {
     Shingles(DVec3, DVec3, f64, f64),
     /// Boards with grain between two colours, their width and length; on upright faces they stand on end.
     Planks(DVec3, DVec3, f64, f64),
-    /// Colour of the ground, colour of flowers, their number per unit along each axis of the face, and whether they wrap
-    /// about z.
+    /// Colours of ground and flowers, their number per unit along each axis of the face, and whether they wrap about z.
     Flowers(DVec3, DVec3, f64, bool),
 }
 
@@ -149,11 +147,8 @@ fn flowers(ground: DVec3, petal: DVec3, u: f64, v: f64) -> DVec3 {
     let (x, y) = (u - cu - 0.5, v - cv - 0.5);
     let (r, angle) = (x.hypot(y), y.atan2(x));
     if (cu + cv).rem_euclid(2.0) < 1.0 {
-        if r < 0.09 {
-            return ground;
-        }
         let edge = 0.30 + 0.13 * (5.0 * angle + 1.5).cos();
-        if r < edge { petal } else { ground }
+        if (0.09..edge).contains(&r) { petal } else { ground }
     } else {
         let leaf = (x - 1.2 * y * y).abs() < 0.03 && y.abs() < 0.4;
         if leaf || (r > 0.12 && r < 0.16) { ground.lerp(petal, 0.6) } else { ground }

@@ -1,5 +1,3 @@
-//! Cameras.
-
 use glam::{DMat3, DMat4, DVec2, DVec3, Vec2, Vec3};
 
 use crate::lens::Lens;

@@ -1,5 +1,3 @@
-//! Errors, each of one line that names the file, the field and what was expected.
-
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 

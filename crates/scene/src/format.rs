@@ -1,5 +1,3 @@
-//! Format and backdrop of a scene.
-
 use std::fmt;
 
 use serde::{Deserialize, Serialize};

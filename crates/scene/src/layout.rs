@@ -1,5 +1,3 @@
-//! Arrangement of cameras around a scene's content.
-
 use std::fmt;
 
 use serde::Serialize;

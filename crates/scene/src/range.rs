@@ -1,5 +1,3 @@
-//! The interval of a ray in which a scene's content lies.
-
 use glam::Vec3;
 use serde::Serialize;
 
@@ -40,8 +38,7 @@ impl Default for Range {
 }
 
 impl Range {
-    /// Returns the distances `(near, far)` along `ray`, `0 ≤ near < far`, or `None` where no content lies in front of
-    /// it.
+    /// Returns the distances `(near, far)` along `ray`, `0 ≤ near < far`, or `None` where no content lies in front of it.
     pub fn along(&self, ray: &Ray) -> Option<(f32, f32)> {
         let (near, far) = match *self {
             Self::Distance { near, far } => (near, far),

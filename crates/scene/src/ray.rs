@@ -13,8 +13,7 @@ pub struct Ray {
     pub direction: Vec3,
     /// Radius of the pixel's cone at distance 1 (mip-NeRF, Sec. 3.1): at distance `t` it is `t · radius`. 0 for a line.
     pub radius: f32,
-    /// Cosine of the angle between the ray and the camera's viewing axis: depth along that axis is `t · cosine`. 1 for
-    /// a ray without a camera.
+    /// Cosine of the angle to the camera's viewing axis, along which depth is `t · cosine`. 1 for a ray without a camera.
     pub cosine: f32,
 }
 

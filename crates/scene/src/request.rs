@@ -1,5 +1,3 @@
-//! Request for a scene: its views, their size, their background.
-
 use serde::{Deserialize, Serialize};
 
 use crate::error::SceneError;

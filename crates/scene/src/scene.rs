@@ -24,9 +24,8 @@ pub struct View {
     pub camera: Camera,
     /// The photograph, composited on the scene's background.
     pub image: Arc<Image>,
-    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
-    /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
-    /// image was resized: distances cannot be averaged.
+    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units; `f32::INFINITY` where nothing is
+    /// hit. `None` where the scene does not know it, or where the image was resized: distances cannot be averaged.
     pub depth: Option<Arc<[f32]>>,
     /// Pixels that masked metrics use, row-major: those of the object in DTU, those of the person in ZJU-MoCap, and
     /// those that a capture's mask keeps. `None` without a mask.
@@ -52,13 +51,12 @@ impl View {
 
     /// Returns the view reduced to `longest` pixels on its longest side, as by [`Self::reduced`].
     pub fn resized(&self, longest: u32) -> Self {
-        let (width, height) = (self.image.width, self.image.height);
-        let size = resized_dimensions(width, height, longest);
-        let from = (width, height);
+        let from = (self.image.width, self.image.height);
+        let size @ (width, height) = resized_dimensions(from.0, from.1, longest);
         let resized = |mask: &Option<Arc<[bool]>>| mask.as_ref().map(|mask| resized_mask(mask, from, size).into());
         Self {
-            camera: self.camera.resized(size.0, size.1),
-            image: Arc::new(self.image.resized(size.0, size.1)),
+            camera: self.camera.resized(width, height),
+            image: Arc::new(self.image.resized(width, height)),
             depth: None,
             mask: resized(&self.mask),
             valid: resized(&self.valid),
@@ -85,8 +83,7 @@ pub struct Scene {
     pub backdrop: Backdrop,
     /// Extent of the content, and arrangement of the cameras around it.
     pub space: Space,
-    /// Cameras of all training views, chosen or not, at the scene's image size. Images of views that are not chosen are
-    /// not read.
+    /// Cameras of all training views, chosen or not, at the scene's image size. Only images of chosen views are read.
     pub all_train_cameras: Vec<Camera>,
     /// Exact cameras of `train` if these were [disturbed](Scene::disturbed), in the frame of the test views.
     pub exact_cameras: Option<Vec<Camera>>,
@@ -135,8 +132,7 @@ impl Scene {
         self
     }
 
-    /// Returns the distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none
-    /// does.
+    /// Returns the distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` without content.
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         self.space.range.along(ray)
     }

@@ -1,5 +1,3 @@
-//! The region that a scene occupies, and how its cameras are arranged.
-
 use glam::{Mat3, Vec3};
 use serde::Serialize;
 

@@ -18,9 +18,8 @@ pub fn looks_at_origin(pose: &DMat4) -> bool {
     pose.z_axis.truncate().dot(pose.w_axis.truncate().normalize()) > 1.0 - 1e-6
 }
 
-/// Returns a hundred cameras for `size`² images, at random on the upper hemisphere about the origin, which they look
-/// at.
-pub fn train_cameras(size: u32) -> Vec<Camera> {
+/// Returns a hundred cameras at random on the upper hemisphere about the origin, which they look at.
+pub fn train_cameras() -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(1590);
     let (low, high) = (3f64.to_radians().sin(), 80f64.to_radians().sin());
     let mut camera = || {
@@ -28,7 +27,7 @@ pub fn train_cameras(size: u32) -> Vec<Camera> {
         let height = low + (high - low) * rng.random::<f64>();
         let across = (1.0 - height * height).sqrt();
         let out = DVec3::new(across * azimuth.cos(), across * azimuth.sin(), height);
-        Camera::from_fov(size, size, 0.6911, look_along(4.0311 * out, -out, DVec3::Z))
+        Camera::from_fov(8, 8, 0.6911, look_along(4.0311 * out, -out, DVec3::Z))
     };
     (0..100).map(|_| camera()).collect()
 }

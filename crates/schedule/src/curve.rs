@@ -202,13 +202,7 @@ impl From<f64> for Schedule {
 
 /// Returns (progress − start)/(end − start), clamped to [0, 1]; if `start` equals `end`, a step from 0 to 1.
 fn between(start: f64, end: f64, progress: f64) -> f64 {
-    if progress >= end {
-        1.0
-    } else if progress <= start {
-        0.0
-    } else {
-        (progress - start) / (end - start)
-    }
+    if progress >= end { 1.0 } else { ((progress - start) / (end - start)).max(0.0) }
 }
 
 #[cfg(test)]

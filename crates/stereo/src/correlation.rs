@@ -1,5 +1,3 @@
-//! Normalised cross-correlation of windows of two images.
-
 use infonerf_scene::image::GreyImage;
 
 /// Constant added to variances, so that noise in uniform windows does not correlate.
@@ -41,11 +39,9 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// Sums `values`, rows of `width`, over the square window about each, as far as it lies within them; by running sums along
-/// rows and then columns.
-fn sums(values: Vec<[f32; 4]>, width: usize, half: usize) -> Vec<[f32; 4]> {
-    let height = values.len() / width;
-    let mut rows = values;
+/// Sums the values of `rows`, `width` in each, over the part of the square window about each value that lies within the rows.
+fn sums(mut rows: Vec<[f32; 4]>, width: usize, half: usize) -> Vec<[f32; 4]> {
+    let height = rows.len() / width;
     let mut sum_of_row = vec![[0.0; 4]; width];
     for row in rows.chunks_exact_mut(width) {
         let mut sum = [0.0; 4];

@@ -1,9 +1,8 @@
 //! Depth maps of posed photographs by plane-sweep stereo.
 //!
-//! Each view's neighbours are warped onto surfaces of constant disparity (Collins 1996) and compared with it by
-//! normalised cross-correlation over windows. Semi-global matching (Hirschmüller 2008) smooths the disparities, and a
-//! depth is kept only where another view's depth confirms it. Only the photographs and their cameras are used, and only
-//! valid pixels.
+//! Each view's neighbours are warped onto surfaces of constant disparity (Collins 1996) and compared with it by normalised
+//! cross-correlation over windows. Semi-global matching (Hirschmüller 2008) smooths the disparities, and a depth is kept only
+//! where another view's depth confirms it. Only the photographs' valid pixels and cameras are used.
 //!
 //! ```
 //! use infonerf_procedural::load;
@@ -51,8 +50,7 @@ const REDUCTION: u32 = 3;
 /// Min share of matched pixels from which the range of depths is found.
 const MIN_MATCHES: f32 = 0.01;
 
-/// Computes a depth map for each training view of `scene`, in their order. A view without another one close to it gets
-/// an empty map.
+/// Computes a depth map of each training view of `scene`, in their order: an empty one without another view close to it.
 ///
 /// The scene's near and far are often far too wide. A first search in small images finds which disparities occur,
 /// and the second spends its planes on those.
@@ -109,8 +107,7 @@ impl DisparityRange {
     }
 }
 
-/// Returns the range from the 1 % to the 99 % quantile of matched disparities, a quarter wider; `None` for too few
-/// matches.
+/// Returns the range from the 1 % to the 99 % quantile of matched disparities, a quarter wider; `None` for too few matches.
 fn disparity_range(maps: &[DepthMap]) -> Option<DisparityRange> {
     let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
     let pixels: usize = maps.iter().map(|map| map.disparity.len()).sum();
@@ -142,8 +139,7 @@ fn neighbours_of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
     let seeing = (0..cameras.len()).filter(|&other| other != view && cameras[other].project(point).is_some());
     let mut scored: Vec<(f32, usize)> = seeing.filter_map(scored).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.truncate(count);
-    scored.into_iter().map(|(_, other)| other).collect()
+    scored.into_iter().take(count).map(|(_, other)| other).collect()
 }
 
 /// Returns the point that `camera` looks at, on its middle ray: as far away as the scene's centre if the cameras
@@ -182,8 +178,7 @@ impl DepthMap {
         disparity.is_finite().then_some((disparity, self.step[at]))
     }
 
-    /// Returns the 99 % quantile of matched disparities: the nearest surface of the view without stray matches. `None`
-    /// if there are none.
+    /// Returns the 99 % quantile of matched disparities, the nearest surface without stray matches; `None` if there are none.
     pub fn nearest(&self) -> Option<f32> {
         let mut found: Vec<f32> = self.disparity.iter().copied().filter(|disparity| disparity.is_finite()).collect();
         found.sort_by(f32::total_cmp);
@@ -286,12 +281,8 @@ mod tests {
             let (x, y) = ((i % 8) as f32 + 0.5, (i / 8) as f32 + 0.5);
             2.0 * Vec3::new((x - 4.0) / 8.0, (y - 3.0) / 8.0, 1.0).length()
         };
-        let map = DepthMap {
-            width: 8,
-            height: 6,
-            disparity: (0..48).map(|i| 1.0 / distance(i)).collect(),
-            step: vec![0.01; 48],
-        };
+        let disparity = (0..48).map(|i| 1.0 / distance(i)).collect();
+        let map = DepthMap { width: 8, height: 6, disparity, step: vec![0.01; 48] };
         for (steps, expected) in [(0.0, vec![21]), (1.4, vec![21]), (-1.4, vec![21]), (1.6, vec![]), (-1.6, vec![])] {
             let mut other = DepthMap { disparity: vec![f32::NAN; 48], ..map.clone() };
             other.disparity[19] = map.disparity[19] + steps * 0.01;

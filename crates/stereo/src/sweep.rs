@@ -77,8 +77,7 @@ impl PlaneSweep {
     /// Samples `image` where the pixels' rays meet a plane; NaN outside of it.
     fn warped(&self, plane: usize, image: &GreyImage, camera: &PointProjection<'_>) -> Vec<f32> {
         let value = |ray: &Option<(Ray, f32, f32)>| {
-            let place =
-                ray.as_ref().and_then(|(ray, far, step)| camera.place(ray.at(1.0 / (far + plane as f32 * step))));
+            let place = ray.and_then(|(ray, far, step)| camera.place(ray.at(1.0 / (far + plane as f32 * step))));
             place.map_or(f32::NAN, |place| image.sample(place.x, place.y))
         };
         self.rays.iter().map(value).collect()

@@ -7,7 +7,7 @@ use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::factored::{FactoredLayout, Query, factored_field, plane_variation};
-use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
+use infonerf_ops::means::{mask_above, mean_squared_difference, weighted_sum};
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::march::{Cells, MarchSettings, MarchedRays, march};
 use infonerf_ops::sampling::{
@@ -169,7 +169,7 @@ fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let [a, b] = [0, 1].map(|_| uniform(rng, 3000, 0.0, 1.0));
     compare.operation("squared differences and masked sums", |device| {
         let [a, b] = [&a, &b].map(|input| leaf(input, device));
-        let [mean, sum] = [mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
+        let [mean, sum] = [mean_squared_difference(rows(&a), rows(&b)), mask_above(a.clone(), b, 0.3).sum()];
         let both = weighted_sum(vec![(mean.clone(), 700.0), (sum.clone(), -0.5), (mean.clone(), 3.0)]);
         value_and_gradients(Tensor::cat(vec![mean, sum, both.expect("there are terms")], 0), &[&a])
     });

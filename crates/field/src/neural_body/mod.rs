@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
+use burn::tensor::Tensor;
 use burn::tensor::activation::{relu, sigmoid};
-use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
@@ -245,10 +245,6 @@ impl Field for NeuralBody {
         let trunk = self.trunk.iter().fold(features, |x, layer| relu(layer.forward(x)));
         let sigma = relu(self.sigma.forward(trunk.clone())).squeeze_dim(1);
         FieldOutput { sigma, color: color.then(|| self.color(trunk, points)) }
-    }
-
-    fn device(&self) -> Device {
-        self.codes.val().device()
     }
 
     fn conditioned(&self, _sources: &Sources, _seed: Option<u64>) -> Self {

@@ -10,8 +10,8 @@ pub use encoder::CodeEncoderConfig;
 use std::fmt;
 
 use burn::module::Module;
+use burn::tensor::Tensor;
 use burn::tensor::activation::softplus;
-use burn::tensor::{Device, Tensor};
 use infonerf_ops::trilinear::{PaddingMode, Voxels, trilinear};
 use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment};
@@ -181,10 +181,6 @@ impl Field for NeuralVolumes {
         let read = trilinear(voxels, in_voxels(warped, template), template) * inside;
         let opacity = read.clone().narrow(1, if color { 3 } else { 0 }, 1).reshape([samples]);
         FieldOutput { sigma: opacity / self.half_side, color: color.then(|| read.narrow(1, 0, 3)) }
-    }
-
-    fn device(&self) -> Device {
-        self.template.device()
     }
 
     fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {

@@ -37,10 +37,6 @@ impl Template {
         Self { dense, layers: (0..channels.len()).map(layer).collect() }
     }
 
-    pub(super) fn device(&self) -> Device {
-        self.dense.weight.val().device()
-    }
-
     /// Decodes a code `[1, latent]` to voxels before activation: `[resolution³, 4]`, x fastest and z slowest.
     pub(super) fn voxels(&self, code: Tensor<2>) -> Tensor<2> {
         let dense = self.dense.forward(code);

@@ -71,8 +71,4 @@ impl ResnetMlp {
         }
         self.output.forward(relu(h))
     }
-
-    pub(super) fn device(&self) -> Device {
-        self.output.weight.val().device()
-    }
 }

@@ -8,7 +8,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, activation::sigmoid};
+use burn::tensor::{Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::frequency_encode;
 use infonerf_ops::mlp::Activation;
@@ -146,15 +146,8 @@ impl Field for PixelNerf {
         let pixels = project::pixels(views, &to_host(points.positions.clone()));
         let injected = bilinear(injected.clone(), &taps(&pixels, views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
-        let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
-        FieldOutput {
-            sigma: Activation::from(self.config.density).apply(raw),
-            color: color.then(|| sigmoid(out.narrow(1, 0, 3))),
-        }
-    }
-
-    fn device(&self) -> Device {
-        self.mlp.device()
+        let sigma = Activation::from(self.config.density).apply(out.clone().narrow(1, 3, 1).reshape([samples]));
+        FieldOutput { sigma, color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
     }
 
     fn conditioned(&self, sources: &Sources, _seed: Option<u64>) -> Self {

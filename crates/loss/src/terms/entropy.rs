@@ -65,10 +65,7 @@ impl EntropyConfig {
 
 impl TermSpec for EntropyConfig {
     fn needs(&self) -> Vec<Need> {
-        match self.neighbours {
-            true => Need::neighbours_of(self.rays_with_neighbours()),
-            false => Need::of(self.rays),
-        }
+        if self.neighbours { Need::neighbours_of(self.rays_with_neighbours()) } else { Need::of(self.rays) }
     }
 
     fn validate(&self) -> Result<(), Fault> {

@@ -44,7 +44,7 @@ pub fn ssim(render: &Picture, truth: &Picture, options: Ssim) -> Result<f64, Met
     let (columns, rows) = (width - side + 1, height - side + 1);
     let row_sums: Vec<[f64; 3]> = (0..rows)
         .into_par_iter()
-        .map_init(|| Moments::zeros(3 * width), |moments, row| window.row_sum(render, truth, row, moments))
+        .map_init(Moments::default, |moments, row| window.row_sum(render, truth, row, moments))
         .collect();
     let windows = (rows * columns) as f64;
     let channel = |channel: usize| row_sums.iter().map(|sums| sums[channel]).sum::<f64>() / windows;
@@ -77,7 +77,7 @@ impl SsimKernel {
     fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [f64; 3] {
         let stride = 3 * truth.size()[0];
         let (render, truth) = (render.pixels().as_flattened(), truth.pixels().as_flattened());
-        moments.clear();
+        moments.reset(stride);
         for (offset, &weight) in self.kernel.iter().enumerate() {
             let row = (top + offset) * stride..(top + offset + 1) * stride;
             moments.add(weight, &render[row.clone()], &truth[row]);
@@ -98,6 +98,7 @@ impl SsimKernel {
 }
 
 /// Vertically filtered first and second moments of one row of windows, channels interleaved.
+#[derive(Default)]
 struct Moments {
     x: Vec<f64>,
     y: Vec<f64>,
@@ -106,14 +107,10 @@ struct Moments {
 }
 
 impl Moments {
-    fn zeros(length: usize) -> Self {
-        let zeros = || vec![0.0; length];
-        Self { x: zeros(), y: zeros(), squares: zeros(), xy: zeros() }
-    }
-
-    fn clear(&mut self) {
+    fn reset(&mut self, length: usize) {
         for buffer in [&mut self.x, &mut self.y, &mut self.squares, &mut self.xy] {
-            buffer.fill(0.0);
+            buffer.clear();
+            buffer.resize(length, 0.0);
         }
     }
 

@@ -128,33 +128,16 @@ fn launch_all(finite: &CubeTensor, mut pending: Vec<PendingUpdate>) {
         let (count, dim) = threads(&like, values);
         let all =
             |index: usize| taken.iter().map(|tensors| arg(&tensors[index])).collect::<SequenceArg<OwnedTensor<f32>>>();
-        update::launch(
-            &like.client,
-            count,
-            dim,
-            all(0),
-            all(1),
-            all(2),
-            all(3),
-            all(4),
-            arg(finite),
-            step.beta1,
-            step.beta2,
-            step.rate,
-            step.epsilon,
-            taken.len(),
-        );
+        let ([x, g, m, v, next], finite) = ([0, 1, 2, 3, 4].map(all), arg(finite));
+        let AdamStep { beta1, beta2, rate, epsilon } = step;
+        update::launch(&like.client, count, dim, x, g, m, v, next, finite, beta1, beta2, rate, epsilon, taken.len());
     }
 }
 
+type Gpu = CubeTensor;
+
 impl AdamOps for CubeBackend {
-    fn adam(
-        x: CubeTensor,
-        g: CubeTensor,
-        m: CubeTensor,
-        v: CubeTensor,
-        step: AdamStep,
-    ) -> (CubeTensor, CubeTensor, CubeTensor) {
+    fn adam(x: Gpu, g: Gpu, m: Gpu, v: Gpu, step: AdamStep) -> (Gpu, Gpu, Gpu) {
         let [x, g] = [x, g].map(into_contiguous);
         // The model still holds x, so x is not updated in place. Only the optimizer holds moments, unless it was cloned.
         let own = |moment: CubeTensor| if moment.can_mut() { moment } else { moment.copy() };

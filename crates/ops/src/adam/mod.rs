@@ -153,7 +153,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn a_value_that_is_not_finite_stops_all_later_steps() {
         for device in [Device::flex(), Device::ndarray()] {
             let after = |before, value: f32| finite_after(before, Tensor::from_floats([value], &device));
@@ -166,7 +165,6 @@ mod tests {
     }
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn bodies_follow_the_textbook_recursion_in_f64() {
         for device in [Device::flex(), Device::ndarray()] {
             let adam = Adam::default();

@@ -87,10 +87,8 @@ impl Factor {
     }
 
     fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> FactorSide<'a> {
-        FactorSide {
-            pairs: &pairs[row / 2 * self.columns + column / SIZE_MULTIPLE * BLOCK_PAIRS..],
-            step: HALF * self.columns,
-        }
+        let start = row / 2 * self.columns + column / SIZE_MULTIPLE * BLOCK_PAIRS;
+        FactorSide { pairs: &pairs[start..], step: HALF * self.columns }
     }
 }
 
@@ -174,10 +172,8 @@ impl PairInstructions {
 
     fn run(self, product: RoundedProduct<'_>) {
         let RoundedProduct { sizes: [m, n, k], y, a, b, .. } = &product;
-        assert!(
-            [m, n, k].iter().all(|size| size.is_multiple_of(SIZE_MULTIPLE) && **size > 0),
-            "multiples of {SIZE_MULTIPLE}"
-        );
+        let are_multiples = [m, n, k].iter().all(|size| size.is_multiple_of(SIZE_MULTIPLE) && **size > 0);
+        assert!(are_multiples, "multiples of {SIZE_MULTIPLE}");
         assert!(y.1 >= *n && (m - 1) * y.1 + n <= y.0.len(), "the product within its slice");
         assert!(a.has(*m, *k) && b.has(*k, *n), "factors within slices");
         match self {
@@ -212,10 +208,7 @@ impl Job for RoundedProduct<'_> {
 }
 
 impl RoundedProduct<'_> {
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "iterators are not compiled for the instruction set chosen at run time"
-    )]
+    #[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the chosen instruction set")]
     #[inline(always)]
     fn singles<const FMA: bool, const R: usize, const N: usize>(self) {
         let Self { sizes: [m, n, k], add, y: (y, y_row), a, b } = self;

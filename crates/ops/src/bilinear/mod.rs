@@ -116,7 +116,6 @@ mod tests {
     }
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn host_and_plain_bodies_agree_with_their_gradients() {
         let run = |read: fn(Tensor<2>, &Taps) -> Tensor<2>, device: Device| {
             let table = table(&device.autodiff()).require_grad();

@@ -31,10 +31,7 @@ impl CubeKernel for GpuDivergence {
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let (dtau, dnear) = (empty_like(&pass.inputs[0]), empty_like(&pass.inputs[1]));
-        launch!(
-            divergence_backward::launch, self.segments.rays();
-            pass.grad, &dtau, &dnear; self.pairs(pass.inputs)
-        );
+        launch!(divergence_backward::launch, self.segments.rays(); pass.grad, &dtau, &dnear; self.pairs(pass.inputs));
         vec![Some(dtau), Some(dnear)]
     }
 }

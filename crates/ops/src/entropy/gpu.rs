@@ -24,24 +24,16 @@ struct GpuEntropy {
 
 impl CubeKernel for GpuEntropy {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let tau = &inputs[0];
-        let out = empty(tau, [self.segments.rays(), 2]);
-        launch!(
-            entropy_forward::launch, self.segments.rays();
-            tau, &self.segments.offsets_on_device_of(tau), &out;
-            self.epsilon, MIN_ALPHA_SUM
-        );
+        let (tau, rays) = (&inputs[0], self.segments.rays());
+        let (offsets, out) = (self.segments.offsets_on_device_of(tau), empty(tau, [rays, 2]));
+        launch!(entropy_forward::launch, rays; tau, &offsets, &out; self.epsilon, MIN_ALPHA_SUM);
         out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        let tau = &pass.inputs[0];
-        let dtau = empty_like(tau);
-        launch!(
-            entropy_backward::launch, self.segments.rays();
-            tau, &self.segments.offsets_on_device_of(tau), pass.grad, &dtau;
-            self.epsilon, MIN_ALPHA_SUM
-        );
+        let (tau, rays) = (&pass.inputs[0], self.segments.rays());
+        let (offsets, dtau) = (self.segments.offsets_on_device_of(tau), empty_like(tau));
+        launch!(entropy_backward::launch, rays; tau, &offsets, pass.grad, &dtau; self.epsilon, MIN_ALPHA_SUM);
         vec![Some(dtau)]
     }
 }

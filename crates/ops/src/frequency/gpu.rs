@@ -1,42 +1,26 @@
 //! GPU kernels of the encodings, and sine and cosine that are the same on every device.
 
 use burn::cubecl::{self, prelude::*};
-use burn::tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, uploaded};
+use crate::cube::{CubeKernel, Pass, empty, empty_like, launch, uploaded};
 
-/// Encodes at least one point, or Gaussian if there are variances, with the weight of each frequency.
-pub(super) fn encode(
-    points: tensor::Tensor<2>,
-    variances: Option<tensor::Tensor<2>>,
-    window: Vec<f32>,
-) -> tensor::Tensor<2> {
-    let kernel = Encoding { window, integrated: variances.is_some() };
-    match variances {
-        Some(variances) => apply(kernel, (points, variances)),
-        None => apply(kernel, points),
-    }
-}
-
+/// Encoding of at least one point, or Gaussian if `integrated`.
 #[derive(Debug)]
-struct Encoding {
-    window: Vec<f32>,
-    integrated: bool,
+pub(super) struct GpuEncoding {
+    /// Weight of each frequency.
+    pub(super) window: Vec<f32>,
+    pub(super) integrated: bool,
 }
 
-impl CubeKernel for Encoding {
+impl CubeKernel for GpuEncoding {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let (points, variances) = (&inputs[0], inputs.get(1).unwrap_or(&inputs[0]));
         let [rows, dims] = points.meta.shape().dims();
         let blocks = 2 * self.window.len() + if self.integrated { 0 } else { 1 };
         let out = empty(points, [rows, dims * blocks]);
         let window = uploaded(&self.window, points);
-        launch!(
-            waves::launch, rows * dims;
-            points, variances, &window, &out;
-            self.window.len(), self.integrated
-        );
+        launch!(waves::launch, rows * dims; points, variances, &window, &out; self.window.len(), self.integrated);
         out
     }
 

@@ -45,14 +45,15 @@ fn encode(points: Tensor<2>, variances: Option<Tensor<2>>, window: Vec<f32>) -> 
     dispatch! {
         &points.device();
         host => {
-            let kernel = host::EncodingKernel { dims: points.dims()[1], window, integrated: variances.is_some() };
-            let shape = [points.dims()[0], kernel.width()];
-            match variances {
-                Some(variances) => crate::kernel::apply(kernel, shape, (points, variances)),
-                None => crate::kernel::apply(kernel, shape, points),
-            }
+            let ([rows, dims], integrated) = (points.dims(), variances.is_some());
+            let kernel = host::EncodingKernel { dims, window, integrated };
+            let shape = [rows, kernel.width()];
+            crate::kernel::apply(kernel, shape, (points, variances))
         },
-        cube if points.dims()[0] > 0 => gpu::encode(points, variances, window),
+        cube if points.dims()[0] > 0 => {
+            let kernel = gpu::GpuEncoding { window, integrated: variances.is_some() };
+            crate::cube::apply(kernel, (points, variances))
+        },
         plain => plain(points, variances, &window),
     }
 }

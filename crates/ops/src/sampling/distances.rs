@@ -78,10 +78,7 @@ pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Strea
     cdf[n - 2] = 1.0;
     let mut merged = t.to_vec();
     merged.extend((0..count).map(|i| {
-        let u = match jitter {
-            Some(stream) => f64::from(stream.uniform(i)),
-            None => i as f64 / (count.max(2) - 1) as f64,
-        };
+        let u = jitter.map_or(i as f64 / (count.max(2) - 1) as f64, |stream| f64::from(stream.uniform(i)));
         let above = cdf.partition_point(|&c| c <= u);
         let (below, above) = (above.saturating_sub(1), above.min(cdf.len() - 1));
         let width = cdf[above] - cdf[below];

@@ -155,7 +155,6 @@ mod tests {
     }
 
     #[test]
-    #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
     fn bodies_agree_with_their_gradients() {
         for padding in [PaddingMode::Border, PaddingMode::Zero] {
             let host = run(trilinear, &Device::flex(), padding);

@@ -37,7 +37,6 @@ mod tests {
     use crate::traffic::{from_host, to_host};
 
     #[test]
-    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn values_and_gradients_by_hand() {
         for device in [Device::flex(), Device::ndarray()] {
             let positions = from_host(&[0.0, 2.0, -5.0, 3.0, 1.0, 0.5], 3, &device.autodiff()).require_grad();

@@ -15,7 +15,6 @@ pub enum RayImplementation {
 impl RayImplementation {
     pub const ALL: [Self; 3] = [Self::Kernel, Self::PlainFlex, Self::PlainNdarray];
 
-    #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
     pub fn device(self) -> Device {
         if self == Self::PlainNdarray { Device::ndarray() } else { Device::flex() }
     }

@@ -1,5 +1,4 @@
 //! Weights and images by the rule of `rule.py`, so that neither is stored; and the devices.
-#![allow(dead_code, reason = "each test uses its part")]
 
 use std::path::Path;
 

@@ -53,8 +53,7 @@ fn tank(scene: &mut Builder) {
     let (low, high) = (BASE, RIM - 0.13);
     let size = v(2.0 * HALF.x - 0.014, 2.0 * HALF.y - 0.014, high - low);
     scene.fill(Convex::block(v(0.0, 0.0, 0.5 * (low + high)), size), v(0.10, 0.52, 0.62), 0.42);
-    let surface = Convex::block(v(0.0, 0.0, high), v(2.0 * HALF.x - 0.02, 2.0 * HALF.y - 0.02, 0.004));
-    scene.solid(surface, glass(0x78d2dc, 0.10));
+    scene.block(v(0.0, 0.0, high), v(2.0 * HALF.x - 0.02, 2.0 * HALF.y - 0.02, 0.004), glass(0x78d2dc, 0.10));
 }
 
 /// Adds sand, rocks, an arch, weeds and corals.
@@ -79,28 +78,24 @@ fn bottom(scene: &mut Builder) {
         scene.closed_tube(curve, 12, 0.017, matt(weed));
     }
     for k in 0..7 {
-        let angle = f64::from(k) * 51.0;
         let foot = v(-0.34, -0.30, SAND - 0.02);
-        let tip = foot + polar(0.14, angle, 0.20 + 0.03 * f64::from(k % 3));
+        let tip = foot + polar(0.14, f64::from(k) * 51.0, 0.20 + 0.03 * f64::from(k % 3));
         scene.solid(Convex::taper(foot, tip, 0.034, 0.020), matt(0xec5a82));
         scene.sphere(tip, 0.032, matt(0xfcb4be));
     }
-    let bubble = glass(0xe6faff, 0.22);
     for k in 0..11 {
         let s = f64::from(k);
         let at = v(-0.60 + 0.03 * (2.1 * s).sin(), -0.18 + 0.03 * (1.7 * s).cos(), SAND + 0.10 + 0.085 * s);
-        scene.sphere(at, 0.020 + 0.012 * (s * 0.37).fract(), bubble);
+        scene.sphere(at, 0.020 + 0.012 * (s * 0.37).fract(), glass(0xe6faff, 0.22));
     }
 }
 
 fn fish(scene: &mut Builder, at: DVec3, turn: f64, size: f64, skin: Texture, fin: DVec3) {
     let (ahead, side) = (polar(1.0, turn, 0.0), polar(1.0, turn + 90.0, 0.0));
     let place = |a: f64, s: f64, z: f64| at + size * (ahead * a + side * s + DVec3::Z * z);
-    let skin = glossy(skin);
     let fin = matt(fin);
-    let body = LocalFrame::along(at, ahead);
     let outline = [0.008, -0.17, 0.03, -0.14, 0.075, -0.06, 0.092, 0.04, 0.07, 0.12, 0.03, 0.165, 0.004, 0.18];
-    scene.lathe(body, &outline.map(|length| length * size), skin);
+    scene.lathe(LocalFrame::along(at, ahead), &outline.map(|length| length * size), glossy(skin));
     let blade =
         |c: DVec3, l: f64, h: f64, lean: f64| Convex::block(c, size * v(l, 0.014, h)).turned(turn).swung(c, side, lean);
     scene.solid(blade(place(-0.21, 0.0, 0.045), 0.12, 0.055, 35.0), fin);

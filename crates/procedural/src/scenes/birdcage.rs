@@ -88,6 +88,5 @@ fn parrot(scene: &mut Builder) {
     }
     let tail = Stripes(rgb(0x1e5abe), rgb(0xe24224), v(0.0, 0.0, 6.0));
     scene.solid(Convex::taper(v(0.0, 0.10, -0.28), v(0.0, 0.26, -0.72), 0.07, 0.02), matt(tail));
-    let beak = glossy(0x282424);
-    scene.solid(Convex::taper(v(0.0, -0.11, 0.12), v(0.0, -0.20, 0.05), 0.045, 0.004), beak);
+    scene.solid(Convex::taper(v(0.0, -0.11, 0.12), v(0.0, -0.20, 0.05), 0.045, 0.004), glossy(0x282424));
 }

@@ -107,9 +107,8 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
             scene.lathe(at, &[0.05, 0.0, 0.09, 0.08, 0.085, 0.17, 0.04, 0.25, 0.06, 0.31], glossy(glaze));
         }
         1 => {
-            let globe = Patches(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95);
             scene.lathe(at, &[0.07, 0.0, 0.05, 0.03, 0.015, 0.06, 0.012, 0.10], metal(0xc89c4c));
-            scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(globe));
+            scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(Patches(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95)));
             scene.ring(LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)), 0.11, 0.008, metal(0xc89c4c));
         }
         2 => {
@@ -124,11 +123,9 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
             scene.each(0..9, |k| Convex::taper(at + DVec3::Z * 0.11, tip(k), 0.022, 0.006), leaf);
         }
         _ => {
-            let frame = metal(0xcea656);
-            let side = at.y.signum();
-            scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), frame);
+            scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), metal(0xcea656));
             let picture = Patches(rgb(0xe6965a), rgb(0x3c6e96), 11.0, 9.0);
-            scene.block(at + v(0.0, side * 0.01, 0.15), v(0.17, 0.012, 0.25), matt(picture));
+            scene.block(at + v(0.0, at.y.signum() * 0.01, 0.15), v(0.17, 0.012, 0.25), matt(picture));
         }
     }
 }

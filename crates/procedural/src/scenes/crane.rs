@@ -94,8 +94,7 @@ fn cabin(scene: &mut Builder) {
         Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
     ];
     scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, glossy(0xc82420));
-    let seat = matt(0x1e3c6e);
-    scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
+    scene.sphere(centre - DVec3::Z * 0.02, 0.07, matt(0x1e3c6e));
 }
 
 /// Adds a polished ball with a ring, hung from the trolley.
@@ -105,6 +104,5 @@ fn load(scene: &mut Builder) {
     scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), matt(0x32343a));
     scene.each([-0.04, 0.04], |side| Convex::rod(v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008), steel);
     scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
-    let globe = Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95);
-    scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(globe));
+    scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95)));
 }

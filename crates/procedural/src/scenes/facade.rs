@@ -145,8 +145,7 @@ fn roof(scene: &mut Builder) {
     for side in 0..4 {
         let turn = f64::from(side) * 90.0;
         let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
-        let parapet = Convex::block(out * 0.79 + DVec3::Z * (z + 0.27), v(1.64, 0.06, 0.08));
-        scene.solid(parapet.turned(turn), matt(STONE));
+        scene.solid(Convex::block(out * 0.79 + DVec3::Z * (z + 0.27), v(1.64, 0.06, 0.08)).turned(turn), matt(STONE));
         // Dormers in the roof.
         for x in [-0.55, 0.0, 0.55] {
             let c = out * 0.88 + along * x + DVec3::Z * (z + 0.13);

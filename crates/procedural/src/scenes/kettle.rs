@@ -28,8 +28,7 @@ fn body(scene: &mut Builder) {
     let belly = [0.46, 0.06, 0.56, 0.14, 0.61, 0.28, 0.58, 0.46, 0.47, 0.66, 0.33, 0.82, 0.27, 0.88, 0.26, 0.92];
     scene.lathe(foot, &belly, mirror(STEEL));
     scene.ring(at(0.0, 0.92), 0.26, 0.022, mirror(GOLD));
-    let lid = [0.245, 0.92, 0.22, 0.98, 0.13, 1.03, 0.04, 1.05];
-    scene.lathe(foot, &lid, mirror(STEEL));
+    scene.lathe(foot, &[0.245, 0.92, 0.22, 0.98, 0.13, 1.03, 0.04, 1.05], mirror(STEEL));
     scene.lathe(foot, &[0.03, 1.04, 0.035, 1.08, 0.075, 1.13, 0.07, 1.18, 0.01, 1.205], glossy(0x181618));
     // The spout rises towards +x.
     let spout = LocalFrame::along(at(0.42, 0.30), v(1.0, 0.0, 0.78));
@@ -59,12 +58,10 @@ fn company(scene: &mut Builder) {
     scene.cylinder(can + DVec3::Z * 0.44, 0.14, 0.015, matt(0xf6f0e2));
     scene.ring(LocalFrame::along(can + v(0.17, 0.05, 0.24), v(-0.3, 1.0, 0.0)), 0.10, 0.018, copper);
     scene.sphere(v(0.58, -0.50, TOP + 0.17), 0.17, mirror(STEEL));
-    let lemon = Plain(rgb(0xfad028));
     let along = LocalFrame::along(v(0.20, -0.74, TOP + 0.10), v(1.0, 0.5, 0.1));
     let outline = [0.01, -0.17, 0.03, -0.14, 0.085, -0.08, 0.10, 0.0, 0.085, 0.08, 0.03, 0.14, 0.01, 0.16];
-    scene.lathe(along, &outline, glossy(lemon));
-    let leaf = glossy(0x328232);
-    scene.solid(Convex::block(v(0.36, -0.62, TOP + 0.13), v(0.14, 0.07, 0.012)).turned(40.0), leaf);
+    scene.lathe(along, &outline, glossy(0xfad028));
+    scene.solid(Convex::block(v(0.36, -0.62, TOP + 0.13), v(0.14, 0.07, 0.012)).turned(40.0), glossy(0x328232));
     let mug = v(-0.62, 0.52, TOP);
     let blue = Flowers(rgb(0x224696), rgb(0xf6f0dc), 11.0, true);
     let hollow = vec![Convex::cylinder(mug + DVec3::Z * 0.05, 0.125, 0.5)];

@@ -25,8 +25,7 @@ pub(super) fn knot(scene: &mut Builder) {
     }
 }
 
-/// Adds a marble drum with eight arched windows right through its wall, open at the top under three rods that carry the
-/// knot.
+/// Adds a marble drum with eight arched windows through its wall, open at the top under the rods that carry the knot.
 fn plinth(scene: &mut Builder) {
     let marble = Marble(rgb(0xe8e4dc), rgb(0x465460), 2.6);
     let mut cuts = vec![Convex::cylinder(v(0.0, 0.0, -0.93), 0.60, 0.6)];

@@ -7,8 +7,7 @@ const COPPER: u32 = 0xc4744c;
 
 pub(super) fn orrery(scene: &mut Builder) {
     stand(scene);
-    let sun = Bands(rgb(0xfcb028), rgb(0xee6018), rgb(0xffe278), 5.0);
-    scene.sphere(v(0.0, 0.0, 0.22), 0.28, glossy(sun));
+    scene.sphere(v(0.0, 0.0, 0.22), 0.28, glossy(Bands(rgb(0xfcb028), rgb(0xee6018), rgb(0xffe278), 5.0)));
     planets(scene);
     armillary(scene);
 }

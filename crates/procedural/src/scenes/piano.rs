@@ -19,8 +19,7 @@ fn lacquer() -> Material {
     Material { reflectance: 0.045, ..glossy(0x161618) }
 }
 
-/// Returns a grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of
-/// it `shrink` smaller.
+/// Returns a grand piano's outline from `y` back, `shrink` smaller: a block with its bent side hollowed out, and the tail.
 fn outline(low: f64, high: f64, y: f64, shrink: f64) -> [(Convex, Vec<Convex>); 2] {
     let (front, back) = (y + shrink, 0.62);
     let size = v(1.36 - 2.0 * shrink, back - front, high - low);
@@ -41,12 +40,11 @@ fn case(scene: &mut Builder) {
     scene.block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03), iron);
     let strut = |(x, y): (f64, f64)| Convex::rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018);
     scene.each([(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)], strut, iron);
-    let string = metal(0xbebab0);
     for k in 0..22 {
         let s = f64::from(k) / 21.0;
         let x = -0.58 + 1.14 * s;
         let length = if s < 0.45 { 1.04 } else { 1.04 - 1.25 * (s - 0.45) };
-        scene.rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006, string);
+        scene.rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006, metal(0xbebab0));
     }
     scene.block(v(0.0, -0.22, TOP + 0.035), v(1.14, 0.035, 0.03), matt(0x5a181a));
 }
@@ -55,11 +53,10 @@ fn keyboard(scene: &mut Builder) {
     let key = TOP - 0.10;
     scene.block(v(0.0, -0.60, key - 0.09), v(1.36, 0.26, 0.12), lacquer());
     scene.each([-0.645, 0.645], |x| Convex::block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16)), lacquer());
-    let ivory = glossy(0xe2dccc);
     scene.block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05), matt(0x6e1016));
     for k in 0..28 {
         let x = -0.594 + 0.044 * f64::from(k);
-        scene.block(v(x, -0.615, key - 0.01), v(0.039, 0.21, 0.04), ivory);
+        scene.block(v(x, -0.615, key - 0.01), v(0.039, 0.21, 0.04), glossy(0xe2dccc));
         if ![2, 6].contains(&(k % 7)) {
             scene.block(v(x + 0.022, -0.575, key + 0.018), v(0.024, 0.13, 0.03), lacquer());
         }

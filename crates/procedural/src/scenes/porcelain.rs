@@ -57,17 +57,15 @@ fn vase(scene: &mut Builder) {
     scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, metal(GILT));
     scene.rings([0.96, 1.03].map(|z| (foot + DVec3::Z * z, 0.086, 0.014)), glossy(WHITE));
     scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(0x969490));
-    let twig = matt(0xcec8be);
     for k in 0..6u32 {
         let angle = f64::from(k) * 60.0 + 11.0;
         let start = foot + DVec3::Z * 1.10;
         let rise = 0.40 + 0.09 * f64::from(k * 5 % 4);
         let curve = |s: f64| start + polar(0.34 * s * s + 0.05 * s, angle, rise * s);
-        scene.closed_tube(curve, 8, 0.009, twig);
+        scene.closed_tube(curve, 8, 0.009, matt(0xcec8be));
         for s in [0.55, 0.72, 0.86, 1.0] {
             let bud = Plain(if s == 0.55 || s == 0.86 { rgb(0xfaf8f8) } else { rgb(0xf6e2e6) });
-            let side = polar(0.03, angle + 400.0 * s, 0.012);
-            scene.sphere(curve(s) + side, 0.030, matt(bud));
+            scene.sphere(curve(s) + polar(0.03, angle + 400.0 * s, 0.012), 0.030, matt(bud));
         }
     }
 }

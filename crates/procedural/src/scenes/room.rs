@@ -133,9 +133,8 @@ fn dresser(scene: &mut Builder) {
     scene.lathe(lamp, &[0.09, 0.0, 0.10, 0.06, 0.05, 0.16, 0.02, 0.24, 0.02, 0.30], glossy(0x1e606e));
     let outline = [0.20, 0.28, 0.17, 0.38, 0.12, 0.50];
     scene.lathe(lamp, &outline, matt(Stripes(rgb(0xfae8be), rgb(0xf0ce96), v(9.0, 0.0, 0.0))));
-    let globe = Patches(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95);
     scene.cylinder(v(-SIDE + 0.24, 3.25, 0.865), 0.08, 0.04, metal(0xcea656));
-    scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(globe));
+    scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(Patches(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95)));
 }
 
 /// Adds an armchair to the right and a plant behind it.

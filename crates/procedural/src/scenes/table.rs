@@ -14,8 +14,7 @@ pub(super) fn table(scene: &mut Builder) {
     scene.block(v(0.0, 2.38, TOP + 0.12), v(8.2, 0.06, 0.24), satin(0xece6d8));
     for side in [-4.0, 4.0] {
         scene.block(v(side, -0.2, 1.2), v(0.2, 5.6, 4.6), matt(paper));
-        let skirting = Convex::block(v(side * 0.97, -0.2, TOP + 0.12), v(0.06, 5.6, 0.24));
-        scene.solid(skirting, satin(0xece6d8));
+        scene.block(v(side * 0.97, -0.2, TOP + 0.12), v(0.06, 5.6, 0.24), satin(0xece6d8));
     }
     scene.backdrop(false);
     bowl(scene);

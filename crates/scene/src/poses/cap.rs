@@ -1,5 +1,3 @@
-//! The smallest cap of the unit sphere that holds given directions.
-
 use glam::DVec3;
 use rand::Rng;
 
@@ -17,9 +15,8 @@ impl Cap {
     /// Returns the smallest cap that holds all `directions`, to about 1 % in the axis; the angle is exactly
     /// that of the direction farthest from it.
     ///
-    /// The axis is the centre of the smallest ball around the directions (Bădoiu and Clarkson's
-    /// iteration: step towards the farthest point by 1/(k+1)). Where that is the sphere's centre,
-    /// the directions surround it and `fallback` is the axis of a cap that is most of the sphere.
+    /// The axis is the centre of the smallest ball around the directions (Bădoiu and Clarkson's iteration: step towards the
+    /// farthest point by 1/(k+1)), or `fallback` where that is the sphere's centre: the cap is then most of the sphere.
     pub fn enclosing(directions: &[DVec3], fallback: DVec3) -> Self {
         let mut centre = directions.first().copied().unwrap_or(fallback);
         for k in 1..=STEPS {

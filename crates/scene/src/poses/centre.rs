@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn object_cameras_meet_at_the_origin_with_z_up() {
-        let cameras = train_cameras(8);
+        let cameras = train_cameras();
         for set in [&cameras[..], &cameras[..4], &cameras[..2]] {
             let focus = scene_focus(set);
             assert!(focus.centre.length() < 1e-6 && focus.inward);

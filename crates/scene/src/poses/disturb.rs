@@ -43,7 +43,7 @@ mod tests {
 
     #[test]
     fn each_training_camera_is_turned_and_moved_by_as_much() {
-        let exact = train_cameras(8);
+        let exact = train_cameras();
         let view = |camera: &Camera| View::new(0, "a", camera.clone(), Image::filled(1, 1, [0.0; 3]));
         let scene = Scene { train: exact.iter().map(view).collect(), ..Scene::default() };
         let disturbed = scene.clone().disturbed(2.0, 0.03, 7);

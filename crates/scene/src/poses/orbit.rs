@@ -9,12 +9,11 @@ use crate::camera::Camera;
 
 /// Returns `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///
-/// Cameras that surround a scene (or a single one) give a full circle about the up direction, half-way between their
-/// min and max distance, at their mean elevation, starting at the first camera's azimuth. Several cameras within 26° of
-/// their central direction, as in a forward-facing capture, give a small ellipse about that direction, at 0.7 of their
-/// max angles to the sides and upwards: the rest was not photographed. With an `open` background, of which only the
-/// photographed part is known, cameras that leave out more than 90° of the circle give a swing there and back over
-/// their arc.
+/// Cameras that surround a scene (or a single one) give a full circle about the up direction, half-way between their min and
+/// max distance, at their mean elevation, starting at the first camera's azimuth. Several cameras within 26° of their central
+/// direction, as in a forward-facing capture, give a small ellipse about that direction, at 0.7 of their max angles to the
+/// sides and upwards: the rest was not photographed. With an `open` background, of which only the photographed part is known,
+/// cameras that leave out more than 90° of the circle give a swing there and back over their arc.
 pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let radius = 0.5 * (region.radii().0 + region.radii().1);
@@ -121,7 +120,7 @@ mod tests {
 
     #[test]
     fn object_orbit_is_level_and_closed() {
-        let path = orbit(&train_cameras(8), true, 8);
+        let path = orbit(&train_cameras(), true, 8);
         assert_eq!(path.len(), 8);
         let heights: Vec<_> = path.iter().map(|p| p.w_axis.z).collect();
         assert!(heights.iter().all(|z| (z - heights[0]).abs() < 1e-3 && *z > 0.5));
@@ -134,7 +133,7 @@ mod tests {
 
     #[test]
     fn an_orbit_stays_where_cameras_were() {
-        let mut arc = train_cameras(8);
+        let mut arc = train_cameras();
         arc.retain(|camera| camera.to_world.w_axis.x > 1.0 && camera.to_world.w_axis.z > 0.5);
         let lowest = |open: bool| orbit(&arc, open, 60).iter().map(|pose| pose.w_axis.x).fold(f64::INFINITY, f64::min);
         assert!(arc.len() > 8 && lowest(false) < -2.0 && lowest(true) > 0.0, "{} {}", lowest(false), lowest(true));
@@ -153,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_figure_eight_crosses_itself_once() {
-        let path = figure_eight(&train_cameras(8), 8);
+        let path = figure_eight(&train_cameras(), 8);
         let [start, crossing] = [0, 4].map(|i| path[i].w_axis);
         assert!((start - crossing).length() < 1e-9);
         assert_eq!(path.iter().filter(|pose| (pose.w_axis - start).length() > 1e-3).count(), 6);

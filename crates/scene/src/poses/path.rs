@@ -32,8 +32,7 @@ pub fn interpolate_keyframes(keyframes: &[Keyframe], closed: bool, n: usize) -> 
         .collect()
 }
 
-/// Returns `n` camera-to-world poses along a closed path that visits the pose of each camera once, always going to the
-/// nearest of those left.
+/// Returns `n` camera-to-world poses along a closed path that visits each camera's pose once, the nearest of those left next.
 ///
 /// Cameras that face one way are interpolated as by [`interpolate_keyframes`]. Around an object straight lines between cameras
 /// would lead through it: there the distance from the centre is interpolated on its own, and so is each camera's rotation
@@ -119,7 +118,7 @@ mod tests {
     use crate::testing::{forward_cameras, looks_at_origin, train_cameras};
 
     fn keyframes() -> Vec<Keyframe> {
-        let poses = train_cameras(8).into_iter().take(5).map(|camera| camera.to_world);
+        let poses = train_cameras().into_iter().take(5).map(|camera| camera.to_world);
         poses.enumerate().map(|(i, pose)| Keyframe { pose, fov_y: Some(0.5 + 0.1 * i as f64) }).collect()
     }
 
@@ -170,7 +169,7 @@ mod tests {
 
     #[test]
     fn views_around_an_object_are_visited_without_crossing_it() {
-        let all = train_cameras(8);
+        let all = train_cameras();
         let cameras: Vec<Camera> = [26, 86, 2, 55].map(|i: usize| all[i].clone()).to_vec();
         let path = interpolate_views(&cameras, 40);
         for camera in &cameras {

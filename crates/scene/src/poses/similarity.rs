@@ -22,10 +22,9 @@ impl Similarity {
     /// and root-mean-square distances σ from it and d from the scene's `centre` (in the world of `from`); then s and t are the
     /// least-squares fit of the positions (Umeyama 1991).
     ///
-    /// With this weight, a rotation by an angle counts as much as a move by that angle seen from the centre: positions
-    /// of cameras close together in front of a distant scene hardly determine a rotation. Orientations determine what
-    /// the positions of one, two or collinear cameras leave open. Cameras in one place have scale 1, and no cameras the
-    /// identity.
+    /// With this weight, a rotation by an angle counts as much as a move by that angle seen from the centre: positions of
+    /// cameras close together in front of a distant scene hardly determine a rotation. Orientations determine what one, two
+    /// or collinear positions leave open. Cameras in one place have scale 1, and no cameras the identity.
     pub fn between(from: &[Camera], to: &[Camera], centre: DVec3) -> Self {
         if from.is_empty() {
             return Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
@@ -127,7 +126,7 @@ mod tests {
     /// Includes few cameras, whose positions alone do not determine a rotation.
     #[test]
     fn a_similarity_of_cameras_is_found() {
-        let cameras = train_cameras(8);
+        let cameras = train_cameras();
         for count in [8, 3, 2] {
             let from = &cameras[..count];
             let to: Vec<Camera> = from.iter().map(|camera| similarity().camera(camera)).collect();
@@ -145,7 +144,7 @@ mod tests {
 
     #[test]
     fn an_error_is_measured_by_hand() {
-        let truth = train_cameras(8)[..8].to_vec();
+        let truth = train_cameras()[..8].to_vec();
         let mut found = truth.clone();
         // Opposite turns of two of eight cameras about their own axes move no frame: 4° · 2/8.
         for (camera, angle) in found.iter_mut().zip([4f64, -4.0]) {

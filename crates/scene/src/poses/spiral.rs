@@ -1,5 +1,3 @@
-//! LLFF's spiral.
-
 use std::f64::consts::TAU;
 
 use glam::{DMat4, DVec3};
@@ -90,7 +88,7 @@ mod tests {
 
     #[test]
     fn any_cameras_give_proper_poses() {
-        let cameras = train_cameras(8);
+        let cameras = train_cameras();
         for set in [&cameras[..], &cameras[..1], &[]] {
             let path = spiral(set, (2.0, 6.0), 10);
             assert!(path.len() == 10 && path.iter().all(|pose| pose.is_finite()));

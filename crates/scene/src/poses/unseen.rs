@@ -1,5 +1,3 @@
-//! Poses between the training cameras.
-
 use glam::{DMat4, DVec3};
 use rand::Rng;
 
@@ -102,12 +100,10 @@ impl ViewRegion {
     }
 }
 
-/// Returns the direction a share `s` of the way along the arc from `a` to `b`; between opposite directions the arc is
-/// arbitrary.
+/// Returns the direction a share `s` of the way along the arc from `a` to `b`, an arbitrary one if they are opposite.
 fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
-    let whole = angle(a, b);
     let side = (b - a * a.dot(b)).normalize_or(a.any_orthonormal_vector());
-    let part = s * whole;
+    let part = s * angle(a, b);
     (part.cos() * a + part.sin() * side).normalize_or(a)
 }
 
@@ -128,7 +124,7 @@ mod tests {
 
     #[test]
     fn stays_in_the_cap_above_the_lowest_and_looks_at_the_centre() {
-        let all = train_cameras(8);
+        let all = train_cameras();
         for ids in [vec![26, 86, 2, 55], vec![80, 84, 33, 81], (0..100).collect()] {
             let train: Vec<_> = ids.iter().map(|&i: &usize| all[i].clone()).collect();
             let region = ViewRegion::new(&train);

@@ -18,9 +18,8 @@ use crate::error::SceneError;
 
 /// Rule for choosing training views among all of a scene.
 ///
-/// Every rule depends only on its own fields and the cameras, so a selection is reproducible. Angles are
-/// between directions from the scene's centre (the point nearest to all optical axes) to the
-/// cameras, or between viewing directions where cameras look outwards.
+/// Every rule depends only on its fields and the cameras, so a selection is reproducible. Angles are between directions from
+/// the scene's centre (the point nearest to all optical axes) to cameras, or between viewing directions where they look outwards.
 ///
 /// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `26,86,2,55`, `seed-4@0`, `farthest-4@0`,
 /// `wide-4@0`, `narrow-4/30@0` (degrees), a published selection's name, or names of images such as `image006,image008`.
@@ -44,8 +43,7 @@ pub enum ViewSelection {
         /// Ids of training views.
         ids: Vec<usize>,
     },
-    /// `count` views, the first drawn from `seed`, each next one the farthest (Euclidean, between
-    /// camera positions) from all chosen so far.
+    /// `count` views, the first drawn from `seed`, each next one with the camera farthest from all chosen so far.
     Farthest {
         /// Number of views.
         count: usize,
@@ -63,8 +61,7 @@ pub enum ViewSelection {
         #[serde(skip)]
         seed: u64,
     },
-    /// `count` random views that surround the scene: of 256 random sets the one whose smallest
-    /// angle between two views is largest.
+    /// `count` random views that surround the scene: of 256 random sets the one with the largest min angle between two views.
     Wide {
         /// Number of views.
         count: usize,
@@ -107,9 +104,8 @@ impl ViewSelection {
     /// Returns the indices of the chosen views in `cameras`, in the order in which they were chosen.
     ///
     /// # Errors
-    /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or given twice; a NumPy
-    /// seed above 2³² − 1; an angle that is not positive; no `count` views within it; or a published selection, which
-    /// only its scene can resolve.
+    /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or given twice; a NumPy seed
+    /// above 2³² − 1; an angle that is not positive; no `count` views within it; or a name, which only its scene can resolve.
     pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
         let n = cameras.len();
         let count = self.count().unwrap_or(n);
@@ -204,7 +200,7 @@ mod tests {
             (narrow(f64::NAN), "positive angle"),
             (narrow(1e-6), "within 0.000001°"),
         ] {
-            let message = selection.select(&train_cameras(8)).unwrap_err().to_string();
+            let message = selection.select(&train_cameras()).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
         assert!(ViewSelection::All.select(&[]).is_err());
@@ -220,9 +216,9 @@ mod tests {
             ViewSelection::All,
         ];
         for rule in rules {
-            let ids = rule.select(&train_cameras(8)).unwrap();
+            let ids = rule.select(&train_cameras()).unwrap();
             check_ids("train", &ids, 100).unwrap();
-            assert_eq!(ids, rule.select(&train_cameras(8)).unwrap());
+            assert_eq!(ids, rule.select(&train_cameras()).unwrap());
         }
     }
 }

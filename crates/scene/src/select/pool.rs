@@ -24,8 +24,7 @@ pub fn train(
     }
 }
 
-/// Returns the positions in a pool of the views that `protocol` chooses. `split` are the ids of the format's own test
-/// views.
+/// Returns the positions in a pool of the views that `protocol` chooses. `split` are the ids of the format's own test views.
 ///
 /// # Errors
 /// Errors of [`TestProtocol::select`], or there is no set of that name.
@@ -74,7 +73,7 @@ mod tests {
     fn ids_need_not_be_positions() {
         let ids = [3, 5, 9];
         let named = vec![("two".to_owned(), vec![9, 3]), ("lost".to_owned(), vec![4])];
-        let cameras = &train_cameras(8)[..3];
+        let cameras = &train_cameras()[..3];
         let choose = |selection| train(&selection, cameras, &ids, &named);
         assert_eq!(choose(ViewSelection::Ids { ids: vec![5, 3] }).unwrap(), [1, 0]);
         assert_eq!(choose("two".parse().unwrap()).unwrap(), [2, 0]);

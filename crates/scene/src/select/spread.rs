@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn narrow_stays_within_the_angle() {
-        let cameras = train_cameras(8);
+        let cameras = train_cameras();
         for seed in 0..10 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let ids = narrow(&cameras, 4, 30f64.to_radians(), &mut rng).unwrap();
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn wide_and_farthest_point_keep_apart() {
-        let cameras = train_cameras(8);
+        let cameras = train_cameras();
         for seed in 0..10 {
             let rng = &mut ChaCha8Rng::seed_from_u64(seed);
             assert!(widest_and_closest(&cameras, &wide(&cameras, 4, rng)).1 > 60.0);
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn identical_cameras_do_not_loop() {
-        let cameras = vec![train_cameras(8)[0].clone(); 5];
+        let cameras = vec![train_cameras()[0].clone(); 5];
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         assert_eq!(farthest_point(&cameras, 5, rng).len(), 5);
         assert_eq!(wide(&cameras, 5, rng).len(), 5);

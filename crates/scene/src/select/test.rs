@@ -1,5 +1,3 @@
-//! Choosing the views to evaluate on.
-
 use super::check_ids;
 use crate::error::SceneError;
 
@@ -17,8 +15,7 @@ pub enum TestProtocol {
     First(usize),
     /// Test views by their ids, in this order.
     Ids(Vec<usize>),
-    /// The format's own test split: Blender's test set, every eighth view that LLFF and captures hold out, the 25 of
-    /// RegNeRF for DTU.
+    /// The format's own test split: Blender's test set, every eighth view of LLFF and captures, RegNeRF's 25 for DTU.
     Split,
     /// A published protocol by its name, such as `pixelnerf` for DTU.
     Published(String),
@@ -28,12 +25,11 @@ pub enum TestProtocol {
 }
 
 impl TestProtocol {
-    /// Returns the indices of the chosen views among `n` of a scene whose test views are all in its split and that has
-    /// no published protocol.
+    /// Returns the indices of the chosen views among `n`, for a scene with all of them in its split and no published protocol.
     ///
     /// # Errors
-    /// There are no test views; `Every(0)`, `First(0)` or more than there are; an id is out of range or given twice; a
-    /// published protocol; or `Training`, which does not choose among test views.
+    /// There are no test views; `Every(0)`, `First(0)` or more than there are; an id is out of range or given twice; a published
+    /// protocol; or `Training`, which does not choose among test views.
     pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
         let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
         match self {

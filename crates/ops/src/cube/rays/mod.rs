@@ -28,11 +28,8 @@ impl CubeKernel for PointsOnRays {
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let [origins, directions, t] = pass.inputs else { unreachable!("points have three inputs") };
         let (dorigins, ddirections) = (empty_like(origins), empty_like(directions));
-        let offsets = self.0.offsets_on_device_of(t);
-        launch!(
-            kernels::points_backward::launch, dorigins.meta.num_elements();
-            t, &offsets, pass.grad, &dorigins, &ddirections;
-        );
+        let (offsets, count) = (self.0.offsets_on_device_of(t), dorigins.meta.num_elements());
+        launch!(kernels::points_backward::launch, count; t, &offsets, pass.grad, &dorigins, &ddirections;);
         vec![Some(dorigins), Some(ddirections), None]
     }
 }

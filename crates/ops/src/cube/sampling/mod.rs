@@ -56,12 +56,8 @@ impl CubeKernel for Sampling {
         let streams = || march::integers(inputs.last().expect("streams are last"));
         match self {
             Self::Stratified { shape, rule, jitter } => {
-                let out = empty(first, *shape);
-                launch!(
-                    kernels::stratified::launch, out.meta.num_elements();
-                    first, &streams(), &out;
-                    *rule == SampleRule::Mid, *jitter
-                );
+                let (out, in_middle) = (empty(first, *shape), *rule == SampleRule::Mid);
+                launch!(kernels::stratified::launch, shape[0] * shape[1]; first, &streams(), &out; in_middle, *jitter);
                 out
             }
             Self::Importance { count, jitter } => {
@@ -69,11 +65,7 @@ impl CubeKernel for Sampling {
                 let cdf = empty(first, [rays, samples - 1]);
                 launch!(kernels::importance_cdf::launch, rays; &inputs[1], &cdf;);
                 let drawn = empty(first, [rays, *count]);
-                launch!(
-                    kernels::importance_draw::launch, drawn.meta.num_elements();
-                    first, &cdf, &streams(), &drawn;
-                    *jitter
-                );
+                launch!(kernels::importance_draw::launch, rays * count; first, &cdf, &streams(), &drawn; *jitter);
                 let out = empty(first, [rays, samples + count]);
                 launch!(kernels::merge::launch, out.meta.num_elements(); first, &drawn, &out;);
                 out
@@ -82,21 +74,14 @@ impl CubeKernel for Sampling {
                 let cdf = empty(first, first.meta.shape().clone());
                 launch!(kernels::blurred_cdf::launch, rays; &inputs[1], &cdf;);
                 let out = empty(first, [rays, count + 1]);
-                launch!(
-                    kernels::resample_draw::launch, out.meta.num_elements();
-                    first, &cdf, &streams(), &out;
-                    *jitter
-                );
+                launch!(kernels::resample_draw::launch, rays * (count + 1); first, &cdf, &streams(), &out; *jitter);
                 out
             }
             Self::Intervals { outputs, rule, last } => {
                 let buffer = outputs.buffer(first);
                 let [distance, length] = outputs.parts(&buffer);
-                launch!(
-                    kernels::intervals::launch, length.meta.num_elements();
-                    first, &inputs[1], &distance, &length;
-                    last.length().unwrap_or(0.0), *rule
-                );
+                let (samples, last) = (length.meta.num_elements(), last.length().unwrap_or(0.0));
+                launch!(kernels::intervals::launch, samples; first, &inputs[1], &distance, &length; last, *rule);
                 buffer
             }
         }

@@ -38,11 +38,9 @@ impl CubeKernel for FeatureKernel {
         let samples = positions.meta.shape()[0];
         let out = empty(tables, [samples, self.layout.features()]);
         let weights = uploaded(&self.weights, tables);
-        launch!(
-            kernels::features::launch, samples * PLANES.len();
-            tables, positions, &weights, &out;
-            self.layout.frequencies, self.layout.levels.clone()
-        );
+        let (count, frequencies, levels) =
+            (samples * PLANES.len(), self.layout.frequencies, self.layout.levels.clone());
+        launch!(kernels::features::launch, count; tables, positions, &weights, &out; frequencies, levels);
         (out, vec![weights])
     }
 
