@@ -25,6 +25,9 @@ const PARTS: [(&str, &str); 5] = [
     ("first_files", "the files that the field is initialised from"),
 ];
 
+/// Remedies for a run that cannot be continued.
+pub(crate) const REMEDY: &str = "--overwrite starts the run anew, another --out keeps it";
+
 /// Keys of the config whose values may grow when a run is continued.
 const GROWING: [&str; 2] = ["budget_seconds", "config.train.iterations"];
 /// Key of an identity that names what has grown since the run began.
@@ -84,22 +87,22 @@ impl Identity {
     /// # Errors
     /// One line that names the first key whose value differs, or what else has changed, and what can be done.
     pub(crate) fn check_continuation(&mut self, folder: &Path, config: &str) -> Result<bool> {
-        let remedy = "--overwrite starts the run anew, another --out keeps it";
         let path = folder.join("config.toml");
-        let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let differences = differences(&begun.parse()?, &config.parse()?);
+        let damaged = || format!("{}: expected the config that the run was begun with ({REMEDY})", path.display());
+        let begun = fs::read_to_string(&path).with_context(damaged)?;
+        let differences = differences(&begun.parse::<Table>().with_context(damaged)?, &config.parse()?);
         let other = differences.iter().find(|difference| !difference.is_growth);
         if begun != config && (other.is_some() || differences.is_empty()) {
             let difference = other.map_or("its text differs", |difference| &difference.text);
-            bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
+            bail!("{}: the run that is there has another config: {difference}; {REMEDY}", path.display());
         }
         let Some(then) = Self::read(folder) else {
-            bail!("{}: identity.json is missing or of another version; {remedy}", folder.display());
+            bail!("{}: identity.json is missing or of another version; {REMEDY}", folder.display());
         };
         let mut changes = self.changes(&then);
         changes.retain(|what| differences.is_empty() || *what != PARTS[0].1);
         if !changes.is_empty() {
-            bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
+            bail!("{}: {} changed since the run began; {REMEDY}", folder.display(), changes.join(" and "));
         }
         let texts = differences.iter().map(|difference| difference.text.clone());
         let grown = then.0.get(GROWN).cloned().into_iter().chain(texts).collect::<Vec<_>>().join(", ");

@@ -15,31 +15,43 @@ use crate::records::is_own_record;
 const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
+/// Files that only a checkpoint of the first field has.
+const CHECKPOINTS: [&str; 2] = ["checkpoint/manifest.json", "member0/checkpoint/manifest.json"];
+
 /// Whether the run in `folder` is finished: it has written a record.
 pub fn is_finished(folder: &Path) -> bool {
-    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_own_record(&entry.path())))
+    own_records(folder).next().is_some()
+}
+
+/// Whether `folder` holds a run's record or checkpoint.
+pub(crate) fn has_results(folder: &Path) -> bool {
+    is_finished(folder) || CHECKPOINTS.iter().any(|name| folder.join(name).exists())
+}
+
+fn own_records(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).filter(|path| is_own_record(path))
+}
+
+fn remove_files(paths: impl Iterator<Item = PathBuf>) -> Result<()> {
+    for path in paths.filter(|path| path.exists()) {
+        fs::remove_file(&path).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
 }
 
 /// Removes what an earlier run left in `folder`. A folder in it that holds runs itself, of a scene, is kept.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
-    // The config is removed first: if the removal is interrupted, the run counts as not begun.
-    let config = folder.join("config.toml");
-    if config.exists() {
-        fs::remove_file(&config).with_context(|| config.display().to_string())?;
-    }
+    // The config is removed after all that `has_results` finds: if the removal is interrupted, the run can be continued, or
+    // counts as not begun.
+    let files = CHECKPOINTS.into_iter().chain(["config.toml", "metrics.jsonl", VIEWER_PAGE]);
+    remove_files(own_records(folder).chain(files.map(|name| folder.join(name))))?;
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
         let member = name.strip_prefix("member").is_some_and(|index| index.parse::<usize>().is_ok());
-        let is_folder = path.is_dir() && (FOLDERS.contains(&name.as_str()) || member) && !holds_runs(&path);
-        let is_file = is_own_record(&path) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str());
-        let removed = if is_folder {
-            fs::remove_dir_all(&path)
-        } else if is_file {
-            fs::remove_file(&path)
-        } else {
-            Ok(())
-        };
-        removed.with_context(|| path.display().to_string())?;
+        if path.is_dir() && (FOLDERS.contains(&name.as_str()) || member) && !holds_runs(&path) {
+            fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
+        }
     }
     Ok(())
 }
@@ -53,14 +65,8 @@ fn holds_runs(scene: &Path) -> bool {
 /// Prepares the run in `folder` for more training: removes its record, page and orbit, and moves the files of a single field to `first`, the
 /// folder of the first field from now on.
 pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
-    for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
-        if is_own_record(&entry.path()) {
-            fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
-        }
-    }
-    for name in [VIEWER_PAGE, "render/orbit.gif"].map(|name| folder.join(name)).iter().filter(|path| path.exists()) {
-        fs::remove_file(name).with_context(|| name.display().to_string())?;
-    }
+    let pages = [VIEWER_PAGE, "render/orbit.gif"].map(|name| folder.join(name));
+    remove_files(own_records(folder).chain(pages))?;
     fs::create_dir_all(first).with_context(|| first.display().to_string())?;
     for name in ["checkpoint", "checkpoint.previous", "metrics.jsonl"] {
         let (from, to) = (folder.join(name), first.join(name));
@@ -116,10 +122,12 @@ mod tests {
         for name in ["test", "member0", "member12", "members", "notes", "truth/nerf/seed0"] {
             fs::create_dir_all(folder.join(name)).unwrap();
         }
-        for name in ["config.toml", "metrics.jsonl", "notes.txt", "truth/nerf/seed0/config.toml"] {
+        for name in ["config.toml", "metrics.jsonl", "notes.txt", "record-fast.json", "truth/nerf/seed0/config.toml"] {
             fs::write(folder.join(name), "").unwrap();
         }
+        assert!(has_results(folder));
         clear(folder).unwrap();
+        assert!(!has_results(folder));
         let left = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
         assert_eq!(left.collect::<BTreeSet<_>>(), ["members", "notes", "notes.txt", "truth"].map(String::from).into());
     }

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use infonerf_metrics::Networks;
 use infonerf_report::{Record, write_atomically};
 use infonerf_scene::Scene;
@@ -24,8 +24,8 @@ use infonerf_train::{Event, Trainer, without_collapsed};
 
 pub use evaluate::picture_notes;
 pub use folder::is_finished;
-use folder::reopen;
 pub(crate) use folder::{clear, lock};
+use folder::{has_results, reopen};
 use memory::PeakMemory;
 pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::Trained;
@@ -33,7 +33,7 @@ use trained::total_progress;
 pub use volume::TrainedVolume;
 
 use crate::device::OpenDevice;
-use crate::identity::Identity;
+use crate::identity::{Identity, REMEDY};
 use crate::records::read_records;
 use crate::run_plan::RunPlan;
 
@@ -180,8 +180,10 @@ impl Session {
         let run = self.open_run(self.run_folder(plan), identity, plan.to_toml()?, watch)?;
         let record = plan.record_path(&run.folder);
         if run.continues && !run.has_grown && record.exists() {
-            let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
-            return Ok(Finished::AlreadyDone(Box::new(record)));
+            let expected = "the run's record (without the file the run is evaluated again, --overwrite starts it anew)";
+            let damaged = || format!("{}: expected {expected}", record.display());
+            let read = read_records(&record).with_context(damaged)?.pop().with_context(damaged)?;
+            return Ok(Finished::AlreadyDone(Box::new(read)));
         }
         let memory = PeakMemory::start();
         let Some(trainers) = self.train_members(plan, &run, watch)? else { return Ok(Finished::Stopped) };
@@ -208,7 +210,10 @@ impl Session {
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }
-        let continues = self.existing == Existing::Continue && folder.join("config.toml").exists();
+        let (keeps, has_config) = (self.existing == Existing::Continue, folder.join("config.toml").exists());
+        let is_lost = keeps && !has_config && has_results(&folder);
+        ensure!(!is_lost, "{}: config.toml is missing beside a record or a checkpoint; {REMEDY}", folder.display());
+        let continues = keeps && has_config;
         let has_grown = continues && identity.check_continuation(&folder, &config)?;
         if let Some(text) = identity.grown().filter(|_| has_grown) {
             watch(RunEvent::Note(format!("{}: {text}", folder.display())));
@@ -286,9 +291,8 @@ fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, as
     let is_short = 10 * taken < asked && first_steps > 0.5 * budget;
     (reading.max(first_steps) > budget || is_short).then(|| {
         format!(
-            "preparation is long for a budget of {budget} s, and a longer one helps: reading and matching the photographs \
-             took {reading:.1} s, stereo with the first step, which the budget includes, {first_steps:.1} s; {taken} of \
-             {asked} steps are done"
+            "preparation is long for a budget of {budget} s, and a longer one helps: reading the scene took {reading:.1} s, \
+             the first step, which the budget includes, {first_steps:.1} s; {taken} of {asked} steps are done"
         )
     })
 }

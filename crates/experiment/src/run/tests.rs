@@ -123,10 +123,24 @@ fn finished_run_goes_on() {
     let grown = "train.iterations was 3 and is 5";
     assert!(longer.notes.iter().any(|note| note.contains(grown)), "{:?}", longer.notes);
     assert!(curve().unwrap().starts_with(&before), "no step is taken twice");
+    let is_refused = |plan: &RunPlan, part: &str| {
+        let error = run(out.path(), plan, &mut |_| Control::Continue).err().unwrap();
+        assert!(format!("{error:#}").contains(part), "{error:#}");
+    };
     for other in ["train.iterations=4", "train.rays=17"] {
-        let refused = run(out.path(), &plan(&["train.iterations=5", other]), &mut |_| Control::Continue);
-        assert!(refused.err().is_some_and(|error| error.to_string().contains("another config")), "{other}");
+        is_refused(&plan(&["train.iterations=5", other]), "another config");
     }
+    // A run whose config is damaged or missing is kept.
+    let folder = out.path().join(&more.experiment).join(more.directory());
+    let (config, record_file) = (folder.join("config.toml"), more.record_path(&folder));
+    let text = fs::read_to_string(&config).unwrap();
+    fs::write(&config, "no TOML").unwrap();
+    is_refused(&more, "config.toml: expected the config that the run was begun with (--overwrite");
+    fs::remove_file(&config).unwrap();
+    is_refused(&more, "config.toml is missing beside a record or a checkpoint");
+    fs::write(&config, text).unwrap();
+    fs::write(record_file, "[{").unwrap();
+    is_refused(&more, "record-fast.json: expected the run's record (without the file");
     let budgeted = |budget| RunPlan { budget: Some(budget), ..plan(&["train.ensemble.seconds_per_member=0.1"]) };
     let out = tempfile::tempdir().unwrap();
     assert_eq!(record(out.path(), &budgeted(0.1)).1, 1);
@@ -137,7 +151,7 @@ fn finished_run_goes_on() {
 fn long_preparation_is_reported_by_stage() {
     let warning = |reading: f64, first: f64, taken: usize| preparation_warning(20.0, [reading, first], [taken, 4000]);
     let said = warning(3.04, 19.8, 1).unwrap();
-    for part in ["a budget of 20 s", "photographs took 3.0 s", "includes, 19.8 s", "1 of 4000 steps are done"] {
+    for part in ["a budget of 20 s", "the scene took 3.0 s", "includes, 19.8 s", "1 of 4000 steps are done"] {
         assert!(said.contains(part), "expected `{part}` in: {said}");
     }
     assert!(warning(20.5, 0.1, 3000).is_some() && warning(1.0, 12.0, 399).is_some());
