@@ -130,7 +130,7 @@ fn arguments() {
     place.run("exp synthetic-5view").fails_with(&["synthetic-5view", "fast-losses"]);
     place.run("exp .").fails_with(&["."]);
     place.run("scene export lego data").fails_with(&["lego", "knot"]);
-    place.run("scene export knot data --size 0").fails_with(&["size"]);
+    place.run("scene export knot data --size 0").fails_with(&["--size"]);
     place.run("scene export room data --format film").fails_with(&["--format", "film", "llff"]);
 
     exp("--budget soon").fails_with(&["--budget", "soon"]);
@@ -141,6 +141,9 @@ fn arguments() {
     exp("--seed one").fails_with(&["--seed", "one"]);
     exp("--colour").fails_with(&["--colour"]);
     place.run("render run --frames 0").fails_with(&["--frames"]);
+    place.run("render run --path ORBIT").fails_with(&["--path ORBIT: not found; expected orbit, spiral"]);
+    place.run("figure nowhere").fails_with(&["nowhere", "a finished run", "results.json"]);
+    place.run("exp fast-losses").arg("--out=").fails_with(&["--out", "for the current one"]);
     place.run("export run --format film").fails_with(&["--format", "film", "html"]);
     place.run("view run --host everywhere").fails_with(&["--host", "everywhere"]);
     place.run("improve").fails_with(&["improve"]);
@@ -149,17 +152,30 @@ fn arguments() {
 #[test]
 fn experiment_files() {
     let place = Workplace::new();
+    let claim = |is: &str, right: &str| {
+        let comparison = format!("{{ left = \"nerf\", is = \"{is}\", right = \"{right}\" }}");
+        let base = "base = \"synthetic-4view\"\n[[claims]]\nstatement = \"s\"\nmetric = \"psnr\"\n";
+        format!("{base}comparisons = [{comparison}]\n")
+    };
     for (file, parts) in [
         ("[variants.a]\n[config.train]\niterationz = 3\n", &["iterationz"][..]),
-        ("titel = \"x\"\n[variants.a]\n", &["titel"]),
         ("[variants.a\n", &["line 1"]),
-        ("title = \"no variants\"\n", &["variants"]),
+        ("", &["mine.toml: variants: expected at least one"]),
         ("variants = 3\n", &["line 1", "map"]),
         ("base = \"nothing\"\n", &["nothing"]),
         ("base = \"mine.toml\"\n", &["base"]),
-        ("preset = \"best\"\n[variants.a]\n", &["best"]),
+        ("seeds = [0]\ntitel = \"x\"\n[variants.a]\n", &["line 2: titel: "]),
+        ("preset = \"best\"\n[variants.a]\n", &["line 1: preset: unknown value `best`"]),
         ("scenes = [\"lego\"]\n[variants.a]\n", &["lego"]),
-        ("seeds = [-1]\n[variants.a]\n", &["line 1"]),
+        ("scenes = []\n[variants.a]\n", &["mine.toml: scenes: expected at least one"]),
+        ("scenes = \"knot\"\n[variants.a]\n", &["line 1: scenes: ", "expected a list"]),
+        ("seeds = [-1]\n[variants.a]\n", &["line 1: seeds: ", "a whole number of at least 0"]),
+        ("seeds = [3, 3]\n[variants.a]\n", &["mine.toml: seeds 3: given twice"]),
+        (
+            claim("better", "infonref").as_str(),
+            &["mine.toml: claims[0]: expected variants among nerf, ", "\"infonref\""],
+        ),
+        (claim("gooder", "infonerf").as_str(), &["unknown value `gooder`"]),
     ] {
         place.write("mine.toml", file);
         place.tiny("exp mine.toml").fails_with(parts);

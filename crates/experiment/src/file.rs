@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use infonerf_report::Claim;
 use infonerf_train::{Preset, config};
 use serde::Deserialize;
@@ -188,7 +188,10 @@ impl Variant {
         let start = match changes.remove("preset") {
             None => Start::Experiment,
             Some(Value::String(auto)) if auto == "auto" => Start::Preset(None),
-            Some(preset) => Start::Preset(Some(preset.try_into().with_context(|| format!("variants.{name}.preset"))?)),
+            Some(preset) => {
+                let fault = |error: toml::de::Error| anyhow!("variants.{name}.preset: {}", plain(error.message()));
+                Start::Preset(Some(preset.try_into().map_err(fault)?))
+            }
         };
         Ok(Self { name: name.to_owned(), start, changes })
     }
@@ -225,11 +228,21 @@ fn read(name: &str) -> Result<(String, String, File)> {
 }
 
 fn parse(origin: &str, text: &str) -> Result<File> {
-    let first = |error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].lines().count().max(1));
-        anyhow::anyhow!("{origin}: line {line}: {}", error.message().lines().next().unwrap_or_default())
+    let located = |error: toml::de::Error| {
+        let start = error.span().map_or(0, |span| span.start);
+        let before = text.get(..start).filter(|_| start < text.len()).unwrap_or_else(|| text.trim_end());
+        let line = before.matches('\n').count();
+        let key = text.lines().nth(line).filter(|_| error.span().is_some()).and_then(|line| line.split_once('='));
+        let key = key.map_or_else(String::new, |(key, _)| format!("{}: ", key.trim()));
+        anyhow!("{origin}: line {}: {key}{}", line + 1, plain(error.message()))
     };
-    toml::from_str(text).map_err(first)
+    toml::from_str(text).map_err(located)
+}
+
+/// Returns the first line of an error of reading TOML, in the words of this format.
+fn plain(message: &str) -> String {
+    let line = message.lines().next().unwrap_or_default().replace("unknown variant", "unknown value");
+    line.replace("a sequence", "a list").replace("expected u64", "expected a whole number of at least 0")
 }
 
 #[cfg(test)]
@@ -257,7 +270,7 @@ mod tests {
         assert_eq!(starts, [Start::Experiment, Start::Preset(Some(Preset::Released)), Start::Preset(None)]);
         assert!(found[1].changes.is_empty() && !found[0].changes.is_empty());
         let error = format!("{:#}", variants(&["[variants.a]\npreset = 'slow'\n"]).unwrap_err());
-        assert!(error.starts_with("variants.a.preset"), "{error}");
+        assert!(error.starts_with("variants.a.preset: unknown value `slow`"), "{error}");
     }
 
     #[test]

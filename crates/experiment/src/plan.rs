@@ -4,7 +4,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{Backdrop, Layout};
@@ -102,14 +102,15 @@ impl Outline {
             [] => layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0]),
             chosen => chosen.to_vec(),
         };
-        check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
-        check_distinct("--seed", seeds.iter().map(u64::to_string))?;
+        let at = |key: &str, option: &str, own| if own { format!("{experiment}: {key}") } else { option.to_owned() };
+        check_list(&at("scenes", "--scene", selection.scenes.is_empty()), scenes.iter().map(|one| one.name.clone()))?;
+        check_list(&at("seeds", "--seed", selection.seeds.is_empty()), seeds.iter().map(u64::to_string))?;
         let mut about = About::of(&layers, data);
         let Selection { data, preset, set, budget, .. } = selection;
         if data.is_some() || preset.is_some() || budget.is_some() || !set.is_empty() {
             about.seconds_per_run = None;
         }
-        let variants = chosen_variants(&layers, selection)?;
+        let variants = chosen_variants(experiment, &layers, selection)?;
         let budget = budget.or_else(|| layers.last(|file| file.budget_seconds));
         let selection = Selection { seeds, budget, ..selection.clone() };
         Ok(Self { about, experiment: experiment.to_owned(), layers, scenes, variants, selection })
@@ -197,29 +198,33 @@ impl ChosenScene {
     }
 }
 
-/// Returns the selected variants, by default all.
-fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<Variant>> {
-    let mut variants = layers.variants().with_context(|| layers.name.clone())?;
-    if variants.is_empty() {
-        bail!("{}: variants: expected at least one table", layers.name);
+/// Returns the selected variants of `experiment`, by default all. Refuses claims about other variants than those of `layers`.
+fn chosen_variants(experiment: &str, layers: &Layers, selection: &Selection) -> Result<Vec<Variant>> {
+    let all = layers.variants().with_context(|| experiment.to_owned())?;
+    check_list(&format!("{experiment}: variants"), all.iter().map(|variant| variant.name.clone()))?;
+    let names = all.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
+    let named = |name: &str| all.iter().find(|variant| variant.name == name).cloned();
+    for (index, claim) in layers.last(|file| file.claims.clone()).iter().flatten().enumerate() {
+        if let Some(other) = claim.variants().find(|name| named(name).is_none()) {
+            bail!("{experiment}: claims[{index}]: expected variants among {names}, found {other:?}");
+        }
     }
-    if !selection.variants.is_empty() {
-        let names = variants.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
-        let named = |name: &String| {
-            let known = variants.iter().find(|variant| variant.name == *name).cloned();
-            known.with_context(|| format!("--variant {name}: expected one of: {names}"))
-        };
-        variants = selection.variants.iter().map(named).collect::<Result<_>>()?;
-    }
-    check_distinct("--variant", variants.iter().map(|variant| variant.name.clone()))?;
+    let expected = |name: &String| named(name).with_context(|| format!("--variant {name}: expected one of: {names}"));
+    let chosen = selection.variants.iter().map(expected).collect::<Result<Vec<_>>>()?;
+    let variants = if chosen.is_empty() { all } else { chosen };
+    check_list("--variant", variants.iter().map(|variant| variant.name.clone()))?;
     variants.iter().try_for_each(|variant| check_name("variant", &variant.name))?;
     Ok(variants)
 }
 
-fn check_distinct(what: &str, mut items: impl Iterator<Item = String>) -> Result<()> {
+/// Refuses an empty list of items that stand at `place`, and an item that is given twice.
+fn check_list(place: &str, items: impl Iterator<Item = String>) -> Result<()> {
     let mut seen = BTreeSet::new();
-    let twice = items.find(|item| !seen.insert(item.clone()));
-    twice.map_or(Ok(()), |item| bail!("{what} {item}: given twice"))
+    for item in items {
+        ensure!(seen.insert(item.clone()), "{place} {item}: given twice");
+    }
+    ensure!(!seen.is_empty(), "{place}: expected at least one");
+    Ok(())
 }
 
 /// Prefix of the names of sweeps.
