@@ -137,7 +137,7 @@ fn a_run_that_fails_or_takes_too_long_is_reported_and_the_others_go_on() {
     let place = Workplace::new();
     let views = "--grid scene.views={kind='ids',ids=[1]},{kind='ids',ids=[1000]} --set train.iterations=3 --out views";
     let steps = "--grid train.iterations=3,100000000 --timeout 8s --out steps";
-    for (args, out, part) in [(views, "views", "1000"), (steps, "steps", "timed out after 8 s")] {
+    for (args, out, part) in [(views, "views", "1000"), (steps, "steps", "timed out after 8 s; saved at step")] {
         let sweep = place.tiny_without("train.iterations", "sweep fast-losses --scene knot --variant factored");
         let output = sweep.args(args).into_command().output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));

@@ -1,12 +1,12 @@
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
-use infonerf_experiment::Finished;
 use infonerf_experiment::sweep::run_item;
+use infonerf_experiment::{Finished, RunEvent};
 
 use crate::interrupt;
 use crate::print::{errln, outln};
@@ -42,21 +42,35 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     if args.tied {
         std::thread::spawn(stop_with_input);
     }
+    let start = Instant::now();
     if let Some(timeout) = args.timeout {
         std::thread::spawn(move || end_after(timeout));
     }
-    let mut progress = ProgressDisplay::new("");
-    match run_item(&args.manifest, args.item, device, networks, &mut |event| progress.watch(event))? {
+    let (mut progress, mut step) = (ProgressDisplay::new(""), 0);
+    let mut watch = |event: RunEvent<'_>| {
+        if let RunEvent::Training { trainer, .. } = &event {
+            step = trainer.progress().step;
+        }
+        progress.watch(event)
+    };
+    match run_item(&args.manifest, args.item, device, networks, &mut watch)? {
         Finished::Record(record, _) => outln!("{}", summary(&record)),
         Finished::AlreadyDone(_) => outln!("finished before and kept"),
-        Finished::Stopped => return Ok(interrupt::exit_code()),
+        Finished::Stopped => match args.timeout.filter(|timeout| start.elapsed() >= *timeout) {
+            Some(timeout) if step > 0 => bail!("timed out after {} s; saved at step {step}", timeout.as_secs_f64()),
+            Some(timeout) => bail!("timed out after {} s; what was saved is kept", timeout.as_secs_f64()),
+            None => return Ok(interrupt::exit_code()),
+        },
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Ends the process after `timeout`, at any point: files on disk are always complete.
+/// Stops the run after `timeout`, and ends the process if that takes longer than 10 s and 5 % of `timeout`: files on disk are
+/// always complete.
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
+    interrupt::request_stop();
+    std::thread::sleep(Duration::from_secs(10).max(timeout / 20));
     errln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
     std::process::exit(1);
 }
