@@ -192,9 +192,9 @@ fn a_run_is_evaluated_again() {
     let [psnr, ssim, iou] = ["psnr", "ssim", "silhouette_iou"].map(|key| record[key].as_f64().unwrap());
     assert_has(mean, &[&format!("{psnr:.2} dB"), &format!("SSIM {ssim:.3}"), &format!("Silhouette IoU {iou:.3}")]);
     place.run(format!("eval {run} --test first-1")).succeeds_with(&["1 test view (first-1)"]);
-    // Each run has a row: PSNR at full size, which is the record's, and at smaller sizes with the difference from it.
+    // Each run has a row, named by its folder: PSNR at full size, which is the record's, and at smaller sizes with the difference from it.
     let stdout = place.run(format!("eval {run} {run} --scale 1/2,1/4")).stdout();
-    let rows: Vec<&str> = stdout.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
+    let rows: Vec<&str> = stdout.lines().filter(|line| line.starts_with(&format!("{run}  "))).collect();
     assert!(rows.len() == 2 && rows[0] == rows[1], "{stdout}");
     let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
     let [full, half, half_gain, quarter, quarter_gain] = numbers[..] else { panic!("{stdout}") };
@@ -389,7 +389,10 @@ fn results_are_collected_into_one_document() {
     assert_has(&place.read("results.md"), &["\npreset dense ·"]);
     // A document of the user is kept.
     place.write("notes.md", "My own notes.");
-    place.run("collect results-of-mine/fast-losses --out notes.md").fails_with(&["notes.md", "--out"]);
+    place.write("photo.jpg", [0xff, 0xd8, 0xff]);
+    for file in ["notes.md", "photo.jpg"] {
+        place.run(format!("collect results-of-mine/fast-losses --out {file}")).fails_with(&[file, "--out"]);
+    }
     place.run("collect nowhere").fails_with(&["nowhere", "results.json"]);
 }
 

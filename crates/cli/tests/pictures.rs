@@ -38,6 +38,8 @@ fn pictures_that_do_not_fit_are_one_line() {
         ("--renders a --truth b --metric fid", "fid"),
         ("--renders a --truth b --metric vmaf", "vmaf"),
         ("--renders a --truth b --protocol ours", "expected one of infonerf"),
+        ("a --truth b", "--truth"),
+        ("a --out b", "--out"),
     ] {
         place.run("eval").args(arguments).fails_with(&[part]);
     }

@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::{RunPlan, Trained, picture_notes};
 use infonerf_metrics::{
     Descriptor, Folders, METRICS, Metric, Networks, PSNR, Protocol, Values, compare_folders, select,
@@ -59,23 +58,23 @@ struct PicturesArgs {
     #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
     renders: Option<PathBuf>,
     /// Folder of photographs, named like the renders except for the extension
-    #[arg(long, value_name = "DIR", requires = "renders")]
+    #[arg(long, value_name = "DIR", requires = "renders", conflicts_with = "runs")]
     truth: Option<PathBuf>,
     /// Folder of masks for the masked metrics, PNG, TIFF or BMP; black pixels are ignored
-    #[arg(long, value_name = "DIR", requires = "renders")]
+    #[arg(long, value_name = "DIR", requires = "renders", conflicts_with = "runs")]
     masks: Option<PathBuf>,
     /// How pictures are measured: infonerf, regnerf or neural-body (see docs/protocol.md)
-    #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
+    #[arg(long, value_name = "NAME", requires = "renders", conflicts_with = "runs", default_value = "infonerf")]
     protocol: String,
     /// Key of a metric to compute, such as lpips_vgg, and an error if it cannot be computed; may be repeated [default: all
     /// that can be computed]
-    #[arg(long = "metric", value_name = "KEY", requires = "renders")]
+    #[arg(long = "metric", value_name = "KEY", requires = "renders", conflicts_with = "runs")]
     metrics: Vec<String>,
     /// Leave out photographs without a render instead of refusing them
-    #[arg(long, requires = "renders")]
+    #[arg(long, requires = "renders", conflicts_with = "runs")]
     partial: bool,
     /// Folder for comparison.json and comparison.html
-    #[arg(long, value_name = "DIR", value_parser = parse_folder, requires = "renders")]
+    #[arg(long, value_name = "DIR", value_parser = parse_folder, requires = "renders", conflicts_with = "runs")]
     out: Option<PathBuf>,
 }
 
@@ -96,8 +95,7 @@ fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
     let metrics = if required.is_empty() { METRICS } else { required.as_slice() };
     let networks = args.networks.open(&open_device(args.device.device)?)?;
     let folders = Folders { renders, truth, masks: args.pictures.masks.as_deref(), partial: args.pictures.partial };
-    let bar = ProgressBar::new(0);
-    bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} {elapsed}")?);
+    let bar = counting_bar("pictures", 0);
     let compared = compare_folders(folders, metrics, &networks, &protocol, |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
@@ -133,7 +131,9 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
             plan = tested_by(&plan, test)?;
         }
         let trained = read_run(plan, folder, &device)?;
-        let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
+        // Runs of several experiments may have the same label.
+        let label = if args.runs.len() > 1 { folder.display().to_string() } else { trained.plan.label() };
+        let test = &trained.plan.config.eval.test;
         let count = measured(&trained).len();
         let views = if *test == TestProtocol::Training {
             format!("{}, each without its own residual", counted(count, "training view"))
