@@ -17,21 +17,28 @@ const HEADING: u32 = 24;
 const TRUTH: &str = "truth";
 
 /// Draws the figure of `records`, whose folders lie below `root`: the lowest seed of each variant, and the test view of
-/// each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing images stay white.
+/// each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing images stay white. Also
+/// returns `scene/variant` of each run that has no render of the view.
 ///
 /// # Errors
 /// If no run has an image of that view, or the labels cannot be drawn.
-pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<RgbImage, ReportError> {
+pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<(RgbImage, Vec<String>), ReportError> {
     let records: Vec<&Record> = records.iter().collect();
-    let choose = |all: Vec<String>| match view.map(|view| format!("{view:03}")) {
-        Some(wanted) => all.into_iter().filter(|name| *name == wanted).collect(),
+    let choose = |all: Vec<String>| match view {
+        Some(view) => vec![format!("{view:03}")],
         None => evenly_spaced(all, 1),
     };
     let variants = shown_variants(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
     let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());
     let galleries: Vec<SceneGallery> = scenes.map(gallery).collect();
-    compose(&galleries.iter().collect::<Vec<_>>())?.ok_or_else(|| {
+    let mut missing = Vec::new();
+    for gallery in &galleries {
+        let is_missing = |run: usize| gallery.views.iter().all(|view| view.shots[run][0].is_none());
+        let variants = gallery.runs.iter().enumerate().filter(|(run, _)| is_missing(*run));
+        missing.extend(variants.map(|(_, (_, record))| format!("{}/{}", gallery.scene, record.variant)));
+    }
+    compose(&galleries.iter().collect::<Vec<_>>())?.map(|figure| (figure, missing)).ok_or_else(|| {
         let wanted = view.map_or("any test view".to_owned(), |view| format!("test view {view}"));
         ReportError(format!("{}: no run has an image of {wanted}", root.display()))
     })

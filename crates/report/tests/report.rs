@@ -116,7 +116,7 @@ fn panel_has_a_row_for_each_scene() {
     let root = tempfile::tempdir().unwrap();
     let mut records = example(root.path());
     records.retain(|record| record.scene == "knot" || record.variant == "nerf");
-    let figure = panel(&records, root.path(), Some(8)).unwrap();
+    let (figure, _) = panel(&records, root.path(), Some(8)).unwrap();
     assert_eq!(figure.dimensions(), (5 * 248 + 8, 2 * 264 + 8));
     let truth = RgbImage::from(image::open(root.path().join("knot/nerf/seed0/truth/008.png")).unwrap());
     let (shown, own) = (figure.get_pixel(8 + 120, 24 + 120).0, truth.get_pixel(32, 32).0);
@@ -127,6 +127,9 @@ fn panel_has_a_row_for_each_scene() {
     assert!(blank(8 + 3 * 248) && !blank(8), "the second scene has no infonerf");
     let error = panel(&records, root.path(), Some(7)).unwrap_err().to_string();
     assert!(error.ends_with("no run has an image of test view 7"), "{error}");
+    fs::remove_file(root.path().join("knot/infonerf/seed0/test/008.png")).unwrap();
+    let (_, missing) = panel(&records, root.path(), Some(8)).unwrap();
+    assert_eq!(missing, ["knot/infonerf"]);
 }
 
 #[test]

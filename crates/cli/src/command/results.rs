@@ -2,18 +2,19 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use infonerf_experiment::{read_records, sweep};
+use infonerf_experiment::sweep;
 use infonerf_report::{
-    ReportInput, WRITTEN_BY, counted, panel, results_document, save_png, write_atomically, write_tensorboard,
+    Record, ReportInput, WRITTEN_BY, counted, panel, results_document, save_png, write_atomically, write_tensorboard,
 };
 
 use crate::command_line;
-use crate::print::outln;
+use crate::print::{errln, outln};
 use crate::units::check_extension;
 
 /// Collect the results of experiments and sweeps in one Markdown document.
@@ -32,7 +33,8 @@ pub(crate) struct CollectArgs {
 
 pub(crate) fn collect(args: &CollectArgs) -> Result<ExitCode> {
     let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..sweep::collect(folder)? });
-    if fs::read_to_string(&args.out).is_ok_and(|text| !text.contains(WRITTEN_BY)) {
+    let is_own = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).contains(WRITTEN_BY);
+    if !fs::read(&args.out).map_or_else(|error| error.kind() == ErrorKind::NotFound, is_own) {
         bail!("{}: expected no file, or one that `collect` wrote: --out FILE names another", args.out.display());
     }
     let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
@@ -70,21 +72,31 @@ pub(crate) struct FigureArgs {
 }
 
 pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
-    let chosen = |names: &[String], name: &String| names.is_empty() || names.contains(name);
-    let (results, default) = (args.folder.join("results.json"), args.folder.join("figure.png"));
+    type NameOf = fn(&Record) -> &String;
+    let options: [(&str, &Vec<String>, NameOf); 2] =
+        [("--scene", &args.scenes, |record| &record.scene), ("--variant", &args.variants, |record| &record.variant)];
+    let check = |records: &[&Record], with: &str| {
+        for (option, names, name_of) in options {
+            let known: BTreeSet<&str> = records.iter().map(|record| name_of(record).as_str()).collect();
+            if let Some(unknown) = names.iter().find(|name| !known.contains(name.as_str())) {
+                let known = Vec::from_iter(known).join(", ");
+                bail!("{option} {unknown}: expected one of those in {}{with}: {known}", args.folder.display());
+            }
+        }
+        Ok(())
+    };
+    let default = args.folder.join("figure.png");
     let out = args.out.as_ref().unwrap_or(&default);
     check_extension(out, &default)?;
-    let mut records = read_records(&results)?;
-    let scenes: BTreeSet<&str> = records.iter().map(|record| &*record.scene).collect();
-    let variants: BTreeSet<&str> = records.iter().map(|record| &*record.variant).collect();
-    for (option, names, known) in [("--scene", &args.scenes, scenes), ("--variant", &args.variants, variants)] {
-        if let Some(unknown) = names.iter().find(|name| !known.contains(name.as_str())) {
-            let known = Vec::from_iter(known).join(", ");
-            bail!("{option} {unknown}: expected one of those in {}: {known}", results.display());
-        }
-    }
-    records.retain(|record| chosen(&args.scenes, &record.scene) && chosen(&args.variants, &record.variant));
-    let picture = panel(&records, &args.folder, args.view)?;
+    let mut records = sweep::results(&args.folder)?;
+    check(&Vec::from_iter(&records), "")?;
+    records.retain(|record| options.iter().all(|(_, names, of)| names.is_empty() || names.contains(of(record))));
+    let (picture, missing) = panel(&records, &args.folder, args.view)?;
+    let view = args.view.map_or("a test view".to_owned(), |view| format!("test view {view}"));
+    let is_missing = |record: &Record| missing.contains(&format!("{}/{}", record.scene, record.variant));
+    let shown: Vec<&Record> = records.iter().filter(|record| !is_missing(record)).collect();
+    check(&shown, &format!(" with an image of {view}"))?;
+    missing.iter().for_each(|run| errln!("warning: {run}: no image of {view}"));
     save_png(&picture, out)?;
     outln!("figure: {}", out.display());
     Ok(ExitCode::SUCCESS)
@@ -105,6 +117,7 @@ pub(crate) struct TensorboardArgs {
 
 pub(crate) fn tensorboard(args: &TensorboardArgs) -> Result<ExitCode> {
     let written = write_tensorboard(&args.folder)?;
-    outln!("{} event files; show them with: tensorboard --logdir {}", written.len(), args.folder.display());
+    let (files, folder) = (counted(written.len(), "event file"), args.folder.display().to_string());
+    outln!("{files}; to show: tensorboard --logdir {}", shlex::try_quote(&folder)?);
     Ok(ExitCode::SUCCESS)
 }

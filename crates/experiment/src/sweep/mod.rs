@@ -21,7 +21,7 @@ use crate::run_plan::RunPlan;
 pub use grid::PAPER_SPACE;
 use grid::{Grid, assignments, choices};
 pub use manifest::run_item;
-pub use outcome::{SweepFiles, collect};
+pub use outcome::{SweepFiles, collect, results};
 pub use prepare::Prepared;
 
 /// Runs that are tabulated together: those of an experiment, as they are or for every combination of the values of some keys.

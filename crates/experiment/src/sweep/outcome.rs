@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use infonerf_report::{Quantity, Record, ReportInput, Setting, Table, overview_table, run_directory, write_report};
 
 use super::figures::figures;
@@ -25,17 +25,23 @@ pub struct SweepFiles {
     pub results: PathBuf,
 }
 
+/// Reads the records of the experiment or sweep in `folder`.
+///
+/// # Errors
+/// If there is no list of records, or it cannot be read.
+pub fn results(folder: &Path) -> Result<Vec<Record>> {
+    let path = folder.join(LIST);
+    ensure!(path.is_file(), "{}: expected an experiment with a finished run: it has no {LIST}", folder.display());
+    read_records(&path)
+}
+
 /// Reads the input of a report on the experiment or sweep in `folder`.
 ///
 /// # Errors
 /// If there are no records, or the folder of one of the runs is gone.
 pub fn collect(folder: &Path) -> Result<ReportInput> {
-    let path = folder.join(LIST);
-    if !path.is_file() {
-        bail!("{}: expected the folder of an experiment: it has no {LIST}", folder.display());
-    }
-    let records = read_records(&path)?;
-    let first = records.first().with_context(|| format!("{}: expected at least one record", path.display()))?;
+    let records = results(folder)?;
+    let first = records.first().with_context(|| format!("{}: expected at least one record", folder.display()))?;
     let mut about = About::of_results(&first.experiment);
     let run = |record: &Record| folder.join(run_directory(&record.scene, &record.variant, record.seed));
     let plans = records.iter().map(|record| RunPlan::of_run(&run(record))).collect::<Result<Vec<_>>>()?;
