@@ -1,5 +1,6 @@
 //! Context of a benchmark: runs to measure, device, machine and folder of results.
 
+use std::cell::RefCell;
 use std::fmt;
 use std::hash::Hash;
 use std::path::{Path, PathBuf};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use indexmap::IndexSet;
-use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
+use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, Watch, networks, open};
 use infonerf_metrics::Networks;
 use infonerf_scene::ViewSelection;
 use serde::Serialize;
@@ -15,7 +16,7 @@ use serde::Serialize;
 /// Variant of benchmarks that measure one.
 const DEFAULT_VARIANT: &str = "infonerf";
 
-/// Benchmark with the runs that it measures; `Display` prints the program, the machine and the runs.
+/// Benchmark with the runs that it measures; `Display` prints the program, the machine and, if it trains them, the runs.
 pub struct Bench {
     /// Runs to measure, at least one.
     pub(crate) plans: Vec<RunPlan>,
@@ -24,6 +25,7 @@ pub struct Bench {
     /// Folder of results.
     pub folder: PathBuf,
     pub(crate) conditions: Conditions,
+    pub(crate) watch: RefCell<Box<Watch<'static>>>,
 }
 
 /// Program, machine and runs; part of `results.json`.
@@ -49,7 +51,7 @@ pub(crate) struct Conditions {
 impl Bench {
     /// Prepares the benchmark called `name`, with results in a folder of that name in `out`. It measures the runs of `experiment`
     /// that `selection` names: by default those of the first scene and the variant `infonerf` (of all variants for `pareto`).
-    /// `weights` are those of learned metrics, in addition to the usual places.
+    /// `weights` are those of learned metrics, in addition to the usual places; `watch` receives the events of runs.
     ///
     /// # Errors
     /// If the experiment cannot be planned, or the device or the weights cannot be opened.
@@ -60,6 +62,7 @@ impl Bench {
         device: DeviceName,
         weights: Option<&Path>,
         out: &Path,
+        watch: Box<Watch<'static>>,
     ) -> Result<Self> {
         let experiment = Experiment::plan(experiment, &selection)?;
         let mut plans = experiment.runs;
@@ -92,7 +95,7 @@ impl Bench {
         let networks = if measures_quality { networks(weights, &device)? } else { Networks::none() };
         let folder = out.join(name);
         let session = Session::new(device, folder.join("runs"), Existing::Overwrite).with_networks(networks);
-        Ok(Self { plans, session, folder, conditions })
+        Ok(Self { plans, session, folder, conditions, watch: RefCell::new(watch) })
     }
 
     pub(crate) fn device(&self) -> &Device {
@@ -130,8 +133,11 @@ impl fmt::Display for Bench {
         };
         let seeds = seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
         let settings: String = settings.iter().map(|setting| format!(", {setting}")).collect();
-        writeln!(f, "bench {benchmark}: {cpu}, {cores} cores, {program}, device {device}")?;
-        writeln!(f, "{} ({data}): {}", scenes.join(", "), variants.join(", "))?;
+        write!(f, "bench {benchmark}: {cpu}, {cores} cores, {program}, device {device}")?;
+        if matches!(*benchmark, "agreement" | "stress") {
+            return Ok(());
+        }
+        writeln!(f, "\n{} ({data}): {}", scenes.join(", "), variants.join(", "))?;
         write!(f, "preset {preset}, {size}, test views {test_views}, seed {seeds}{settings}")
     }
 }

@@ -99,6 +99,7 @@ pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -
     let fast = FAST.map(|(name, settings, change)| (name, FACTORED, settings, change));
     let mlp = MLP.map(|(name, settings)| (name, NERF, settings, keep as Change));
     for setting in fast.into_iter().chain(mlp) {
+        print(&format!("training: {}", setting.0));
         rows.push(measure(bench, setting, seeds, steps)?);
         // Results are saved after each setting, so that they stay if the rest is interrupted.
         bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;

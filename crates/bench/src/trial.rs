@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use infonerf_experiment::{Control, Finished, RunPlan};
+use infonerf_experiment::{Finished, RunPlan};
 use infonerf_report::{Record, Setting};
 use infonerf_train::{Config, Event, Outcome, Trainer, config};
 
@@ -17,7 +17,7 @@ impl Bench {
 
     /// Trains `plan` to its end and evaluates it on its test views; its folder replaces that of an earlier run.
     pub(crate) fn trial(&self, plan: &RunPlan) -> Result<Record> {
-        match self.session.run(plan, &mut |_| Control::Continue).with_context(|| plan.label())? {
+        match self.session.run(plan, &mut **self.watch.borrow_mut()).with_context(|| plan.label())? {
             Finished::Record(record, _) => Ok(record.representable()),
             Finished::AlreadyDone(_) | Finished::Stopped => bail!("{}: the run has no record", plan.label()),
         }

@@ -10,7 +10,9 @@ fn results(place: &Workplace, name: &str) -> Value {
 #[test]
 fn every_operation_holds_its_bounds() {
     let place = Workplace::new();
-    let stdout = place.run("bench stress --rays 400").succeeds_with(&["flex:", "ndarray:"]);
+    let stdout = place.run("bench stress --rays 400").succeeds_with(&["flex: compositing", "ndarray: compositing"]);
+    assert!(!stdout.contains("preset"), "{stdout}");
+    place.run("bench stress --scene knot").fails_with(&["--scene"]);
     let results = results(&place, "stress");
     assert_eq!(results["non_finite"], 0);
     let rows = results["rows"].as_array().unwrap();

@@ -41,6 +41,7 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
         bench.save_results(PROTOCOL, rows, more)
     };
     let mut compare = DeviceComparisons { tested: &tested.device, reference: &flex.device, rows: Vec::new() };
+    print("comparing operations");
     let rng = &mut Rng::with_seed(comparison::SEED);
     for group in operations::GROUPS.into_iter().chain([networks::all as operations::Group]) {
         group(rng, &mut compare);
@@ -48,6 +49,7 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
     }
     let mut rows = compare.rows;
     for field in &FIELDS {
+        print(&format!("training: {}", field.name));
         let (got, want) = (field.gradients(plan, &tested.device)?, field.gradients(plan, &flex.device)?);
         let of = format!("gradients of {} parameters", want.len());
         let numbers = want.iter().map(Vec::len).sum();

@@ -9,7 +9,7 @@ mod network;
 mod rays;
 
 use anyhow::Result;
-use burn::tensor::{Device, FloatDType};
+use burn::tensor::FloatDType;
 use fastrand::Rng;
 use infonerf_experiment::{DeviceName, OpenDevice, open};
 use infonerf_ops::has_host_kernels;
@@ -82,8 +82,7 @@ pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMu
     let devices = if device == DeviceName::Auto { DeviceName::cpus().collect() } else { vec![device] };
     let mut rows = Vec::new();
     for name in devices {
-        let OpenDevice { device, name, .. } = open(name)?;
-        rows.extend(measure(bench, &device, name, count)?);
+        rows.extend(measure(bench, &open(name)?, count, print)?);
     }
     for device in distinct(&rows, |row| row.device) {
         let own: Vec<&StressCase> = rows.iter().filter(|row| row.device == device).collect();
@@ -103,7 +102,9 @@ pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMu
     Ok(broken.is_empty())
 }
 
-fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Result<Vec<StressCase>> {
+fn measure(bench: &Bench, on: &OpenDevice, count: usize, print: &mut dyn FnMut(&str)) -> Result<Vec<StressCase>> {
+    let (device, name) = (&on.device, on.name);
+    let mut at = |operation: &str| print(&format!("{name}: {operation}"));
     let rng = &mut Rng::with_seed(SEED);
     let mut rows = Vec::new();
     // Rays are counted only once, with the first of their quantities.
@@ -111,14 +112,17 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
         let case = move |(i, (of, errors))| StressCase::new(name, of, case, if i == 0 { rays } else { 0 }, errors);
         quantities.iter().copied().zip(errors).enumerate().map(case)
     };
+    at("compositing");
     for (family, share, draw) in rays::FAMILIES {
         let rays = ((count as f64 * share) as usize).max(1);
         rows.extend(cases(&compositing::QUANTITIES, family, rays, compositing::measure(draw, rays, device, rng)));
     }
+    at("divergence");
     let pairs = count / 4;
     for (relation, draw) in rays::RELATIONS {
         rows.extend(cases(&divergence::QUANTITIES, relation, 2 * pairs, divergence::measure(draw, pairs, device, rng)));
     }
+    at("encodings, frustums and fields");
     let few = count / 20;
     for (case, draw) in field::COORDINATES {
         rows.push(StressCase::new(name, "encoding", case, 0, field::encoding(draw, few, device, rng)));
@@ -136,6 +140,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
     for (case, truth) in field::COLORS {
         rows.push(StressCase::new(name, "L_RGB", case, 0, field::photometric(truth, few, device, rng)));
     }
+    at("bounds and renders");
     let plan = &bench.plans[0];
     for scale in geometry::SCALES {
         for (kind, draw) in geometry::RAY_KINDS {

@@ -1,14 +1,16 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use infonerf_bench::{Bench, agreement, pareto, render, skip, step, stress, stress_training};
+use infonerf_experiment::{Control, RunEvent, Selection};
 
 use crate::completion;
 use crate::print::outln;
-use crate::selection::SelectionArgs;
+use crate::progress::ProgressDisplay;
+use crate::selection::{DeviceArgs, SelectionArgs};
 use crate::units::{parse_folder, parse_time};
 
 const BENCH_EXAMPLES: &str = "\
@@ -75,7 +77,10 @@ enum BenchCommand {
     /// Agreement of a device with flex: operations, gradients and training steps; fails if a bound is broken
     Agreement {
         #[command(flatten)]
-        runs: BenchRuns,
+        device: DeviceArgs,
+        /// Folder for results
+        #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs/bench")]
+        out: PathBuf,
     },
     /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken
     Stress {
@@ -83,7 +88,10 @@ enum BenchCommand {
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..), default_value_t = 55_000)]
         rays: u32,
         #[command(flatten)]
-        runs: BenchRuns,
+        device: DeviceArgs,
+        /// Folder for results
+        #[arg(long, value_name = "DIR", value_parser = parse_folder, default_value = "runs/bench")]
+        out: PathBuf,
     },
     /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a value is not finite
     StressTraining {
@@ -97,8 +105,6 @@ enum BenchCommand {
         runs: BenchRuns,
     },
 }
-
-type Print<'a> = &'a mut dyn FnMut(&str);
 
 /// Runs to measure, and the folder of results.
 #[derive(Clone, Debug, Args)]
@@ -114,44 +120,52 @@ struct BenchRuns {
 }
 
 impl BenchRuns {
-    /// Runs `benchmark`, which is called `name`. The exit code is a failure if one of its bounds does not hold.
-    fn measure(
-        &self,
-        name: &'static str,
-        benchmark: impl FnOnce(&Bench, Print<'_>) -> Result<bool>,
-    ) -> Result<ExitCode> {
+    fn bench(&self, name: &'static str) -> Result<Bench> {
         let SelectionArgs { device, networks, .. } = &self.selection;
         let (selection, weights) = (self.selection.selection(None), networks.weights.as_deref());
-        let bench = Bench::new(name, &self.experiment, selection, device.device, weights, &self.out)?;
-        outln!("{bench}");
-        let holds = benchmark(&bench, &mut |text| outln!("{text}"))?;
-        outln!("\nresults: {}", bench.folder.display());
-        Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+        let mut progress = ProgressDisplay::new(name);
+        let watch = Box::new(move |event: RunEvent<'_>| progress.watch(event));
+        Bench::new(name, &self.experiment, selection, device.device, weights, &self.out, watch)
     }
+}
+
+/// Prepares a benchmark of a device, which needs no choice of runs.
+fn of_device(name: &'static str, device: DeviceArgs, out: &Path) -> Result<Bench> {
+    let watch = Box::new(|_: RunEvent<'_>| Control::Continue);
+    Bench::new(name, "fast-losses", Selection::default(), device.device, None, out, watch)
+}
+
+/// Runs `benchmark`. The exit code is a failure if one of its bounds does not hold.
+fn measure(bench: &Bench, benchmark: impl FnOnce(&Bench, &mut dyn FnMut(&str)) -> Result<bool>) -> Result<ExitCode> {
+    outln!("{bench}");
+    let holds = benchmark(bench, &mut |text| outln!("{text}"))?;
+    outln!("\nresults: {}", bench.folder.display());
+    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
     match &args.command {
         BenchCommand::Pareto { budgets, runs } => {
-            runs.measure("pareto", |bench, print| pareto(bench, budgets, print).map(|()| true))
+            measure(&runs.bench("pareto")?, |bench, print| pareto(bench, budgets, print).map(|()| true))
         }
         BenchCommand::Skip { steps, runs } => {
-            runs.measure("skip", |bench, print| skip(bench, *steps, print).map(|()| true))
+            measure(&runs.bench("skip")?, |bench, print| skip(bench, *steps, print).map(|()| true))
         }
         BenchCommand::Step { steps, warmup, runs } => {
-            runs.measure("step", |bench, print| step(bench, [*warmup, *steps], print).map(|()| true))
+            measure(&runs.bench("step")?, |bench, print| step(bench, [*warmup, *steps], print).map(|()| true))
         }
         BenchCommand::Render { steps, sizes, runs } => {
-            runs.measure("render", |bench, print| render(bench, *steps, sizes, print).map(|()| true))
+            measure(&runs.bench("render")?, |bench, print| render(bench, *steps, sizes, print).map(|()| true))
         }
-        BenchCommand::Agreement { runs } => {
-            runs.measure("agreement", |bench, print| agreement(bench, runs.selection.device.device, print))
+        BenchCommand::Agreement { device, out } => {
+            measure(&of_device("agreement", *device, out)?, |bench, print| agreement(bench, device.device, print))
         }
-        BenchCommand::Stress { rays, runs } => {
-            runs.measure("stress", |bench, print| stress(bench, runs.selection.device.device, *rays as usize, print))
+        BenchCommand::Stress { rays, device, out } => {
+            let bench = of_device("stress", *device, out)?;
+            measure(&bench, |bench, print| stress(bench, device.device, *rays as usize, print))
         }
         BenchCommand::StressTraining { seeds, steps, runs } => {
-            runs.measure("stress-training", |bench, print| stress_training(bench, *seeds, *steps, print))
+            measure(&runs.bench("stress-training")?, |bench, print| stress_training(bench, *seeds, *steps, print))
         }
     }
 }
