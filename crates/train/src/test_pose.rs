@@ -34,6 +34,8 @@ pub fn fit_test_pose<F: Field>(
     let image = &view.image;
     let usable = |index: &usize| view.valid.as_ref().is_none_or(|valid| valid[*index]);
     let pixels: Vec<usize> = (0..image.rgb.len()).filter(usable).collect();
+    // A view without a valid pixel keeps its pose.
+    let steps = if pixels.is_empty() { 0 } else { steps };
     for step in 0..steps {
         let noise = Noise::new(view.id as u64, step as u64, RandomStream::SeenRays);
         let drawn: Vec<usize> = (0..RAYS).map(|ray| pixels[noise.below(ray, 0, pixels.len())]).collect();

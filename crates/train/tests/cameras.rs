@@ -39,6 +39,10 @@ fn pose_of_an_image_is_recovered() {
         let (before, after) = (apart(&off.camera, &view.camera), apart(&fitted.camera(&off.camera), &view.camera));
         assert!((0..2).all(|i| after[i] < 0.5 * before[i]), "{before:?} {after:?}");
     }
+    let mut blind = scene.test[0].clone();
+    blind.valid = Some(vec![false; blind.image.rgb.len()].into());
+    let kept = fit_test_pose(trainer.renderer(), &trained, &blind, Pivot::of(&scene), 100);
+    assert!(apart(&kept.camera(&blind.camera), &blind.camera).into_iter().all(|error| error < 0.1));
 }
 
 /// Checks that disturbed cameras of many views approach the exact ones; in so few steps only by a little.

@@ -20,7 +20,8 @@ pub(super) fn check_config(config: &Config) -> Result<(), Fault> {
     Fault::unless(protocols.contains(&eval.protocol.as_str()), "eval.protocol", expected, &eval.protocol)?;
     Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
     Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
-    Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
+    Fault::unless_within(0.0..=1e6, "eval.information_rays", eval.information_rays as f64)?;
+    Fault::unless_within(0.0..=1e4, "eval.pose_steps", eval.pose_steps as f64)?;
     if train.cameras.refine.is_photometric() || eval.pose_steps > 0 {
         let expected = "a field that passes gradients on to positions where cameras are learned (train.cameras.refine, \
                         eval.pose_steps), as all but `pixelnerf` do";
@@ -135,6 +136,8 @@ mod tests {
             (&["train.cameras.refine=true"], "train.cameras.refine: expected a name in quotes"),
             (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),
             (&["train.cameras.focal=some"], "train.cameras.focal: expected fixed or shared, found \"some\""),
+            (&["eval.information_rays=1000001"], "eval.information_rays: expected a number from 0 to 1000000"),
+            (&["eval.pose_steps=10001"], "eval.pose_steps: expected a number from 0 to 10000"),
             (&["scene.disturb.degrees=200"], "scene.disturb.degrees: expected a number from 0 to 180"),
         ] {
             let message = fault(settings).unwrap();
