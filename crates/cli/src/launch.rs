@@ -129,7 +129,8 @@ impl LaunchArgs {
             let (runner, jobs) = (self.runner(device, &selection.networks)?, self.jobs.unwrap_or(1) as usize);
             Executor::Processes(Workers { runner, jobs, stop: interrupt::stop_requested })
         };
-        let mut reporter = Reporter::new(&self.existing, device, false, out);
+        let again = if self.merge { "the same command without --merge" } else { self.existing.same_command() };
+        let mut reporter = Reporter::new(again, device, false, out);
         let mut executed = execute(&sweeps, out, &executor, &mut |event| reporter.watch(event))?;
         if let Executed::Submitted(jobs) = &executed {
             let (runs, ids) = (counted(jobs.records.len(), "run"), jobs.ids.join(", "));

@@ -13,7 +13,6 @@ use infonerf_report::{Quantity, Record, ReportInput, counted};
 
 use crate::print::{errln, outln};
 use crate::progress::{ProgressDisplay, counting_bar};
-use crate::selection::ExistingArgs;
 use crate::terminal::fitted;
 use crate::units::expected_time;
 use crate::{command_line, interrupt};
@@ -35,9 +34,9 @@ pub(crate) struct Reporter {
 }
 
 impl Reporter {
-    /// Makes a reporter for experiments below `out`, whose runs are `in_process` or elsewhere.
-    pub(crate) fn new(existing: &ExistingArgs, device: DeviceName, in_process: bool, out: &Path) -> Self {
-        let (same_command, out) = (existing.same_command(), out.to_owned());
+    /// Makes a reporter for experiments below `out`, whose runs are `in_process` or elsewhere, and go on with `same_command`.
+    pub(crate) fn new(same_command: &'static str, device: DeviceName, in_process: bool, out: &Path) -> Self {
+        let out = out.to_owned();
         Self { same_command, device, in_process, out, runs: 0, bar: ProgressBar::hidden(), progress: None }
     }
 

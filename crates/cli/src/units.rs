@@ -30,6 +30,7 @@ pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
 pub(crate) fn parse_folder(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.ancestors().find(|part| part.exists() && !part.is_dir()) {
+        _ if text.is_empty() => Err("expected a folder, such as . for the current one".to_owned()),
         Some(file) => Err(format!("expected a folder, and {} is a file", file.display())),
         None => Ok(path),
     }
@@ -54,6 +55,7 @@ mod tests {
         for (path, expected) in [(&file, error.clone()), (&file.join("runs"), error), (&new, Ok(new.clone()))] {
             assert_eq!(parse_folder(&path.display().to_string()), expected);
         }
+        assert!(parse_folder("").is_err());
     }
 
     #[test]

@@ -44,8 +44,8 @@ pub struct ConfigKey {
     pub origin: String,
 }
 
-/// Returns the complete config of a variant of the experiment called `name`, by key, with what set each key last: the
-/// preset, a file, the variant or `selection`. The preset is that of the first run, unless the selection has one.
+/// Returns the config of a variant of the experiment called `name`, by key, without optional keys that have their default, and
+/// what set each key last: the preset (the first run's, unless `selection` has one), a file, the variant or `selection`.
 ///
 /// # Errors
 /// As [`Experiment::plan`].

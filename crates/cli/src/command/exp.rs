@@ -93,7 +93,7 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         _ => {}
     }
     let (mut reporter, mut events) =
-        (Reporter::new(existing, session.device.name, true, &args.out), JsonEvents::default());
+        (Reporter::new(existing.same_command(), session.device.name, true, &args.out), JsonEvents::default());
     let mut watch = |event: PlanEvent<'_>| {
         if !as_text && let PlanEvent::Written(_, Some(_), _) = &event {
             command_line::save_or_warn(&folder);

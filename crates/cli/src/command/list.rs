@@ -20,7 +20,7 @@ pub(crate) struct ListArgs {
     name: Option<String>,
 }
 
-/// Print the complete config of a variant, with what set each key
+/// Print the config of a variant, with what set each key
 #[derive(Debug, Args)]
 pub(crate) struct ConfigArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file
@@ -88,7 +88,7 @@ pub(crate) fn config(args: &ConfigArgs) -> Result<ExitCode> {
         }
     };
     let keys = config_origins(&args.experiment, &variant, &selection)?;
-    outln!("[config]");
+    outln!("# Optional keys that have their default are left out.\n[config]");
     for key in keys {
         let line = format!("{} = {}", key.key, key.value);
         match key.origin.as_str() {

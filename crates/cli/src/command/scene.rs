@@ -57,7 +57,7 @@ pub(crate) enum SceneCommand {
         #[arg(long, value_enum, default_value = "blender")]
         format: Format,
         /// Side of the images in pixels
-        #[arg(long, default_value_t = procedural::DEFAULT_SIZE)]
+        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_384), default_value_t = procedural::DEFAULT_SIZE)]
         size: u32,
     },
 }

@@ -83,7 +83,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     let frames = counted(cameras.len(), "frame");
-    outln!("{frames} of {width}x{height}; --size and --frames make fewer and smaller ones");
+    outln!("{frames} of {width}x{height}; --size makes them smaller, --frames fewer");
     let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
     Ok(animation.map_or_else(interrupt::exit_code, |_| ExitCode::SUCCESS))
 }

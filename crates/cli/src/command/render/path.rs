@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use glam::DMat4;
 use infonerf_dataset::CameraPath;
 use infonerf_scene::{
@@ -36,6 +36,8 @@ impl Route {
             "interpolate" => |cameras, _, n| interpolate_views(cameras, n),
             file => {
                 let name = Path::new(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                let expected = "orbit, spiral, figure-eight, interpolate or a JSON file with camera poses";
+                ensure!(Path::new(file).exists(), "--path {file}: not found; expected {expected}");
                 let path = CameraPath::read(Path::new(file))?;
                 return Ok(Self { name, fps: path.fps, poses: Poses::File(path) });
             }
