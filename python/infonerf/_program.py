@@ -122,6 +122,8 @@ def _toml(value: object) -> str:
         return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_toml, value)) + "]"
+    if value is None:
+        raise ValueError("set: expected a value, found None: TOML has no null")
     return json.dumps(value)
 
 

@@ -141,6 +141,8 @@ class Options(unittest.TestCase):
             "--scene=a --scene=b --seed=0 --seed=1 --overwrite --submit-option=x --set=eval.test=all --set=a.b=true"
         ).split() + ['--set=c={ from = 0.001, curve = "linear" }', "--set=d=[1, 2]"]
         self.assertEqual(arguments(options), expected)
+        with self.assertRaisesRegex(ValueError, "found None"):
+            arguments({"set": {"train.lr": None}})
 
 
 if __name__ == "__main__":
