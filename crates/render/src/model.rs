@@ -90,6 +90,11 @@ impl<F: Field> TrainedModel<F> {
     pub fn camera(&self, camera: &Camera) -> Camera {
         self.frame.map_or_else(|| camera.clone(), |frame| frame.camera(camera))
     }
+
+    /// Returns the length of the scene's unit in the frame of the model.
+    pub fn scale(&self) -> f32 {
+        self.frame.map_or(1.0, |frame| frame.similarity.scale as f32)
+    }
 }
 
 #[cfg(test)]

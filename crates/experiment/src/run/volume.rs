@@ -91,7 +91,7 @@ impl TrainedVolume {
     fn densities(&self, model: &TrainedModel, warped: &[Vec3]) -> Vec<f32> {
         let is_open = |p: Vec3| model.occupancy.as_ref().is_none_or(|grid| grid.is_occupied(p));
         let open: Vec<usize> = (0..warped.len()).filter(|&index| is_open(warped[index])).collect();
-        let scale = model.frame.map_or(1.0, |frame| frame.similarity.scale as f32);
+        let scale = model.scale();
         let mut densities = vec![0.0; warped.len()];
         for asked in open.chunks(CHUNK) {
             let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
