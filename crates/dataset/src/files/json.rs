@@ -29,6 +29,9 @@ pub(crate) fn read(path: &Path) -> Result<Value> {
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let value = serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&to_strict_json(bytes)));
+    if let [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] = bytes {
+        return Err(SceneError::malformed(path, "JSON in UTF-8", "it is in UTF-16"));
+    }
     value.map_err(|e| SceneError::malformed(path, "JSON", e))
 }
 
@@ -162,6 +165,7 @@ mod tests {
             let text = read(&path).err().unwrap().to_string();
             assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
         }
+        assert!(parse(&path, b"\xff\xfe{\0}\0").unwrap_err().to_string().ends_with("JSON in UTF-8: it is in UTF-16"));
     }
 
     #[test]

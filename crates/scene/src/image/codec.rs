@@ -18,8 +18,11 @@ const MAX_SIDE: u32 = 16_384;
 const MAX_PIXELS: u64 = 1 << 26;
 /// Extensions of the formats that are read, in lower case.
 const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
-/// Extensions of photographs that cameras, phones and browsers write and that are not read.
-const UNREAD: [&str; 9] = ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "arw"];
+/// Extensions of photographs that cameras, phones and programs write and that are not read.
+const UNREAD: [&str; 19] = [
+    "heic", "heif", "avif", "jxl", "jp2", "exr", "hdr", "gif", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2",
+    "pef", "srw", "raw",
+];
 
 /// Bytes of an image, in a file or in memory: one type, as all decoders are compiled for each type of reader.
 type Source<'a> = Box<dyn BufReadSeek + 'a>;
@@ -58,7 +61,7 @@ pub fn find_image(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());
     }
-    let is_image = has_extension(path, &EXTENSIONS) || has_extension(path, &UNREAD);
+    let is_image = is_image_name(path) || has_extension(path, &UNREAD);
     let stem = if is_image { path.file_stem() } else { path.file_name() }?.to_str()?;
     let with = |extension: &str| path.with_file_name(format!("{stem}.{extension}"));
     EXTENSIONS.iter().flat_map(|e| [with(e), with(&e.to_ascii_uppercase())]).find(|candidate| candidate.is_file())
@@ -123,7 +126,7 @@ fn decode<'a>(
     let (width, height) = checked_dimensions(path, open()?)?;
     let count = u64::from(width) * u64::from(height);
     if count > MAX_PIXELS {
-        let what = "the number of pixels";
+        let what = "the number of pixels (ImageMagick halves the sides: `magick mogrify -resize 50% FILE`)";
         return Err(SceneError::TooLarge { path: path.into(), what, size: count, limit: MAX_PIXELS });
     }
     let reader = open()?;
@@ -158,8 +161,7 @@ pub fn unread_format(path: &Path) -> Option<SceneError> {
     let extension = path.extension()?.to_str()?;
     let convert = format!("such as with ImageMagick: `magick mogrify -format jpg *.{extension}`");
     let reason = format!("{} is not read; convert it, {convert}", extension.to_ascii_uppercase());
-    let is_unread = UNREAD.contains(&extension.to_ascii_lowercase().as_str());
-    is_unread.then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
+    has_extension(path, &UNREAD).then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
 }
 
 fn open(path: &Path) -> Result<ImageReader<Source<'static>>, SceneError> {
@@ -171,7 +173,8 @@ fn open(path: &Path) -> Result<ImageReader<Source<'static>>, SceneError> {
     if !fs::metadata(path).map_err(fault)?.is_file() {
         return Err(SceneError::malformed(path, "an image", "it is no regular file"));
     }
-    if let Some(error) = unread_format(path) {
+    // A capture may name GIF files; in a folder of photographs they are pictures of another kind.
+    if let Some(error) = unread_format(path).filter(|_| !has_extension(path, &["gif"])) {
         return Err(error);
     }
     guessed(path, Box::new(BufReader::new(File::open(path).map_err(fault)?)))
@@ -208,10 +211,11 @@ fn has_end_marker(jpeg: &[u8]) -> bool {
 }
 
 fn decode_error(path: &Path, error: impl Display) -> SceneError {
-    let mut head = [0; 12];
-    let is_read = File::open(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
-    let reason = match &head {
-        [_, _, _, _, b'f', b't', b'y', b'p', ..] if is_read => "it holds HEIC or AVIF data; convert it".to_owned(),
+    let mut head = Vec::new();
+    let is_read = File::open(path).is_ok_and(|file| file.take(12).read_to_end(&mut head).is_ok());
+    let reason = match &head[..] {
+        [] if is_read => "the file is empty".to_owned(),
+        [_, _, _, _, b'f', b't', b'y', b'p', ..] => "it holds HEIC or AVIF data; convert it".to_owned(),
         b"version http" => "it is a pointer of Git LFS; `git lfs pull` fetches the image".to_owned(),
         _ => error.to_string(),
     };
@@ -247,6 +251,7 @@ mod tests {
             fs::write(&path, &whole[..keep]).unwrap();
             let error = refusal(&path);
             assert!(error.contains("bad.png") && !error.contains('\n'), "{keep}: {error}");
+            assert_eq!(error.ends_with("the file is empty"), keep == 0, "{error}");
         }
         let jpeg = dir.path().join("bad.jpg");
         ::image::save_buffer(&jpeg, &bytes[..64 * 64 * 3], 64, 64, ColorType::Rgb8).unwrap();
@@ -274,10 +279,10 @@ mod tests {
             fs::write(&jpeg, bytes).unwrap();
             assert!(refusal(&jpeg).contains(reason), "{reason}");
         }
-        let phone = dir.path().join("IMG_1.HEIC");
-        fs::write(&phone, "ftypheic").unwrap();
-        let expected = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
-        assert!(refusal(&phone).contains(expected));
+        let raw = dir.path().join("DSCF1.RAF");
+        fs::write(&raw, "FUJI").unwrap();
+        let expected = "DSCF1.RAF: expected PNG, JPEG, WebP, TIFF or BMP: RAF is not read; convert it";
+        assert!(refusal(&raw).contains(expected));
     }
 
     #[test]
