@@ -299,7 +299,7 @@ mod tests {
         let image = |((&id, camera), Camera { to_world: pose, .. }): ((&u32, &ColmapCamera), Camera)| {
             let full = camera.at(pose);
             let see = |(&n, &p): (&u64, &DVec3)| full.project_f64(p).map(|pixel| (pixel, n));
-            let (name, observations) = (format!("a{id:02}.png"), points.iter().filter_map(see).collect());
+            let (name, observations) = (format!("a  {id:02}.png"), points.iter().filter_map(see).collect());
             ColmapImage { id: id + 10, name, camera: id, pose, observations }
         };
         let images = cameras.iter().zip(train_cameras(8)).map(image).collect();

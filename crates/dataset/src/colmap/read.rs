@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::iter::{self, Enumerate};
 use std::path::Path;
-use std::str::{FromStr, Lines, SplitWhitespace};
+use std::str::{FromStr, Lines};
 
 use glam::{DVec2, DVec3};
 use infonerf_scene::SceneError;
@@ -25,8 +25,8 @@ pub(crate) struct Values<'a> {
 enum Source<'a> {
     /// Rest of the file, and the number of records in it.
     Binary { rest: &'a [u8], records: u64 },
-    /// Remaining lines, number (from 1) of the current line, and its remaining words.
-    Text { lines: Enumerate<Lines<'a>>, number: usize, words: SplitWhitespace<'a> },
+    /// Remaining lines, number (from 1) of the current line, and its rest without spaces at both ends.
+    Text { lines: Enumerate<Lines<'a>>, number: usize, line: &'a str },
 }
 
 pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
@@ -38,10 +38,10 @@ pub(crate) fn cameras(mut values: Values<'_>) -> Result<BTreeMap<u32, ColmapCame
         let size = (values.side()?, values.side()?);
         let names = MODELS[model].1.iter();
         let parameters = names.map(|_| values.number(f64::from_le_bytes)).collect::<Result<_, _>>()?;
-        if let Source::Text { words, .. } = &mut values.source
-            && let Some(word) = words.next()
+        if let Source::Text { line, .. } = values.source
+            && !line.is_empty()
         {
-            return Err(values.fault("no more numbers than the model has", format!("`{word}`")));
+            return Err(values.fault("no more numbers than the model has", format!("`{line}`")));
         }
         cameras.insert(id, ColmapCamera::new(values.path, &place, model, size, parameters)?);
     }
@@ -88,7 +88,7 @@ impl<'a> Values<'a> {
 
     pub fn text(path: &'a Path, text: &'a str) -> Self {
         let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
-        Self { path, source: Source::Text { lines, number: 0, words: "".split_whitespace() } }
+        Self { path, source: Source::Text { lines, number: 0, line: "" } }
     }
 
     /// Begins the next record; `false` at the end of the file.
@@ -109,10 +109,10 @@ impl<'a> Values<'a> {
 
     /// Begins the next line of text that is no comment, and returns its number of words.
     fn next_line(&mut self) -> Option<usize> {
-        let Source::Text { lines, number, words } = &mut self.source else { return None };
-        let (index, line) = lines.find(|(_, line)| !line.trim_start().starts_with('#'))?;
-        (*number, *words) = (index + 1, line.split_whitespace());
-        Some(words.clone().count())
+        let Source::Text { lines, number, line } = &mut self.source else { return None };
+        let (index, next) = lines.find(|(_, line)| !line.trim_start().starts_with('#'))?;
+        (*number, *line) = (index + 1, next.trim());
+        Some(line.split_whitespace().count())
     }
 
     fn fault(&self, expected: &str, found: impl Display) -> SceneError {
@@ -128,8 +128,12 @@ impl<'a> Values<'a> {
     }
 
     fn word<T: FromStr>(&mut self) -> Result<T, SceneError> {
-        let word = if let Source::Text { words, .. } = &mut self.source { words.next() } else { None };
-        let word = word.ok_or_else(|| self.fault("the values of a COLMAP reconstruction", "too few words"))?;
+        let Source::Text { line, .. } = &mut self.source else { return Err(self.fault("", EARLY)) };
+        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        *line = rest.trim_start();
+        if word.is_empty() {
+            return Err(self.fault("the values of a COLMAP reconstruction", "too few words"));
+        }
         word.parse().map_err(|_| self.fault("a number of a COLMAP reconstruction", format!("`{word}`")))
     }
 
@@ -186,11 +190,9 @@ impl<'a> Values<'a> {
 
     /// Returns an image's name: up to a zero byte, or the rest of the line.
     fn name(&mut self) -> Result<String, SceneError> {
-        let length = match &mut self.source {
-            Source::Text { words, .. } => {
-                let name = words.collect::<Vec<_>>().join(" ");
-                return if name.is_empty() { Err(self.fault("the name of an image", "none")) } else { Ok(name) };
-            }
+        let length = match &self.source {
+            Source::Text { line: "", .. } => return Err(self.fault("the name of an image", "none")),
+            Source::Text { line, .. } => return Ok((*line).to_owned()),
             Source::Binary { rest, .. } => rest.iter().take(MAX_NAME).position(|&byte| byte == 0),
         };
         let length = length.ok_or_else(|| self.fault("", "it ends early, within an image's name"))?;

@@ -209,6 +209,7 @@ mod tests {
             (place, Some(identity(2.0)), "found scale or shear"),
             (place, Some(identity(-1.0)), "found a mirrored matrix"),
             ("/frames/1/transform_matrix/3", Some(json!([0, 0, 1, 1])), "found last row"),
+            (place, Some(json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [3, 4, 5, 1]])), "found a transposed matrix"),
         ];
         for (pointer, value, expected) in cases {
             let (_guard, dir) = folder();

@@ -15,16 +15,16 @@ use crate::photographs::changed_photographs;
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
-/// Folders of full-size images: COLMAP's, and the input of 3DGS' scripts.
-const WHOLE: [&str; 2] = ["images", "input"];
+/// Folders of full-size images: COLMAP's, the input of 3DGS' scripts, and other usual names.
+const WHOLE: [&str; 4] = ["images", "input", "photos", "rgb"];
 
 /// Reads a folder with a COLMAP reconstruction.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
-/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`. Frames without an image
-/// are left out with a warning. Every 8th by name, starting with the first, is held out for test. The points that
-/// training photographs see give bounds, near and far. If the reconstruction has no observations, all points do, with a
-/// warning.
+/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`, `photos` or `rgb`. Frames
+/// without an image are left out with a warning. Every 8th by name, starting with the first, is held out for test. The
+/// points that training photographs see give bounds, near and far. If the reconstruction has no observations, all points
+/// do, with a warning.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let models = models(dir);
     let place = models.first().map_or(dir, |(place, _)| place);
@@ -205,11 +205,11 @@ mod tests {
         assert_eq!(whole.train.len(), scene.train.len());
     }
 
-    /// Covers images in `input`, paths from the project's folder or another computer, and other extensions.
+    /// Covers images in `input` and `rgb`, paths from the project's folder or another computer, and other extensions.
     #[test]
     fn images_are_found_wherever_they_are() {
         for (disk, named) in
-            [("images/v", "/home/me/scan/images/v/0.png"), ("images/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
+            [("images/v", "/home/me/scan/images/v/0.png"), ("rgb/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
         {
             let (guard, _) = folder(write_text);
             let mut all = Reconstruction::read(guard.path()).unwrap();

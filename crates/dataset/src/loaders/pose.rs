@@ -74,7 +74,8 @@ pub(super) fn fault(pose: &DMat4) -> Option<String> {
     }
     let last = pose.row(3);
     if !last.abs_diff_eq(glam::DVec4::W, TOLERANCE) {
-        return Some(format!("last row {:?}", last.to_array()));
+        let reason = if pose.w_axis == glam::DVec4::W { "a transposed matrix, with the " } else { "" };
+        return Some(format!("{reason}last row {:?}", last.to_array()));
     }
     let position = pose.w_axis.truncate();
     if position.abs().max_element() > MAX_COORDINATE {
