@@ -9,11 +9,13 @@ use infonerf_scene::image::{
 use infonerf_scene::{Camera, Format, SceneError, View};
 
 use super::same_proportions;
-use crate::files::file_name;
+use crate::files::{entries, file_name};
 use crate::frame::{Frame, MaskRole};
 
 /// Prefix of instant-ngp's mask of an image, in the same folder; its white pixels are left out.
 const DYNAMIC: &str = "dynamic_mask_";
+/// Names of folders of masks.
+const FOLDERS: [&str; 8] = ["masks", "mask", "mattes", "alpha", "Masks", "Mask", "Mattes", "Alpha"];
 /// Max number of different values of a mask of labels.
 const MAX_LABELS: usize = 16;
 
@@ -31,10 +33,11 @@ pub(crate) fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>, SceneError
     Ok(images)
 }
 
-/// Assigns masks to the frames of a capture that have none. A mask is in `masks` (or `masks_4` for `images_4`) next to
-/// the folder of images, under the image's name with another extension or with `.png` appended; or it is there or next to
-/// the image as `NAME_mask.png` or `NAME.mask.png`; or it is instant-ngp's `dynamic_mask_NAME.png` next to the image.
-/// Returns warnings: the number of masks, and files in folders of masks that belong to no image.
+/// Assigns masks to the frames of a capture that have none. A mask is in a folder of [`FOLDERS`] (or `masks_4` for `images_4`)
+/// next to the folder of images or in it, under the image's name with another extension or with `.png` appended; or it is
+/// there or next to the image as `NAME_mask.png` or `NAME.mask.png`; or it is instant-ngp's `dynamic_mask_NAME.png` next to
+/// the image. Returns warnings: the number of masks, files in folders of masks that belong to no image, and folders of
+/// which no file is used although they look like masks.
 pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: &mut [Frame]) -> Vec<String> {
     if matches!(format, Format::Dtu | Format::Zju) {
         return Vec::new();
@@ -51,14 +54,31 @@ pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: 
         format!("{} of {} images have masks, such as {first}", found.len(), images.len())
     };
     let strays = folders.iter().filter_map(|folder| stray_masks(dir, folder));
-    found.first().map(counted).into_iter().chain(strays).collect()
+    let masks = train.iter().chain(test.iter()).filter_map(|frame| Some(&*frame.mask.as_ref()?.0));
+    let used: BTreeSet<&Path> = masks.chain(images.iter().copied()).collect();
+    let places: BTreeSet<&Path> = folders.iter().flat_map(|folder| folder.ancestors().take(2)).collect();
+    let below = places.into_iter().filter(|place| place.starts_with(dir)).flat_map(entries);
+    let unused = below.filter_map(|path| unused_masks(dir, &path, &used));
+    found.first().map(counted).into_iter().chain(strays).chain(unused).collect()
+}
+
+/// Returns a warning if `path` looks like a folder of masks and none of the `used` files are in it. Images in a folder of
+/// [`FOLDERS`] are warned of by [`stray_masks`].
+fn unused_masks(dir: &Path, path: &Path, used: &BTreeSet<&Path>) -> Option<String> {
+    let (name, shown) = (file_name(path), path.strip_prefix(dir).unwrap_or(path).display());
+    let is_like = ["mask", "matte", "alpha", "segment"].iter().any(|part| name.to_lowercase().contains(part));
+    let is_stray = || FOLDERS.contains(&&*name) && list_images(path).is_ok_and(|images| !images.is_empty());
+    let is_unused =
+        is_like && !entries(path).is_empty() && !is_stray() && !used.iter().any(|file| file.starts_with(path));
+    let advice = "is not used: masks are images in the folder `masks`, not .npy files";
+    is_unused.then(|| format!("{shown} looks like a folder of masks and {advice}"))
 }
 
 /// Returns a warning if files in the folder of masks for the folder `images`, in the capture in `dir`, belong to no image.
 pub(crate) fn stray_masks(dir: &Path, images: &Path) -> Option<String> {
     let images = list_images(images).ok()?;
     let places = mask_places(dir, images.first()?)?;
-    let folder = places.iter().filter_map(|place| place.parent()).find(|folder| folder.is_dir())?;
+    let folder = places.first()?.parent()?;
     let masks: BTreeSet<PathBuf> = images.iter().filter_map(|image| Some(mask_of(dir, image)?.0)).collect();
     let files = list_images(folder).ok()?;
     let stray = file_name(files.iter().find(|file| !masks.contains(*file))?);
@@ -69,17 +89,20 @@ pub(crate) fn stray_masks(dir: &Path, images: &Path) -> Option<String> {
 }
 
 /// Returns the paths in folders of masks that correspond to the path of an image of the capture in `dir`.
-fn mask_places(dir: &Path, image: &Path) -> Option<[PathBuf; 2]> {
+fn mask_places(dir: &Path, image: &Path) -> Option<Vec<PathBuf>> {
     let is_image_folder = |folder: &&Path| {
-        let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        name.starts_with("images") || name == "input"
+        let name = file_name(folder);
+        name.starts_with("images") || ["input", "photos", "rgb"].contains(&&*name)
     };
     let folder = image.ancestors().skip(1).take_while(|folder| folder.starts_with(dir)).find(is_image_folder);
     let root = folder.map_or(Some(dir), Path::parent)?;
     let below = image.strip_prefix(folder.unwrap_or(dir)).ok()?;
     let reduced = folder.and_then(|folder| folder.file_name()?.to_str()?.strip_prefix("images"));
-    let masks = [format!("masks{}", reduced.unwrap_or_default()), "masks".to_owned()];
-    Some(masks.map(|masks| root.join(masks).join(below)))
+    let masks = root.join(format!("masks{}", reduced.unwrap_or_default())).join(below);
+    let inside = Path::new(image.file_name()?);
+    let places = [(root, below), (image.parent()?, inside)];
+    let all = places.iter().flat_map(|(place, file)| FOLDERS.iter().map(move |masks| place.join(masks).join(file)));
+    Some(std::iter::once(masks).chain(all).filter(|place| place.parent().is_some_and(Path::is_dir)).collect())
 }
 
 /// Returns the mask of an image of the capture in `dir`, if there is one.
@@ -254,6 +277,9 @@ mod tests {
             ("images/g.png", "masks/g_mask.jpg", MaskRole::Capture),
             ("images/h.png", "masks/h.png.mask.png", MaskRole::Capture),
             ("train/i.jpg", "train/i.mask.png", MaskRole::Capture),
+            ("photos/j.png", "Mask/j.png", MaskRole::Capture),
+            ("input/v/k.png", "alpha/v/k.png", MaskRole::Capture),
+            ("views/l.png", "views/mattes/l.png", MaskRole::Capture),
         ] {
             let (image, mask) = (dir.join(image), dir.join(mask));
             assert_eq!(mask_of(dir, &image), None);
@@ -266,6 +292,10 @@ mod tests {
         assert!(is_mask_name(&dir.join("train/i.mask.png")) && !is_mask_name(&dir.join("train/k_mask.png")));
         let warning = stray_masks(dir, &dir.join("images")).unwrap();
         assert!(warning.starts_with("3 of 4 files in masks belong to no image, such as e.png: "), "{warning}");
+        let (other, images) = (dir.join("segmentation"), BTreeSet::from([Path::new("e.png")]));
+        std::fs::create_dir(&other).unwrap();
+        std::fs::write(other.join("e.npy"), "").unwrap();
+        assert!(unused_masks(dir, &other, &images).unwrap().starts_with("segmentation looks like a folder of masks"));
     }
 
     /// Checks a mask whose left half is white, for an image that is stored lying.

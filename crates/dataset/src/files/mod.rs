@@ -4,8 +4,9 @@ pub(crate) mod json;
 pub(crate) mod npy;
 pub(crate) mod pickle;
 
+use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
 
@@ -30,6 +31,11 @@ pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Sce
 
 pub(crate) fn make_folder(path: &Path) -> Result<(), SceneError> {
     fs::create_dir_all(path).map_err(|e| SceneError::io(path, e))
+}
+
+/// Lists the files and folders in `folder`; none if it cannot be read.
+pub(crate) fn entries(folder: &Path) -> BTreeSet<PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
 }
 
 pub(crate) fn file_name(path: &Path) -> String {
