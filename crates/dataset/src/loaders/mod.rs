@@ -16,7 +16,8 @@ use std::path::Path;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use crate::capture::Found;
-use crate::photographs::missing_poses_error;
+use crate::files::entries;
+use crate::photographs::{missing_poses_error, video_advice};
 
 type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>;
 
@@ -47,6 +48,10 @@ pub(crate) fn is_scene(dir: &Path) -> bool {
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
+    if dir.is_file() {
+        let reason = video_advice(dir).unwrap_or_else(|| "it is a file; give its folder, or unpack it".into());
+        return Err(SceneError::malformed(dir, "the folder of a scene", reason));
+    }
     if !dir.is_dir() {
         return Err(missing("the folder of a scene".into()));
     }
@@ -67,7 +72,21 @@ pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         return Err(faults.swap_remove(0).1);
     }
     let markers = asked.iter().map(|(_, marker, _)| *marker).collect::<Vec<_>>().join(", ");
-    Err(missing_poses_error(dir).unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
+    let other = missing_poses_error(dir).or_else(|| elsewhere(dir));
+    Err(other.unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
+}
+
+/// Returns the error about a folder whose scene is one or two levels below, or in the format of an app.
+fn elsewhere(dir: &Path) -> Option<SceneError> {
+    const MAX_FOLDERS: usize = 30;
+    let folders = |dir: &Path| entries(dir).into_iter().filter(|path| path.is_dir()).take(MAX_FOLDERS);
+    let mut below = folders(dir).flat_map(|folder| [folder.clone()].into_iter().chain(folders(&folder)));
+    let apps = [("keyframes/corrected_cameras", "polycam"), ("rgbd", "record3d")];
+    let reason = match apps.iter().find(|(mark, _)| dir.join(mark).is_dir()) {
+        Some((_, app)) => format!("it has the format of an app; nerfstudio's `ns-process-data {app}` converts it"),
+        None => format!("a scene is in {}; give that folder", below.find(|folder| is_scene(folder))?.display()),
+    };
+    Some(SceneError::malformed(dir, "the folder of a scene", reason))
 }
 
 #[cfg(test)]
@@ -251,6 +270,18 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let text = message(dir.path(), &request());
         assert!(text.contains("transforms_train.json, transforms.json, poses_bounds.npy"), "{text}");
+        let inner = dir.path().join("a/scan");
+        blender(&inner, 2, 1);
+        std::fs::write(inner.join("a.mov"), "").unwrap();
+        let nested = format!("a scene is in {}; give that folder", inner.display());
+        for (path, reason) in
+            [("", &*nested), ("a/scan/transforms_test.json", "a file;"), ("a/scan/a.mov", "frames of")]
+        {
+            let text = message(&dir.path().join(path), &request());
+            assert!(text.contains("expected the folder of a scene: ") && text.contains(reason), "{text}");
+        }
+        std::fs::create_dir_all(dir.path().join("keyframes/corrected_cameras")).unwrap();
+        assert!(message(dir.path(), &request()).ends_with("nerfstudio's `ns-process-data polycam` converts it"));
         image(8, 0).write_png(&dir.path().join("a.png")).unwrap();
         let text = message(dir.path(), &request());
         let advice = format!("these are photographs: `infonerf capture {}`", dir.path().display());

@@ -14,11 +14,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
-use infonerf_scene::image::{find_image, list_images, unread_format};
+use infonerf_scene::image::{find_image, is_image_name, list_images, unread_format};
 
 use crate::capture::{join_names, list_photographs, stray_masks};
 use crate::colmap::{ColmapImage, Reconstruction};
-use crate::files::file_name;
+use crate::files::{entries, file_name};
 
 const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
 /// Min number of images from which poses can be found.
@@ -123,8 +123,8 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
 fn foreign_file(sparse: &Path) -> Option<PathBuf> {
     const MODEL: [&str; 6] = ["cameras", "images", "points3D", "frames", "rigs", "project"];
     let is_model = |path: &PathBuf| path.file_stem().is_some_and(|stem| MODEL.iter().any(|&name| stem == name));
-    entries(sparse).find_map(|path| match file_name(&path) {
-        name if name.parse::<u32>().is_ok() => entries(&path).find(|file| !is_model(file)),
+    entries(sparse).into_iter().find_map(|path| match file_name(&path) {
+        name if name.parse::<u32>().is_ok() => entries(&path).into_iter().find(|file| !is_model(file)),
         name => (name != sought::NAME).then_some(path),
     })
 }
@@ -194,37 +194,46 @@ fn program(name: &str, path: Option<OsString>) -> Option<PathBuf> {
     std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
-/// Returns `dir/images` if it is there, else `dir`.
+/// Returns `dir/images` if it is there, unless photographs are in `dir` and none are in `dir/images`.
 fn photograph_folder(dir: &Path) -> PathBuf {
     let below = dir.join("images");
-    if below.is_dir() { below } else { dir.to_owned() }
+    let is_photograph = |path: &PathBuf| is_image_name(path) || unread_format(path).is_some();
+    let has_any = |folder: &Path| entries(folder).iter().any(is_photograph);
+    if below.is_dir() && (has_any(&below) || !has_any(dir)) { below } else { dir.to_owned() }
+}
+
+/// Returns advice on the video `path`; `None` for a file of another kind.
+pub(crate) fn video_advice(path: &Path) -> Option<String> {
+    const VIDEOS: [&str; 6] = ["mp4", "mov", "m4v", "avi", "mkv", "webm"];
+    let is_video = path.extension().is_some_and(|e| VIDEOS.iter().any(|known| e.eq_ignore_ascii_case(known)));
+    let quoted = shlex::try_quote(path.to_str()?).ok()?.into_owned();
+    is_video.then(|| format!("`infonerf capture {quoted}` takes frames of the video and learns the scene"))
+}
+
+/// Returns the error about a folder whose photographs are in a format that is not read, or which has a video instead.
+fn no_photographs(folder: &Path) -> Option<SceneError> {
+    let unread = list_unread(folder).iter().find_map(|path| unread_format(path));
+    let video = || entries(folder).iter().find_map(|path| video_advice(path));
+    unread.or_else(|| Some(SceneError::malformed(folder, "at least two photographs", video()?)))
 }
 
 /// Returns an error with advice on finding poses, if `dir` has photographs.
 pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     let folder = photograph_folder(dir);
     if list_images(&folder).ok()?.is_empty() {
-        return first_unread(&folder);
+        return no_photographs(&folder);
     }
     let path = dir.display().to_string();
     let advice = format!("`infonerf capture {}` finds their poses and learns the scene", shlex::try_quote(&path).ok()?);
     Some(SceneError::malformed(dir, "a scene with poses", format!("these are photographs: {advice}")))
 }
 
-/// Returns the error about a folder whose photographs are in a format that is not read.
-fn first_unread(folder: &Path) -> Option<SceneError> {
-    list_unread(folder).iter().find_map(|path| unread_format(path))
-}
-
 /// Lists the photographs in `folder` of formats that are not read, without those that have an image of their name beside them.
 fn list_unread(folder: &Path) -> Vec<PathBuf> {
     let is_hidden = |path: &Path| file_name(path).starts_with('.');
     let is_alone = |path: &Path| find_image(&path.with_extension("jpg")).is_none();
-    entries(folder).filter(|path| unread_format(path).is_some() && !is_hidden(path) && is_alone(path)).collect()
-}
-
-fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
-    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
+    let is_unread = |path: &PathBuf| unread_format(path).is_some() && !is_hidden(path) && is_alone(path);
+    entries(folder).into_iter().filter(is_unread).collect()
 }
 
 /// Returns a warning that counts the photographs in `folder` whose formats are not read.
@@ -253,12 +262,12 @@ fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
     }
     let count = list_photographs(&folder)?.len();
     if count < MIN_IMAGES {
-        let below = entries(&folder).filter(|path| list_images(path).is_ok_and(|images| !images.is_empty()));
-        let names = Vec::from_iter(below.map(|path| file_name(&path)).collect::<BTreeSet<_>>()).join(", ");
-        let names = if names.is_empty() { "none" } else { names.as_str() };
-        let found = format!("it has {count}; subfolders with images: {names}");
-        let few = || SceneError::malformed(&folder, "at least two photographs", found);
-        return Err(first_unread(&folder).unwrap_or_else(few));
+        let mut below = entries(&folder);
+        below.retain(|path| list_images(path).is_ok_and(|images| !images.is_empty()));
+        let names = below.iter().map(|path| file_name(path)).collect::<Vec<_>>().join(", ");
+        let names = if names.is_empty() { names } else { format!("; subfolders with images: {names}") };
+        let few = || SceneError::malformed(&folder, "at least two photographs", format!("it has {count}{names}"));
+        return Err(no_photographs(&folder).unwrap_or_else(few));
     }
     Ok(folder)
 }
@@ -288,7 +297,7 @@ mod tests {
         let search = PoseSearch { solver: PoseSolver::Own, focal: None };
         let fault = |dir: &Path| from_images(dir, &search, |_| {}).unwrap_err().to_string();
         let text = fault(guard.path());
-        assert!(text.contains("at least two photographs: it has 0"), "{text}");
+        assert!(text.ends_with("at least two photographs: it has 0"), "{text}");
         fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
         let text = fault(guard.path());
         let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
@@ -301,10 +310,14 @@ mod tests {
         assert!(text.contains(&format!("`infonerf capture '{}'` finds", shots.display())), "{text}");
         fs::remove_file(guard.path().join("IMG_1.HEIC")).unwrap();
         assert!(fault(guard.path()).ends_with("at least two photographs: it has 0; subfolders with images: my shots"));
+        fs::write(guard.path().join("walk.MP4"), "").unwrap();
+        assert!(missing_poses_error(guard.path()).unwrap().to_string().contains("walk.MP4` takes frames of the video"));
         ["c.HEIC", "d.HEIC", "e.cr2", "a.DNG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let warning = unread_warning(&shots).unwrap();
         assert!(warning.starts_with("files in formats that are not read: 3; "), "{warning}");
         assert!(warning.ends_with(" *.HEIC *.cr2`"), "{warning}");
+        // An empty folder hides no photographs.
+        fs::create_dir(shots.join("images")).unwrap();
         [WORK, "a.b.png", "a.JPG"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let mut lines = Vec::new();
         let text = from_images(&shots, &search, |line| lines.push(line.to_owned())).unwrap_err().to_string();

@@ -143,8 +143,10 @@ fn finish(mut child: Child, video: &Path, partial: &Path) -> Result<(), SceneErr
         return Ok(());
     }
     let log = fs::read(partial.join(LOG)).unwrap_or_default();
-    let reason = format!("ffmpeg: {status}: {}", String::from_utf8_lossy(&log).lines().last().unwrap_or_default());
-    Err(SceneError::malformed(video, "a video that ffmpeg reads", reason))
+    let log = String::from_utf8_lossy(&log);
+    let last = log.lines().last().unwrap_or_default();
+    let reason = if log.contains("matches no streams") { "it has no picture track" } else { last };
+    Err(SceneError::malformed(video, "a video that ffmpeg reads", format!("ffmpeg: {status}: {reason}")))
 }
 
 /// Returns the sum of squared differences between neighbouring pixels, which blur lowers.
