@@ -92,12 +92,13 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         }
         test
     };
+    let none = || SceneError::request("train", "at least one view", "none");
+    // A missing file comes before the faults that it leads to.
+    let alpha = has_alpha(&train.first().ok_or_else(none)?.image)?;
     if test.is_empty() {
         let expected = "at least one view that is not trained on (or `training`, to look at those that are)";
         return Err(SceneError::request("test", expected, "none"));
     }
-    let none = || SceneError::request("train", "at least one view", "none");
-    let alpha = has_alpha(&train.first().ok_or_else(none)?.image)?;
     let frames: Vec<&Frame> = train.iter().chain(&test).copied().collect();
     let cameras = in_order(frames.par_iter().map(|frame| stored_camera(frame)))?;
     let scale = ImageScale::new(&cameras, request.image_size).ok_or_else(none)?;
@@ -174,7 +175,8 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks, by_stored };
     let (train_cameras, test_cameras) = cameras.split_at(train.len());
     let (mut train_views, shown) = reader.views(&train, train_cameras)?;
-    let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
+    let (mut test, test_shown) = reader.views(&chosen_test, test_cameras)?;
+    warnings.extend(mixed_alpha(train_views.iter().zip(&shown).chain(test.iter().zip(&test_shown)).collect()));
     if shown.iter().all(|[_, is_opaque]| *is_opaque) {
         // An alpha channel that hides nothing is no matte.
         train_views.iter_mut().chain(&mut test).for_each(|view| Arc::make_mut(&mut view.image).alpha = None);
@@ -230,6 +232,17 @@ fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
     let ((width, height), found) = frames.iter().zip(cameras).find_map(differs)?;
     let found = format!("{}×{}", found.0, found.1);
     Some(format!("the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"))
+}
+
+/// Returns a warning if images with transparent pixels stand next to images without alpha on another background. Each
+/// view is given with whether its border has the background's colour, and whether all its pixels are opaque.
+fn mixed_alpha(views: Vec<(&View, &[bool; 2])>) -> Option<String> {
+    let transparent = views.iter().filter(|(_, [_, is_opaque])| !is_opaque).count();
+    let mut others = views.iter().filter(|(view, [border, _])| view.image.alpha.is_none() && !border);
+    let (first, count) = (&others.next()?.0.file, 1 + others.count());
+    let effect = "their background is taken as part of the photograph";
+    let text = format!("{transparent} images are transparent, {count} are not, such as {first}: {effect}");
+    (transparent > 0).then_some(text)
 }
 
 fn mixed_sizes_warning(cameras: &[Camera], scale: &ImageScale) -> Option<String> {

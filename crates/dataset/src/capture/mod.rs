@@ -401,6 +401,9 @@ mod tests {
         assert!(plain.backdrop == Backdrop::Unknown && with_alpha(255) == (plain, Some(Backdrop::Unknown)));
         let (cut, backdrop) = with_alpha(0);
         assert_eq!((cut.backdrop, backdrop), (Backdrop::Colour, Some(Backdrop::Colour)));
+        let opaque = guard.path().join("images/p03.png");
+        image::open(&opaque).unwrap().into_rgb8().save(&opaque).unwrap();
+        assert_warns(&load(guard.path(), &request()).unwrap(), 0, "9 images are transparent, 1 are not, such as ");
     }
 
     #[test]
@@ -420,6 +423,9 @@ mod tests {
         fs::remove_file(dir.join("train/r_0.png")).unwrap();
         let scene = load(&dir, &asked(2)).unwrap();
         assert_eq!((scene.train[0].id, scene.all_train_cameras.len()), (2, 6));
+        fs::copy(dir.join("transforms_train.json"), dir.join("transforms_test.json")).unwrap();
+        fs::remove_dir_all(dir.join("train")).unwrap();
+        assert!(message(&dir, &request()).contains("r_0.png: not found"));
     }
 
     #[test]
