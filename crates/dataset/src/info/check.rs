@@ -19,6 +19,8 @@ const NARROW_DEG: f64 = 2.0;
 const LONELY_DEG: f64 = 120.0;
 /// An image is blurred if its detail is below this fraction of the median detail.
 const BLURRED: f32 = 0.2;
+/// An image is dark if the mean of its values is below this fraction of the median mean.
+const DARK: f32 = 0.4;
 /// An image is empty if the standard deviation of its values is below this.
 const BLANK: f32 = 0.004;
 /// A mask is nearly empty if it keeps less than this fraction of the pixels.
@@ -130,16 +132,24 @@ fn images(scene: &Scene) -> Vec<String> {
     let (mut found, mut whole) = (Vec::new(), Vec::new());
     let tested = scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file));
     let views = scene.train.iter().chain(tested);
-    let measured: Vec<(&View, f32, f32)> = views.map(|v| (v, detail(&v.image), spread(&v.image))).collect();
-    let mut details: Vec<f32> = measured.iter().map(|m| m.1).collect();
-    details.sort_by(f32::total_cmp);
-    let median = details.get(details.len() / 2).copied().unwrap_or(0.0);
-    for (view, detail, spread) in measured {
+    let measured: Vec<(&View, [f32; 3])> = views.map(|view| (view, measures(&view.image))).collect();
+    let [median, _, brightness] = [0, 1, 2].map(|i| {
+        let mut values: Vec<f32> = measured.iter().map(|(_, values)| values[i]).collect();
+        values.sort_by(f32::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    });
+    for (view, [detail, spread, mean]) in measured {
+        // A short exposure darkens details, too.
+        let detail = detail * (brightness / mean).max(1.0).powi(2);
         if spread < BLANK {
             found.push(format!("{} shows nothing: all its pixels are alike", view.name));
         } else if detail < BLURRED * median {
             let share = 100.0 * detail / median;
             found.push(format!("{} is blurred: it has {share:.0} % of the others' detail", view.name));
+        }
+        if mean < DARK * brightness && spread >= BLANK {
+            let share = 100.0 * mean / brightness;
+            found.push(format!("{} is dark: it has {share:.0} % of the others' brightness", view.name));
         }
         if let Some(mask) = &view.mask {
             let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len().max(1) as f32;
@@ -154,30 +164,20 @@ fn images(scene: &Scene) -> Vec<String> {
     found
 }
 
-fn grey(image: &Image) -> Vec<f32> {
-    image.rgb.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect()
-}
-
-/// Returns the mean square of the discrete Laplacian.
-fn detail(image: &Image) -> f32 {
+/// Returns the mean square of the discrete Laplacian of the grey values, their standard deviation, and their mean.
+fn measures(image: &Image) -> [f32; 3] {
     let (w, h) = (image.width as usize, image.height as usize);
-    if w < 3 || h < 3 {
-        return 0.0;
-    }
-    let grey = grey(image);
-    let at = |x: usize, y: usize| grey[y * w + x];
-    let laplacian = |x, y| 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
-    let pixels = (1..h - 1).flat_map(|y| (1..w - 1).map(move |x| (x, y)));
-    let sum = pixels.fold(0.0, |sum, (x, y)| sum + f64::from(laplacian(x, y)).powi(2));
-    (sum / ((w - 2) * (h - 2)) as f64) as f32
-}
-
-/// Returns the standard deviation of the grey values.
-fn spread(image: &Image) -> f32 {
-    let grey = grey(image);
+    let grey: Vec<f32> = image.rgb.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect();
     let n = grey.len().max(1) as f32;
     let mean = grey.iter().sum::<f32>() / n;
-    (grey.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt()
+    let spread = (grey.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt();
+    let at = |x: usize, y: usize| grey[y * w + x];
+    let laplacian = |x, y| 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
+    let inner = |side: usize| 1..side.max(2) - 1;
+    let pixels = inner(h).flat_map(|y| inner(w).map(move |x| (x, y)));
+    let sum = pixels.fold(0.0, |sum, (x, y)| sum + f64::from(laplacian(x, y)).powi(2));
+    let detail = (sum / (inner(w).len() * inner(h).len()).max(1) as f64) as f32;
+    [detail, spread, mean]
 }
 
 /// Returns a warning if too many of the points in view lie outside near and far.
@@ -224,7 +224,7 @@ mod tests {
         let narrow = Range::Distance { near: 1.0, far: 2.0 };
         /// A change of the scene, and a part of each warning that it leads to.
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
-        let cases: [Case<'_>; 10] = [
+        let cases: [Case<'_>; 11] = [
             (&|s| s.warnings.push("x".into()), &["x"]),
             (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
@@ -232,6 +232,10 @@ mod tests {
             (&|s| (s.space.points, s.space.range) = (vec![Vec3::ZERO; 4], narrow), &["lie outside near and far"]),
             (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
+            (
+                &|s| Arc::make_mut(&mut s.train[1].image).rgb.iter_mut().for_each(|p| *p = p.map(|v| v / 5.0)),
+                &["is dark"],
+            ),
             (&|s| s.train[1].mask = Some(vec![false; 24 * 24].into()), &["leaves in 0.00 % of its pixels"]),
             (&|s| s.test[0].mask = Some(vec![true; 24 * 24].into()), &["masks of 1 views hide nothing: "]),
             (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),
