@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use infonerf_scene::{Format, SceneError, SceneRequest};
+use infonerf_scene::{Format, SceneError, SceneRequest, TestProtocol};
 
 use super::transforms::{Transforms, read_transforms};
 use crate::capture::{Estimate, Found, StatedExtent, hold_out};
@@ -13,10 +13,11 @@ pub(super) const MARKER: &str = "transforms.json";
 
 /// Reads a folder in nerfstudio's or instant-ngp's format.
 ///
-/// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
-/// those fields, or if no test frame is named, every 8th frame, starting with the first, is held out for test. Frames
-/// without their image or pose are left out, with a warning. Poses keep their scale. `near` and `far`, and the box from
-/// `aabb` or `aabb_scale`, are read from the file, or else estimated from the training cameras.
+/// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools. One that both
+/// name is for test, and a missing field stands for the other frames. Without those fields, or if no test frame is named,
+/// every 8th frame, starting with the first, is held out for test. Frames without their image or pose are left out, with a
+/// warning. Poses keep their scale. `near` and `far`, and the box from `aabb` or `aabb_scale`, are read from the file, or
+/// else estimated from the training cameras.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let Transforms { frames, lost, warnings, range, bounds, cube, split } = read_transforms(&path)?;
@@ -25,15 +26,25 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let mut found = match &split {
         Some((train, test, test_field)) => {
             let (frames, warning) = with_images(frames);
-            // The frames with these names, in the order of the file.
-            let named = |field: &str, names: &[String]| -> Result<Vec<Frame>, SceneError> {
-                if let Some(unknown) = names.iter().find(|name| !all.contains(*name)) {
+            for (field, names) in [("train_filenames", train), (*test_field, test)] {
+                if let Some(unknown) = names.iter().flatten().find(|name| !all.contains(*name)) {
                     return Err(SceneError::field(&path, field, "the file_path of a frame", format!("\"{unknown}\"")));
                 }
-                Ok(frames.iter().filter(|frame| names.contains(&frame.name)).cloned().collect())
-            };
-            let (mut train, mut test) = (named("train_filenames", train)?, named(test_field, test)?);
+            }
             let mut warnings = Vec::from_iter(warning);
+            let has = |list: &Option<Vec<String>>, frame: &Frame| Some(list.as_ref()?.contains(&frame.name));
+            // Without a list, the frames that the other list does not name.
+            let chosen = |list, other| -> Vec<Frame> {
+                let is_chosen = |frame: &&Frame| has(list, frame).unwrap_or(has(other, frame) == Some(false));
+                frames.iter().filter(is_chosen).cloned().collect()
+            };
+            let (mut train, mut test) = (chosen(train, test), chosen(test, train));
+            let is_tested = |frame: &Frame| test.iter().any(|other| other.id == frame.id);
+            let count = train.iter().filter(|frame| is_tested(frame)).count();
+            if count > 0 && count < train.len() && request.test != TestProtocol::Training {
+                train.retain(|frame| !is_tested(frame));
+                warnings.push(format!("{count} frames of `{test_field}` are in `train_filenames`: none is trained on"));
+            }
             if test.is_empty() {
                 (train, test) = hold_out(train, &request.test);
                 let text = format!("{test_field} names no image: every eighth training frame is held out for test");
@@ -126,8 +137,6 @@ mod tests {
             ("/cx", json!(null), "`cx`: expected a position in pixels next to `cy`"),
             ("/h", json!(null), "`h`: expected an image side in pixels next to `w`"),
             ("/fl_x", json!(null), "`fl_x`: expected a focal length in pixels next to `fl_y`"),
-            ("/train_filenames", json!(["images/r_1.png"]), "`test_filenames`: expected a list of file paths next to"),
-            ("/test_filenames", json!(["images/r_1.png"]), "`train_filenames`: expected a list of file paths next to"),
             ("/is_fisheye", json!(true), "`is_fisheye`: expected false next to the perspective `camera_model`"),
         ] {
             let (_guard, dir, json) = folder();
@@ -166,6 +175,18 @@ mod tests {
         assert!(is_named, "{:?}", scene.warnings);
         edit(&json, "/train_filenames", Some(json!([])));
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
+        // Without a list the other frames are meant; what both lists name is for test.
+        edit(&json, "/frames/3/transform_matrix", Some(pose(3)));
+        edit(&json, "/val_filenames", None);
+        let names = |upto: usize| json!((0..upto).map(|i| format!("images/r_{i}.png")).collect::<Vec<_>>());
+        for (trained, tested, train) in [(None, Some(4), 6), (Some(7), None, 7), (Some(10), Some(3), 7)] {
+            edit(&json, "/train_filenames", trained.map(names));
+            edit(&json, "/test_filenames", tested.map(names));
+            let scene = load(&dir, &request()).unwrap();
+            assert_eq!((scene.train.len(), scene.test.len()), (train, 10 - train));
+            let is_shared = scene.warnings.iter().any(|text| text.starts_with("3 frames of `test_filenames` are in"));
+            assert_eq!(is_shared, trained == Some(10));
+        }
     }
 
     /// Gives each frame a lens of its own; the image of one frame is missing.
@@ -268,7 +289,7 @@ mod tests {
             ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
-            ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
+            ("/aabb_scale", Some(json!(0)), "`aabb_scale`: expected a power of two"),
             ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
             ("/fl_x", None, "`fl_x`: expected a focal length in pixels next to `fl_y`"),

@@ -1,6 +1,7 @@
 //! `transforms*.json` files, as Blender exports and nerfstudio write them. Poses are read as they are; nerfstudio's
 //! `applied_transform` is not undone.
 
+use std::collections::HashSet;
 use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
@@ -34,8 +35,8 @@ pub(crate) struct Transforms {
     pub split: Option<Split>,
 }
 
-/// Names of training frames, names of test frames, and the field that names the test frames.
-pub(crate) type Split = (Vec<String>, Vec<String>, &'static str);
+/// Names of training frames and of test frames, of which one may be missing, and the field that names the test frames.
+pub(crate) type Split = (Option<Vec<String>>, Option<Vec<String>>, &'static str);
 
 /// Reads a `transforms*.json` file; no image is opened.
 pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
@@ -67,25 +68,31 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
     keep_apart(&mut frames, &stated);
+    let mut known = HashSet::new();
+    let mut is_new = |frame: &Frame| known.insert((frame.image.clone(), frame.pose.to_cols_array().map(f64::to_bits)));
+    let again: Vec<String> = frames.extract_if(.., |frame| !is_new(frame)).map(|frame| frame.name).collect();
     let of = |names: &[String], what: &str| {
         let (some, all, first, file) = (names.len(), items.len(), names.first()?, file_name(path));
         Some(format!("{some} of {all} frames of {file} {what}, the first {first}"))
     };
     let left_out = of(&lost, "have no pose and are left out");
     let corrected = of(&scaled, "have matrices that are no exact rotations and are corrected");
-    let warnings = left_out.into_iter().chain(corrected).collect();
+    let repeated = of(&again, "repeat others and are left out");
+    let mut warnings: Vec<String> = left_out.into_iter().chain(corrected).chain(repeated).collect();
     let (range, bounds) = (read_range(&root)?, root.optional("aabb", read_bounds)?);
-    let (cube, split) = (root.optional("aabb_scale", |node| read_aabb_scale(&root, node))?, read_split(dir, &root)?);
+    let cube = root.optional("aabb_scale", |node| read_aabb_scale(&root, node, &mut warnings))?;
+    let split = read_split(dir, &root)?;
     Ok(Transforms { frames, lost, warnings, range, bounds, cube, split })
 }
 
 /// Reads instant-ngp's box: the cube of edge `aabb_scale` about (0.5, 0.5, 0.5), in which the position p of the file is
-/// `scale · p + offset` (by default 0.33 and 0.5) with its axes exchanged, which leaves the cube as it is.
-fn read_aabb_scale(root: &Node<'_>, node: Node<'_>) -> Result<Aabb, SceneError> {
-    let expected = "a power of two from 1 to 128";
-    let edge = node.within(1.0..=128.0, expected)?;
-    if edge.log2().fract() != 0.0 {
-        return Err(node.error(expected));
+/// `scale · p + offset` (by default 0.33 and 0.5) with its axes exchanged, which leaves the cube as it is. An edge that is no
+/// power of two becomes the next one, with a warning.
+fn read_aabb_scale(root: &Node<'_>, node: Node<'_>, warnings: &mut Vec<String>) -> Result<Aabb, SceneError> {
+    let stated = node.within(1.0..=128.0, "a power of two from 1 to 128")?;
+    let edge = f64::from((stated.ceil() as u32).next_power_of_two());
+    if edge != stated {
+        warnings.push(format!("`aabb_scale` is {stated}, which is no power of two: {edge} is taken"));
     }
     let factor = |node: Node<'_>| node.within(1e-6..=1e6, "a factor from 1e-6 to 1e6");
     let scale = root.optional("scale", factor)?.unwrap_or(NGP_SCALE);
@@ -102,7 +109,9 @@ fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Resu
     let depth = frame.optional("ray_depth_file_path", |node| Ok(dir.join(node.text("the path of an .npy file")?)))?;
     let (intrinsics, lens) = read_optics(root, frame)?;
     let image = image_path(dir, path);
-    let mask = frame.optional("mask_path", |node| {
+    // Other programs call it `mask`, or have something else under that name.
+    let is_alias = frame.find("mask_path").is_none() && frame.find("mask").is_some_and(|node| node.text("").is_ok());
+    let mask = frame.optional(if is_alias { "mask" } else { "mask_path" }, |node| {
         let named = node.text("the path of a mask image")?;
         let found = Some(image_path(dir, named)).filter(|mask| *mask != image);
         Ok((found.unwrap_or_else(|| stated_path(dir, named)), MaskRole::Capture))
@@ -144,8 +153,8 @@ fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> 
         let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    let lists = pair(|_| root, ["train_filenames", test_field], expected, names)?;
-    Ok(lists.map(|(train, test)| (train, test, test_field)))
+    let (train, test) = (root.optional("train_filenames", names)?, root.optional(test_field, names)?);
+    Ok((train.is_some() || test.is_some()).then_some((train, test, test_field)))
 }
 
 /// Returns the path of an image below `dir`, without extension.
@@ -282,14 +291,16 @@ mod tests {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path();
         ["0.png", "1.jpg"].iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
-        let frame = |path: &str| json!({"file_path": path, "mask_path": "masks/1.png", "transform_matrix": pose(0)});
-        let frames = ["a/0.png", "b/0.png", "c/1.png"].map(frame);
+        let frame = |path: &str| json!({"file_path": path, "mask": "masks/1.png", "transform_matrix": pose(0)});
+        let frames = ["a/0.png", "b/0.png", "c/1.png", "b/0.png"].map(frame);
         let value =
-            json!({"camera_angle_x": 0.7, "aabb_scale": 4, "scale": 0.5, "offset": [0, 1, 0.5], "frames": frames});
+            json!({"camera_angle_x": 0.7, "aabb_scale": 3, "scale": 0.5, "offset": [0, 1, 0.5], "frames": frames});
         let read = transforms(&dir.join("transforms.json"), &value).unwrap();
         let images: Vec<&Path> = read.frames.iter().map(|frame| frame.image.as_path()).collect();
         assert_eq!(images, ["a/0.png", "b/0.png", "1.jpg"].map(|name| dir.join(name)));
         assert_eq!(read.frames[2].mask, Some((dir.join("masks/1.png"), MaskRole::Capture)));
         assert_eq!(read.cube, Some(Aabb::cube(Vec3::new(1.0, -1.0, 0.0), 4.0)), "instant-ngp's box");
+        let repeated = "1 of 4 frames of transforms.json repeat others and are left out, the first 0";
+        assert_eq!(read.warnings, [repeated, "`aabb_scale` is 3, which is no power of two: 4 is taken"]);
     }
 }
