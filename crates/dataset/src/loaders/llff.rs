@@ -64,7 +64,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let (train, test) = (numbered(train), numbered(test));
     let selections = published::forward_facing(train.len());
     let mut found = Found::new(dir, Format::Llff, train, test, StatedExtent::Depths(range.0, range.1));
-    found.warnings.extend(near_warnings(&rows));
+    found.warnings.extend(depth_warnings(&rows));
     found.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     found.protocols = vec![("regnerf".into(), (0..found.test.len()).collect())];
     if !found.test.is_empty() {
@@ -74,16 +74,22 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     Ok(found)
 }
 
-/// Warns of near depths below a quarter of the median: the least one scales the whole scene.
-fn near_warnings(rows: &[PoseRow]) -> impl Iterator<Item = String> {
-    let mut nears: Vec<f64> = rows.iter().map(|row| row.near).collect();
-    nears.sort_by(f64::total_cmp);
-    let median = nears[nears.len() / 2];
-    let few = rows.iter().enumerate().filter(move |(_, row)| row.near < 0.25 * median);
-    few.map(move |(index, row)| {
-        let (near, usual) = (row.near as f32, median as f32);
-        format!("{MARKER}: [{index}, 15]: near is {near}, the median of all {usual}; the least one scales the scene")
-    })
+/// Warns of near depths below a quarter of the median, and of far depths above ten times the median: the least near depth and
+/// the greatest far depth scale the whole scene.
+fn depth_warnings(rows: &[PoseRow]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (column, side, extreme) in [(15, "near", "least"), (16, "far", "greatest")] {
+        let depths: Vec<f64> = rows.iter().map(|row| if column == 15 { row.near } else { row.far }).collect();
+        let mut sorted = depths.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2];
+        let is_odd = |depth: f64| if column == 15 { depth < 0.25 * median } else { depth > 10.0 * median };
+        for (index, depth) in depths.into_iter().enumerate().filter(|(_, depth)| is_odd(*depth)) {
+            let text = format!("{side} is {}, the median of all {}", depth as f32, median as f32);
+            warnings.push(format!("{MARKER}: [{index}, {column}]: {text}; the {extreme} one scales the scene"));
+        }
+    }
+    warnings
 }
 
 /// A row of the file, with its pose in OpenGL's convention.
@@ -227,9 +233,14 @@ mod tests {
         assert!((scene.space.near - 0.9 * 2.0 * scale).abs() < 1e-6);
         let mut rows = rows();
         assert_eq!(scene.warnings.iter().filter(|text| text.contains("the least one")).count(), 0);
-        rows[5][15] = 0.2;
-        let text = "poses_bounds.npy: [5, 15]: near is 0.2, the median of all 2; the least one scales the scene";
-        assert!(load(folder(&rows).path(), &request()).unwrap().warnings.iter().any(|warning| warning == text));
+        (rows[5][15], rows[6][16]) = (0.2, 120.0);
+        let warnings = load(folder(&rows).path(), &request()).unwrap().warnings.join("\n");
+        assert!(
+            warnings.contains(
+                "poses_bounds.npy: [5, 15]: near is 0.2, the median of all 2; the least one scales the scene"
+            )
+        );
+        assert!(warnings.contains("[6, 16]: far is 120, the median of all 10; the greatest one scales the scene"));
         // Far is a depth: along the ray through a corner it is farther away.
         let corner = camera.ray(0.0, 0.0);
         let (near, far) = scene.interval(&corner).unwrap();
