@@ -172,8 +172,11 @@ pub(super) fn object_space(cameras: &[Camera]) -> Space {
 
 /// A camera is an outlier if it is farther from the median position than this many times the 75 % quantile of distances.
 const FAR_OUT: f64 = 6.0;
-/// Min number of cameras among which outliers are looked for.
+/// Min number of cameras among which outliers are left out. Among at least `FEW` they are only named, if they are farther away
+/// than `FAR_OUT_OF_FEW` times that quantile.
 const MIN_CAMERAS: usize = 6;
+const FEW: usize = 4;
+const FAR_OUT_OF_FEW: f64 = 30.0;
 /// Max share of cameras that are left out as outliers; if more are far away, all are kept.
 const MAX_SHARE: f64 = 0.1;
 /// Ratio of the cameras' distance from the world's origin to their spread above which the origin is moved to the
@@ -205,14 +208,15 @@ fn place(frame: &Frame) -> DVec3 {
     frame.pose.w_axis.truncate()
 }
 
-/// Removes the frames whose camera is far from all training cameras, and returns a warning that names them.
+/// Removes the frames whose camera is far from all training cameras, if these are not few. Returns a warning that names them.
 pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option<String> {
-    if train.len() < MIN_CAMERAS {
+    if train.len() < FEW {
         return None;
     }
+    let far_out = if train.len() < MIN_CAMERAS { FAR_OUT_OF_FEW } else { FAR_OUT };
     let (middle, spread) = middle_and_spread(train);
     let times = |frame: &Frame| place(frame).distance(middle) / spread;
-    let is_far = |frame: &Frame| spread > 0.0 && times(frame) > FAR_OUT;
+    let is_far = |frame: &Frame| spread > 0.0 && times(frame) > far_out;
     let far: Vec<&Frame> = train.iter().chain(test.iter()).filter(|frame| is_far(frame)).collect();
     let first = far.iter().map(|frame| times(frame)).fold(0.0, f64::max);
     let (count, all) = (far.len(), train.len() + test.len());
@@ -220,9 +224,11 @@ pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option
         return None;
     }
     let names = join_names(far.iter().map(|frame| frame.name.as_str()));
-    let warning = format!(
-        "{count} of {all} cameras are up to {first:.0} times farther out than the others and left out: {names}"
-    );
+    let text = format!("{count} of {all} cameras are up to {first:.0} times farther out than the others");
+    if train.len() < MIN_CAMERAS {
+        return Some(format!("{text} (are their poses right?): {names}"));
+    }
+    let warning = format!("{text} and left out: {names}");
     train.retain(|frame| !is_far(frame));
     test.retain(|frame| !is_far(frame));
     Some(warning)

@@ -276,6 +276,10 @@ mod tests {
             assert!((a.near / b.near - 1.0).abs() < 0.05 && (a.far / b.far - 1.0).abs() < 0.05, "{a:?}");
             assert!(a.centre.distance(b.centre) < 0.05 && (a.radius / b.radius - 1.0).abs() < 0.05, "{a:?}");
         }
+        let mut few = cameras(5);
+        few[2] = moved(&few[2], |p| 100.0 * p);
+        let scene = loaded(&few);
+        assert!(scene.train.len() == 4 && scene.warnings[0].ends_with("right?): images/p02"), "{:?}", scene.warnings);
     }
 
     #[test]
