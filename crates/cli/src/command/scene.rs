@@ -176,8 +176,8 @@ fn longest_side(dir: &Path) -> Result<u32> {
 /// Prints the warnings about a capture, one per line, and returns them.
 pub(crate) fn print_warnings(dir: &Path) -> Result<Vec<String>> {
     let checked = with_spinner(format!("{}: checking the scene", dir.display()), || check_folder(dir));
-    let (views, warnings) = checked.context("the scene cannot be loaded")?;
-    for warning in &warnings {
+    let (views, warnings, note) = checked.context("the scene cannot be loaded")?;
+    for warning in warnings.iter().chain(&note) {
         outln!("{warning}");
     }
     if warnings.is_empty() {

@@ -121,7 +121,7 @@ fn sorted(values: impl Iterator<Item = f32>) -> Vec<f32> {
 }
 
 /// Returns the quantile `q` of ascending values, or 0 without values.
-fn quantile<T: Copy + Default>(sorted: &[T], q: f64) -> T {
+pub(super) fn quantile<T: Copy + Default>(sorted: &[T], q: f64) -> T {
     let last = sorted.len().saturating_sub(1);
     sorted.get((last as f64 * q).round() as usize).copied().unwrap_or_default()
 }

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use glam::Vec3;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, join_names, seen_at};
+use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, join_names};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -15,8 +14,8 @@ const FAR_OFF: f32 = 20.0;
 const UPRIGHT: f64 = 0.5;
 /// Views closer together than this, in degrees, have hardly any parallax.
 const NARROW_DEG: f64 = 2.0;
-/// A view farther than this from its nearest neighbour, in degrees, has hardly any overlap with it.
-const LONELY_DEG: f64 = 120.0;
+/// End of the warning about such views.
+const NO_PARALLAX: &str = "they show hardly any depth";
 /// An image is blurred if its detail is below this fraction of the median detail.
 const BLURRED: f32 = 0.2;
 /// An image is dark if the mean of its values is below this fraction of the median mean.
@@ -25,25 +24,23 @@ const DARK: f32 = 0.4;
 const BLANK: f32 = 0.004;
 /// A mask is nearly empty if it keeps less than this fraction of the pixels.
 const SMALL_MASK: f32 = 0.005;
-/// Near and far are doubtful if more than this fraction of the points lies outside them.
-const OUTSIDE: f32 = 0.2;
 /// Longest side, in pixels, of the images in which [`check_folder`] looks for blur; less if there are many.
 const CHECKED_SIZE: u32 = 512;
 
 /// Loads the scene in the folder `dir` with all of its views, checks it, and compares its poses with its photographs.
-/// Returns the number of views and the warnings.
+/// Returns the number of views, the warnings, and a note on photographs that were not compared.
 ///
 /// # Errors
 /// Errors of [`crate::load`].
-pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>), SceneError> {
+pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>, Option<String>), SceneError> {
     let request = fitting_request(dir, MAX_BYTES)?;
-    let doubts = compare(&loaders::read(dir, &request)?.prepared()?)?;
+    let (doubts, note) = compare(&loaders::read(dir, &request)?.prepared()?)?;
     let scene = assemble(loaders::read(dir, &request)?, &request)?;
     let mut warnings = check(&scene);
-    // The images are resized for the check alone.
-    warnings.retain(|warning| !warning.ends_with(DEPTHS_LEFT_OUT));
+    // The images are resized for the check alone, and doubts explain a lack of parallax better.
+    warnings.retain(|text| !text.ends_with(DEPTHS_LEFT_OUT) && (doubts.is_empty() || !text.ends_with(NO_PARALLAX)));
     warnings.extend(doubts);
-    Ok((scene.train.len() + scene.test.len(), warnings))
+    Ok((scene.train.len() + scene.test.len(), warnings, note))
 }
 
 /// Returns the request for all views at [`CHECKED_SIZE`], halved until the images take at most `limit` bytes.
@@ -72,17 +69,13 @@ fn check(scene: &Scene) -> Vec<String> {
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
     warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene)]).flatten());
     warnings.extend(images(scene));
-    warnings.extend(points_outside_range(scene));
     warnings
 }
 
 /// Describes the cameras for which `is_faulty` as `N of M cameras … : NAMES`.
 fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
-    let chosen = || scene.train.iter().chain(&scene.test);
-    let is_other = |camera: &&Camera| chosen().all(|view| view.camera.to_world != camera.to_world);
-    let others = scene.all_train_cameras.iter().filter(is_other).map(|camera| ("another view", camera));
-    let all: Vec<(&str, &Camera)> = chosen().map(|view| (&*view.name, &view.camera)).chain(others).collect();
-    let found: Vec<&str> = all.iter().filter(|(_, camera)| is_faulty(camera)).map(|(name, _)| *name).collect();
+    let all: Vec<&View> = scene.train.iter().chain(&scene.test).collect();
+    let found: Vec<&str> = all.iter().filter(|view| is_faulty(&view.camera)).map(|view| &*view.name).collect();
     let names = join_names(found.iter().copied());
     (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
 }
@@ -101,31 +94,14 @@ fn tilted(scene: &Scene) -> Option<String> {
     })
 }
 
-/// Describes training views that are all close together, or far from any other, by angles at the scene's centre.
+/// Describes training views that are all close together, by angles at the scene's centre.
 fn baseline(scene: &Scene) -> Option<String> {
-    if scene.train.len() < 2 {
-        return None;
-    }
-    let outward = scene.space.layout == Layout::Inside;
     let from_centre = |view: &View| (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero();
-    let direction = |view: &View| if outward { view.camera.forward_f64() } else { from_centre(view) };
-    let directions: Vec<_> = scene.train.iter().map(direction).collect();
+    let directions: Vec<_> = scene.train.iter().map(from_centre).collect();
     let pairs = directions.iter().enumerate().flat_map(|(i, a)| directions[..i].iter().map(move |b| angle(*a, *b)));
     let widest = pairs.fold(0.0, f64::max).to_degrees();
-    if widest < NARROW_DEG && !outward {
-        return Some(format!("the training views are within {widest:.1}° of each other: they show hardly any depth"));
-    }
-    let nearest = |i: usize| {
-        let others = directions.iter().enumerate().filter(|(j, _)| *j != i);
-        others.map(|(_, d)| angle(directions[i], *d)).fold(f64::INFINITY, f64::min).to_degrees()
-    };
-    let total = directions.len();
-    let lonely = (0..total).filter(|&i| nearest(i) > LONELY_DEG).count();
-    (lonely > 0).then(|| {
-        format!(
-            "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
-        )
-    })
+    (directions.len() > 1 && widest < NARROW_DEG && scene.space.layout != Layout::Inside)
+        .then(|| format!("the training views are within {widest:.1}° of each other: {NO_PARALLAX}"))
 }
 
 fn images(scene: &Scene) -> Vec<String> {
@@ -180,28 +156,14 @@ fn measures(image: &Image) -> [f32; 3] {
     [detail, spread, mean]
 }
 
-/// Returns a warning if too many of the points in view lie outside near and far.
-fn points_outside_range(scene: &Scene) -> Option<String> {
-    let step = scene.space.points.len().div_ceil(2000).max(1);
-    let is_within = |camera: &Camera, point: Vec3| {
-        let (pixel, t) = (seen_at(camera, point)?, point.distance(camera.position()));
-        Some(scene.interval(&camera.ray(pixel.x, pixel.y)).is_some_and(|(a, b)| a <= t && t <= b))
-    };
-    let points = || scene.space.points.iter().step_by(step);
-    let cameras = scene.all_train_cameras.iter();
-    let seen = cameras.flat_map(|camera| points().filter_map(move |&point| is_within(camera, point)));
-    let (within, outside): (Vec<bool>, Vec<bool>) = seen.partition(|within| *within);
-    let share = outside.len() as f32 / (within.len() + outside.len()).max(1) as f32;
-    (share > OUTSIDE).then(|| format!("{:.0} % of the points in view lie outside near and far", 100.0 * share))
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
     use super::*;
     use crate::source::{SceneSource, load};
-    use infonerf_scene::{Aabb, Range};
+    use glam::Vec3;
+    use infonerf_scene::Aabb;
 
     fn scene() -> Scene {
         let (train, test) = (ViewSelection::Seed { seed: 0, count: 5 }, TestProtocol::First(1));
@@ -221,15 +183,12 @@ mod tests {
     fn each_fault_is_found_and_a_sound_scene_has_none() {
         let sound = scene();
         assert_eq!(check(&sound), [""; 0]);
-        let narrow = Range::Distance { near: 1.0, far: 2.0 };
         /// A change of the scene, and a part of each warning that it leads to.
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
-        let cases: [Case<'_>; 11] = [
+        let cases: [Case<'_>; 9] = [
             (&|s| s.warnings.push("x".into()), &["x"]),
             (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
-            (&|s| s.space.points = vec![Vec3::ZERO; 4], &[]),
-            (&|s| (s.space.points, s.space.range) = (vec![Vec3::ZERO; 4], narrow), &["lie outside near and far"]),
             (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
             (
