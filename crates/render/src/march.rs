@@ -249,7 +249,11 @@ impl<'a> MarchingRays<'a> {
     /// have stopped.
     fn next_round(&mut self, samples: usize) -> Option<MarchRound> {
         if let Some(shared) = self.shared.take() {
-            return Some(self.shared_round(shared));
+            let round = self.shared_round(shared);
+            if !round.t.is_empty() {
+                return Some(round);
+            }
+            self.start();
         }
         let mut round = MarchRound::default();
         let stop = self.renderer.config.early_stop_transmittance;
