@@ -10,7 +10,7 @@ use infonerf_experiment::{Control, OpenDevice};
 use infonerf_view::{Server, TrainingControl};
 
 use crate::interrupt;
-use crate::print::outln;
+use crate::print::{outln, quoted};
 use crate::terminal::is_terminal;
 
 /// Minimum time between two checkpoints that are saved for an open page.
@@ -52,7 +52,7 @@ impl Live {
             outln!("{} still shows the runs (Ctrl-C ends)", self.url());
             interrupt::wait();
         }
-        outln!("to look at the runs again: infonerf view {}", folder.display());
+        outln!("to look at the runs again: infonerf view {}", quoted(folder));
     }
 
     /// Returns the command of the page or of Ctrl-C; waits while training is paused.

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};
+use std::path::Path;
 use std::sync::OnceLock;
 
 /// The error of standard output, if it could not be written to.
@@ -9,7 +10,6 @@ static FAULT: OnceLock<io::Error> = OnceLock::new();
 
 /// Prints a line as `println!` does, without its panic.
 macro_rules! outln {
-    () => { crate::print::out(format_args!("\n")) };
     ($($text:tt)*) => { crate::print::out(format_args!("{}\n", format_args!($($text)*))) };
 }
 
@@ -19,6 +19,12 @@ macro_rules! errln {
 }
 
 pub(crate) use {errln, outln};
+
+/// Returns `path` as a word of a shell's command.
+pub(crate) fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    shlex::try_quote(&text).map_or_else(|_| text.clone(), Into::into)
+}
 
 /// Writes to standard output. A closed pipe is ignored; any other error is kept for [`fault`].
 pub(crate) fn out(text: fmt::Arguments<'_>) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use humantime::format_duration;
 use infonerf_dataset::{
@@ -17,7 +17,7 @@ use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Se
 use infonerf_report::{Record, VIEWER_PAGE, counted};
 use infonerf_scene::image::is_image_name;
 
-use crate::print::{errln, outln};
+use crate::print::{errln, outln, quoted};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::{DeviceArgs, ExistingArgs, NetworkArgs};
@@ -90,17 +90,14 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         let folder = session.run_folder(&run);
         // A folder that cannot be written is reported before poses are sought.
         create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let is_begun = args.existing.existing() == Existing::Continue && folder.join("config.toml").exists();
-        if let Some(other) =
-            is_begun.then(|| RunPlan::of_run(&folder)).transpose()?.filter(|begun| begun.data != run.data)
-        {
-            let (path, run, data) = (args.path.display(), folder.display(), other.data.unwrap_or_default());
-            bail!("{path}: {run} is of {}; --out names another folder for results", data.join(other.scene).display());
-        }
-        if is_begun && !changed.is_empty() {
-            let (path, run, changed) = (args.path.display(), folder.display(), changed.join(", "));
-            let remedy = "--overwrite finds the poses again and trains anew";
-            bail!("{path}: expected the photographs of {run}: added, changed or removed since: {changed}; {remedy}");
+        if args.existing.existing() == Existing::Continue && folder.join("config.toml").exists() {
+            let (begun, path, place) = (RunPlan::of_run(&folder)?, args.path.display(), folder.display());
+            let is_same = begun.data == run.data;
+            let other = begun.data.unwrap_or_default().join(begun.scene);
+            ensure!(is_same, "{path}: {place} is of {}; --out names another folder for results", other.display());
+            let expected = format!("expected the photographs of {place}: added, changed or removed since");
+            let (changes, remedy) = (changed.join(", "), "--overwrite finds the poses again and trains anew");
+            ensure!(changed.is_empty(), "{path}: {expected}: {changes}; {remedy}");
         }
         let pairs = max_matched_pairs(count);
         if pairs > 0 {
@@ -131,8 +128,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     };
     let page = folder.join(VIEWER_PAGE);
     outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());
-    let out = args.out.display().to_string();
-    let out = shlex::try_quote(&out)?;
+    let out = quoted(&args.out);
     let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
     outln!("next: `infonerf view {out}`, or the same command with --budget {longer} for a better scene");
     Ok(ExitCode::SUCCESS)
@@ -143,15 +139,9 @@ fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
     if path.is_dir() {
         return Ok(path.to_owned());
     }
-    if !path.is_file() {
-        bail!("{}: expected a folder of photographs or a video file: not found", path.display());
-    }
-    if is_image_name(path) {
-        bail!(
-            "{}: expected a folder of photographs or a video file: it is one photograph; give its folder",
-            path.display()
-        );
-    }
+    let expected = format!("{}: expected a folder of photographs or a video file", path.display());
+    ensure!(path.is_file(), "{expected}: not found");
+    ensure!(!is_image_name(path), "{expected}: it is one photograph; give its folder");
     let frames = video_folder(path, out);
     video_frames(path, &frames, |line| outln!("{line}"))?;
     Ok(frames)
@@ -166,10 +156,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let orbit = args.budget.div_f64(ORBIT_SHARE).as_secs().max(1);
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
-    let poses = match pairs {
-        0 => "none to find".to_owned(),
-        _ => format!("{} to {}", time(quick), time(slow)),
-    };
+    let poses = if pairs == 0 { "none to find".to_owned() } else { format!("{} to {}", time(quick), time(slow)) };
     let [least, most] = [quick, slow].map(|poses| time(poses + budget + orbit + around));
     let [budget, around, orbit] = [budget, around, orbit].map(time);
     outln!("{}: {}, about {least} to {most} in all:", args.path.display(), counted(count, "photograph"));
@@ -177,8 +164,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
 
-/// Plans the run of `exp capture --variant infonerf+` on the scene in `dir`. With a `count` of fewer than [`MIN_MEASURED`]
-/// photographs, none is held out.
+/// Plans the run of `exp capture --variant infonerf+` on `dir`. Of fewer than [`MIN_MEASURED`] photographs none is held out.
 fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
     let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
         bail!("{}: expected a folder of photographs whose name is text", args.path.display());
@@ -238,8 +224,8 @@ fn result(record: &Record) -> String {
     format!("{}, measured on {held_out}", summary(record))
 }
 
-/// Writes the orbit of the run of `plan` in `folder`, and its page, unless they are there and the fields were not `trained` just
-/// now. Returns the path of the orbit; `None` if the user stops the rendering.
+/// Writes orbit and page of the run of `plan` in `folder`, unless they are there and the fields were not `trained` just now.
+/// Returns the path of the orbit; `None` if the user stops the rendering.
 fn write_pictures(
     trained: Option<Trained>,
     (plan, folder): (RunPlan, &Path),

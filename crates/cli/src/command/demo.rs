@@ -9,7 +9,7 @@ use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execut
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session};
 
-use crate::print::outln;
+use crate::print::{outln, quoted};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
             PlanEvent::Run(_, _, event) => progress.show(event),
             PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, _)) => {
                 let folder = session.run_folder(plan);
-                outln!("{}\nnext: infonerf view {}", summary(&record), folder.display());
+                outln!("{}\nnext: infonerf view {}", summary(&record), quoted(&folder));
             }
             PlanEvent::Written(_, Some(outcome), _) => outln!("report: {}", outcome.report.display()),
             _ => {}

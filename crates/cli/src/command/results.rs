@@ -6,7 +6,7 @@ use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use infonerf_experiment::sweep;
 use infonerf_report::{
@@ -14,7 +14,7 @@ use infonerf_report::{
 };
 
 use crate::command_line;
-use crate::print::{errln, outln};
+use crate::print::{errln, outln, quoted};
 use crate::units::check_extension;
 
 /// Collect the results of experiments and sweeps in one Markdown document.
@@ -34,9 +34,8 @@ pub(crate) struct CollectArgs {
 pub(crate) fn collect(args: &CollectArgs) -> Result<ExitCode> {
     let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..sweep::collect(folder)? });
     let is_own = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).contains(WRITTEN_BY);
-    if !fs::read(&args.out).map_or_else(|error| error.kind() == ErrorKind::NotFound, is_own) {
-        bail!("{}: expected no file, or one that `collect` wrote: --out FILE names another", args.out.display());
-    }
+    let is_free = fs::read(&args.out).map_or_else(|error| error.kind() == ErrorKind::NotFound, is_own);
+    ensure!(is_free, "{}: expected no file, or one that `collect` wrote: --out FILE names another", args.out.display());
     let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
     outln!("{}: {}", counted(experiments.len(), "experiment"), args.out.display());
@@ -117,7 +116,6 @@ pub(crate) struct TensorboardArgs {
 
 pub(crate) fn tensorboard(args: &TensorboardArgs) -> Result<ExitCode> {
     let written = write_tensorboard(&args.folder)?;
-    let (files, folder) = (counted(written.len(), "event file"), args.folder.display().to_string());
-    outln!("{files}; to show: tensorboard --logdir {}", shlex::try_quote(&folder)?);
+    outln!("{}; to show: tensorboard --logdir {}", counted(written.len(), "event file"), quoted(&args.folder));
     Ok(ExitCode::SUCCESS)
 }

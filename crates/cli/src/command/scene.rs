@@ -10,7 +10,7 @@ use infonerf_report::{counted, write_atomically};
 use infonerf_scene::image::{dimensions, list_images};
 use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
-use crate::print::{errln, outln};
+use crate::print::{errln, outln, quoted};
 use crate::progress::with_spinner;
 use crate::terminal::open_device;
 
@@ -103,7 +103,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
             let search = PoseSearch { solver, focal };
             from_images(dir, &search, |line| outln!("{line}"))?;
             show(dir, false, None)?;
-            outln!("next: infonerf capture {}", shlex::try_quote(&dir.display().to_string())?);
+            outln!("next: infonerf capture {}", quoted(dir));
         }
         SceneCommand::Export { name, dir, format, size } => {
             with_spinner(format!("{}: writing {name}", dir.display()), || export(name, *size, *format, dir))?;
