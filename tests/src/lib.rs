@@ -19,21 +19,13 @@ pub fn devices() -> Vec<Device> {
     vec![
         Device::flex(),
         Device::ndarray(),
-        #[cfg(feature = "gpu")]
-        gpu(),
+        #[cfg(feature = "cuda")]
+        Device::cuda(0),
+        #[cfg(all(feature = "vulkan", not(feature = "cuda")))]
+        Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(all(feature = "wgpu", not(any(feature = "vulkan", feature = "cuda"))))]
+        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     ]
-}
-
-/// Returns the GPU that the features choose.
-#[cfg(feature = "gpu")]
-pub fn gpu() -> Device {
-    #[cfg(feature = "cuda")]
-    let gpu = Device::cuda(0);
-    #[cfg(all(feature = "vulkan", not(feature = "cuda")))]
-    let gpu = Device::vulkan(burn::tensor::DeviceKind::DefaultDevice);
-    #[cfg(not(any(feature = "vulkan", feature = "cuda")))]
-    let gpu = Device::wgpu(burn::tensor::DeviceKind::DefaultDevice);
-    gpu
 }
 
 /// Returns element `n` of tensor `l` in [−1, 1): 24 bits of SplitMix64's finaliser, as in `fixtures/hashed.py`.
@@ -77,8 +69,7 @@ pub fn with_parameters<M: Module>(module: M, values: impl FnMut(usize, &[usize])
     (module, overwrite.next)
 }
 
-/// Returns `module` with parameters that follow from a rule, and their number: element `n` of parameter `l`, in the module's order,
-/// is `rule(l, shape, hashed(l, n))`.
+/// Returns [`with_parameters`] whose elements follow from a rule: element `n` of parameter `l` is `rule(l, shape, hashed(l, n))`.
 pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> f64) -> (M, usize) {
     with_parameters(module, |l, shape| {
         Some((0..shape.iter().product()).map(|n| rule(l, shape, hashed(l, n)) as f32).collect())
@@ -162,8 +153,7 @@ where
     }
 }
 
-/// Checks that each element differs from the expected one by at most [`TOLERANCE`] times the largest expected magnitude, or
-/// times `floor` if that is larger.
+/// Checks that elements differ by at most [`TOLERANCE`] times the largest expected magnitude, or `floor` if that is larger.
 pub fn close(got: &[f32], want: &[f32], floor: f64, what: &str) {
     let tolerance = TOLERANCE * largest(want).max(floor);
     compare_within(got, want, |_| tolerance, what);

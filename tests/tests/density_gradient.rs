@@ -54,8 +54,7 @@ fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> 
 /// Positions of five points.
 const AT: [f32; 15] = [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
 
-/// Checks that a gradient lies between the differences on both sides, within a tolerance. The sides differ where a ReLU turns
-/// on or a texel ends in between.
+/// Checks that a gradient lies between the differences on both sides, which a ReLU or the end of a texel makes unequal.
 fn check_between(found: f64, sides: [f64; 2], tolerance: f64, what: &str) {
     let [low, high] = [sides[0].min(sides[1]), sides[0].max(sides[1])];
     assert!((low - tolerance..=high + tolerance).contains(&found), "{what}: {found}, {sides:?}");

@@ -237,7 +237,6 @@ fn words_are_those_of_the_field() {
     assert!(found.is_empty(), "\n{}\n{} words", found.join("\n"), found.len());
 }
 
-/// Returns the documents, and the README of each crate.
 fn documents_and_readmes() -> Vec<(PathBuf, String)> {
     let crates = fs::read_dir(root().join("crates")).unwrap().map(|entry| entry.unwrap().path().join("README.md"));
     let readmes = crates.filter(|path| path.is_file()).map(|path| (path.clone(), fs::read_to_string(path).unwrap()));

@@ -88,8 +88,7 @@ fn by_rule(
     }
 }
 
-/// Returns parameter `l` of NeRF's coarse (0) or fine (1) network by the fixture's rule, after a check of a few elements: weight
-/// and bias of each layer in turn.
+/// Returns parameter `l` (weight and bias of each layer in turn) of NeRF's coarse (0) or fine (1) network, a few elements checked.
 fn nerf_rule(fixture: &Value, net: usize, l: usize, shape: &[usize]) -> Vec<f32> {
     let layer = l / 2;
     let cross = fixture["cross"].as_f64().unwrap();

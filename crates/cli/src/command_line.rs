@@ -27,7 +27,6 @@ fn save(folder: &Path) -> Result<()> {
     Ok(write_atomically(&folder.join(FILE), line.as_bytes())?)
 }
 
-/// Saves the command line as [`save`] does, with a warning if that fails.
 pub(crate) fn save_or_warn(folder: &Path) {
     if let Err(error) = save(folder) {
         errln!("warning: {error:#}");
@@ -39,7 +38,6 @@ pub(crate) fn read(folder: &Path) -> Option<String> {
     std::fs::read_to_string(folder.join(FILE)).ok()
 }
 
-/// Returns the command line with `--merge`.
 pub(crate) fn merging() -> Result<Vec<OsString>> {
     let program = std::env::current_exe().context("the program's own file")?;
     let given = std::env::args_os().skip(1);

@@ -69,7 +69,6 @@ fn experiment() -> Option<String> {
     words().find(|word| word.ends_with(".toml") || built_in.iter().any(|(name, _)| name == word))
 }
 
-/// Returns the value of `--data`.
 fn data() -> Option<String> {
     let mut words = words();
     let option = words.find(|word| word == "--data" || word.starts_with("--data="))?;

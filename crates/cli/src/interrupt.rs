@@ -33,7 +33,6 @@ pub(crate) fn request_stop() {
     STOP_REQUESTED.store(true, Ordering::SeqCst);
 }
 
-/// Whether the user asked to stop.
 pub(crate) fn stop_requested() -> bool {
     STOP_REQUESTED.load(Ordering::SeqCst)
 }

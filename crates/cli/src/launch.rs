@@ -67,10 +67,7 @@ enum Launcher {
 }
 
 impl LaunchArgs {
-    /// Returns the first option that gives each run a process of its own, or none.
-    ///
-    /// # Errors
-    /// If the options do not go together.
+    /// Returns the first option that gives each run a process of its own, or none; refuses options that do not go together.
     pub(crate) fn own_processes(&self) -> Result<Option<&'static str>> {
         let jobs_alone = [
             ("--partition", self.partition.is_some()),
@@ -94,10 +91,7 @@ impl LaunchArgs {
     }
 
     /// Runs `sweeps` below `out`, each run in a process of its own, prints their tables, and passes what is written to `finish`.
-    ///
-    /// # Errors
-    /// If options do not go together, a sweep cannot be prepared, Slurm refuses, or a file cannot be written. A run that
-    /// fails is not an error, but changes the exit code.
+    /// A run that fails is not an error, but changes the exit code.
     pub(crate) fn run(
         &self,
         mut sweeps: Vec<Sweep>,

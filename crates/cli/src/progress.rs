@@ -28,7 +28,6 @@ pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
     bar
 }
 
-/// Returns a spinner beside `text`.
 fn spinner(text: String) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(text);
     bar.enable_steady_tick(REFRESH);

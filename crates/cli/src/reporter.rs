@@ -74,7 +74,7 @@ impl Reporter {
     fn started(&mut self, sweep: &Sweep, prepared: &Prepared) {
         let (about, todo) = (&sweep.about, prepared.missing.len());
         if self.runs > 0 {
-            outln!();
+            outln!("");
         }
         self.runs = sweep.len();
         let kept = sweep.len() - todo;
@@ -96,10 +96,8 @@ impl Reporter {
             outln!("preset {preset}: {}", Vec::from_iter(scenes).join(", "));
         }
         if let Some((plan, budget)) = sweep.runs().find_map(|plan| Some((plan, plan.budget?))) {
-            let fields = match plan.members() {
-                1 => String::new(),
-                fields => format!(", shared by {fields} fields"),
-            };
+            let fields = plan.members();
+            let fields = if fields > 1 { format!(", shared by {fields} fields") } else { String::new() };
             outln!(
                 "each run trains for {budget} s{fields}; reading the scene before and testing afterwards take time of their own"
             );

@@ -6,7 +6,6 @@ use std::path::Path;
 use crate::common::Workplace;
 use serde_json::{Value, json};
 
-/// Makes a workplace with a scene on disk.
 fn with_scene() -> Workplace {
     let place = Workplace::new();
     place.run("scene export knot data/knot --size 24").succeeds();

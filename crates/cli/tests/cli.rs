@@ -239,7 +239,6 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     assert_eq!(loaded, again[0]);
 }
 
-/// A user's experiment file is based on a built-in experiment.
 #[test]
 fn an_experiment_file_changes_another() {
     let place = Workplace::new();
@@ -258,7 +257,6 @@ fn an_experiment_file_changes_another() {
     assert!((1..1_000_000).contains(&record["iterations"].as_u64().unwrap()));
 }
 
-/// Settings of a PixelNeRF that is small and quick.
 const TINY_PIXELNERF: &str = "--set field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=2,\
                               pool_after=1,width=8,frequencies=2,lowest_frequency=1.5,density='softplus'} \
                               --set train={batch='held-out',iterations=4,rays=32,unseen_rays=16} \

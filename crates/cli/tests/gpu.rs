@@ -3,12 +3,10 @@
 
 use crate::common::{Workplace, records, text};
 
-const DEVICE: &str = if cfg!(feature = "cuda") {
-    "cuda"
-} else if cfg!(feature = "vulkan") {
-    "vulkan"
-} else {
-    "wgpu"
+const DEVICE: &str = match (cfg!(feature = "cuda"), cfg!(feature = "vulkan")) {
+    (true, _) => "cuda",
+    (false, true) => "vulkan",
+    (false, false) => "wgpu",
 };
 
 #[test]
@@ -32,7 +30,6 @@ fn the_gpu_agrees_with_the_cpu() {
     place.run(format!("bench agreement --device {DEVICE}")).succeeds_with(&["agree with flex"]);
 }
 
-/// A missing driver is reported in one line, without a panic.
 #[test]
 #[cfg(not(feature = "cuda"))]
 fn no_adapter_is_a_clear_error() {

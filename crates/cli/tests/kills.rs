@@ -45,15 +45,12 @@ fn killed_runs_go_on_to_the_same_numbers() {
             let mut child = command(&place, &args).stderr(fs::File::create(&stderr).unwrap()).spawn().unwrap();
             // After the last kill, the run is left to end.
             let end = (kills < wanted).then(|| Instant::now() + life.mul_f64(rng.f64()));
-            let ended = loop {
-                if let Some(status) = child.try_wait().unwrap() {
-                    break Some(status);
-                }
-                if end.is_some_and(|end| Instant::now() >= end) {
-                    break None;
-                }
+            let is_due = || end.is_some_and(|end| Instant::now() >= end);
+            let mut ended = child.try_wait().unwrap();
+            while ended.is_none() && !is_due() {
                 std::thread::sleep(Duration::from_millis(1));
-            };
+                ended = child.try_wait().unwrap();
+            }
             if let Some(status) = ended {
                 assert!(status.success(), "after {kills} kills: {status}, {}", fs::read_to_string(&stderr).unwrap());
                 break;
@@ -118,7 +115,6 @@ fn what_cannot_fit_into_memory_is_refused() {
     place.tiny(RUN).args(args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
 }
 
-/// Numbers are equal bit by bit for any number of threads.
 #[test]
 fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, without_times};
+use crate::reproduce::TINY;
 use serde_json::Value;
 
 /// Workplace in which Slurm's commands are the stand-ins of `tests/schedulers`.
@@ -34,7 +35,6 @@ impl Cluster {
         self.sweep("runs").args("--launch slurm")
     }
 
-    /// Returns the script of a job that was submitted.
     fn script(&self, id: u32) -> String {
         fs::read_to_string(self.0.path("jobs").join(format!("{id}.sh"))).unwrap_or_default()
     }
@@ -158,9 +158,7 @@ fn options_that_do_not_go_together() {
 fn reproduce_is_launched_as_one() {
     let cluster = Cluster::new();
     let args = "reproduce --only information --only views --scene knot --seed 0";
-    let tiny = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
-                --set render.samples=8 --set train.iterations=3 --set train.rays=16 --set eval.test=first-1";
-    let run = |more: &str| cluster.scheduled(cluster.0.run(args).args(tiny).args(more));
+    let run = |more: &str| cluster.scheduled(cluster.0.run(args).args(TINY).args(more));
     let stdout = run("--launch slurm").stdout();
     let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
     assert_eq!(jobs, 3, "two arrays and one job that merges: {stdout}");

@@ -48,7 +48,6 @@ fn poses_of_photographs_alone() {
     place.run(command).fails_with(&["sparse", "remove this one to make another"]);
 }
 
-/// Writes a stand-in for COLMAP.
 #[cfg(unix)]
 fn write_colmap(place: &Workplace, script: &str) {
     use std::os::unix::fs::PermissionsExt;

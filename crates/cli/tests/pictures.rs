@@ -64,7 +64,6 @@ fn weights_are_listed_and_bad_files_refused() {
     place.run("weights fetch lpips-squeeze").fails_with(&["lpips-squeeze"]);
 }
 
-/// Writes a safetensors file of zeros.
 fn zero_weights(path: &Path, tensors: &[TensorShape]) {
     let (mut header, mut end) = (Map::new(), 0);
     for (name, shape) in tensors {

@@ -3,7 +3,7 @@
 use crate::common::{Invocation, Workplace, records};
 
 /// Settings of a network of a few neurons, trained for a few steps of a few rays.
-const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
+pub(crate) const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
                     --set render.samples=8 --set render.occupancy.warmup=2 --set train.iterations=3 --set train.rays=16 \
                     --set eval.test=first-1 --set eval.information_rays=16";
 

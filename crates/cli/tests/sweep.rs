@@ -20,7 +20,7 @@ fn folder(place: &Workplace, out: &str) -> PathBuf {
 }
 
 /// Returns the record of each finished run with its time of modification.
-fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
+fn finished(folder: &Path) -> BTreeSet<(PathBuf, SystemTime)> {
     let variants = fs::read_dir(folder.join("knot")).into_iter().flatten().flatten();
     let runs = variants.flat_map(|variant| fs::read_dir(variant.path()).unwrap().flatten());
     let recorded = runs.filter_map(|run| {
@@ -28,9 +28,7 @@ fn finished(folder: &Path) -> Vec<(PathBuf, SystemTime)> {
         let time = fs::metadata(&record).and_then(|metadata| metadata.modified()).ok()?;
         Some((record, time))
     });
-    let mut found: Vec<_> = recorded.collect();
-    found.sort();
-    found
+    recorded.collect()
 }
 
 /// Items of the manifest give the same numbers alone, in any order, and two at a time.

@@ -44,22 +44,21 @@ pub struct ConfigKey {
     pub origin: String,
 }
 
-/// Returns the config of a variant of the experiment called `name`, by key, without optional keys that have their default, and
-/// what set each key last: the preset (the first run's, unless `selection` has one), a file, the variant or `selection`.
+/// Returns the config of the first selected run of the experiment called `name`, by key, without optional keys that have their
+/// default, and what set each key last: the preset, a file, the variant or `selection`.
 ///
 /// # Errors
 /// As [`Experiment::plan`].
-pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Result<Vec<ConfigKey>> {
-    let selection = Selection { variants: vec![variant.to_owned()], ..selection.clone() };
-    let plan = Experiment::plan(name, &selection)?.runs.into_iter().next().context("expected at least one run")?;
+pub fn config_origins(name: &str, selection: &Selection) -> Result<Vec<ConfigKey>> {
+    let plan = Experiment::plan(name, selection)?.runs.into_iter().next().context("expected at least one run")?;
     let layers = Layers::read(name)?;
     let variants = layers.variants()?;
-    let chosen = variants.iter().find(|known| known.name == variant).context("expected the variant")?;
+    let chosen = variants.iter().find(|known| known.name == plan.variant).context("expected the variant")?;
     let mut origins = vec![(format!("preset {}", plan.preset.name()), plan.preset.table())];
     if chosen.start == Start::Experiment {
         origins.extend(layers.configs().map(|(file, config)| (file.to_owned(), config.clone())));
     }
-    origins.push((format!("variant {variant}"), chosen.changes.clone()));
+    origins.push((format!("variant {}", plan.variant), chosen.changes.clone()));
     let mut set = Table::new();
     assign(&mut set, &selection.set)?;
     origins.push(("--set".to_owned(), set));
@@ -92,8 +91,7 @@ pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
     values(table, &|_, _| false).into_iter().map(|(key, value)| (key, value.to_string())).collect()
 }
 
-/// Returns every value in `table` with its dotted key. A nested table counts as one value if `is_value` holds for its last key
-/// and itself; otherwise its entries are returned.
+/// Returns every value in `table` with its dotted key; a nested table is a value if `is_value` holds for its last key and itself.
 fn values<'a>(table: &'a Table, is_value: &dyn Fn(&str, &Table) -> bool) -> Vec<(String, &'a Value)> {
     let of_entry = |(key, value): (&'a String, &'a Value)| match value {
         Value::Table(table) if !is_value(key, table) => {

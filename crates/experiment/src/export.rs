@@ -188,7 +188,7 @@ mod tests {
     use infonerf_scene::Image;
 
     use super::*;
-    use crate::testing::first_run;
+    use crate::testing::{first_run, with_psnr};
 
     /// Takes an upright image of 12×16 pixels for one that was halved, or put into the middle of a square.
     #[test]
@@ -217,8 +217,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let note = |set: &[&str], first_field| {
             let plan = first_run(set);
-            let metrics = [("psnr".to_owned(), Some(24.314))].into_iter().collect();
-            let record = serde_json::to_vec(&[Record { metrics, ..Record::default() }]).unwrap();
+            let record = serde_json::to_vec(&[with_psnr(24.314, Record::default())]).unwrap();
             fs::write(plan.record_path(folder.path()), record).unwrap();
             plan.export_note(folder.path(), first_field).unwrap_or_default()
         };

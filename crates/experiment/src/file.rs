@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use infonerf_report::Claim;
 use infonerf_train::{Preset, config};
 use serde::Deserialize;
@@ -30,7 +30,6 @@ built_in! {
 /// Maximum number of experiments that a file is based on, one through the other.
 const MAX_CHAIN: usize = 8;
 
-/// An experiment file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct File {
@@ -44,8 +43,7 @@ pub(crate) struct File {
     pub(crate) data: Option<PathBuf>,
     pub(crate) scenes: Option<Vec<String>>,
     pub(crate) seeds: Option<Vec<u64>>,
-    /// Preset to start from; by default `capture` for scenes of photographs, else `fast`. `capture` is replaced by `dense` for
-    /// scenes with many photographs.
+    /// Preset to start from; by default `capture` for photographs, else `fast`. `dense` replaces `capture` for many photographs.
     pub(crate) preset: Option<Preset>,
     /// Training time of each run in seconds.
     pub(crate) budget_seconds: Option<f64>,
@@ -143,9 +141,6 @@ impl Layers {
     }
 
     /// Returns the variants in the order of the files, the base's first.
-    ///
-    /// # Errors
-    /// If one is no table, or its `preset` is unknown.
     pub(crate) fn variants(&self) -> Result<Vec<Variant>> {
         let (mut order, mut tables) = (Vec::new(), Table::new());
         for (_, file) in &self.files {
@@ -215,12 +210,8 @@ fn read(name: &str) -> Result<(String, String, File)> {
         return Ok((name.to_owned(), (*text).to_owned(), parse(name, text)?));
     }
     let path = Path::new(name);
-    if !path.exists() {
-        bail!(
-            "{name}: expected an experiment file or one of: {}",
-            BUILT_IN.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
-        );
-    }
+    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+    ensure!(path.exists(), "{name}: expected an experiment file or one of: {}", names.join(", "));
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());
     let file = parse(name, &text)?;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -82,10 +82,8 @@ impl Identity {
     }
 
     /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
-    /// `config.toml`, or with fewer steps or a smaller budget. Returns whether these have grown.
-    ///
-    /// # Errors
-    /// One line that names the first key whose value differs, or what else has changed, and what can be done.
+    /// `config.toml`, or with fewer steps or a smaller budget. Returns whether these have grown. An error names the first key
+    /// whose value differs, or what else has changed, and what can be done.
     pub(crate) fn check_continuation(&mut self, folder: &Path, config: &str) -> Result<bool> {
         let path = folder.join("config.toml");
         let damaged = || format!("{}: expected the config that the run was begun with ({REMEDY})", path.display());
@@ -101,9 +99,8 @@ impl Identity {
         };
         let mut changes = self.changes(&then);
         changes.retain(|what| differences.is_empty() || *what != PARTS[0].1);
-        if !changes.is_empty() {
-            bail!("{}: {} changed since the run began; {REMEDY}", folder.display(), changes.join(" and "));
-        }
+        let changed = changes.join(" and ");
+        ensure!(changes.is_empty(), "{}: {changed} changed since the run began; {REMEDY}", folder.display());
         let texts = differences.iter().map(|difference| difference.text.clone());
         let grown = then.0.get(GROWN).cloned().into_iter().chain(texts).collect::<Vec<_>>().join(", ");
         if !grown.is_empty() {

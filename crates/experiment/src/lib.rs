@@ -1,5 +1,4 @@
-//! Experiments: files that list the variants to compare, runs from scene to record, ensembles, sweeps, and the
-//! reproduction of the paper's tables.
+//! Experiments: files that list variants to compare, runs from scene to record, ensembles, sweeps, and the paper's tables.
 //!
 //! ```text
 //! experiment file ─► plan ─► sweep ─► execute: Session::run (scene ─► fields ─► pictures, metrics) ─► records ─► report

@@ -174,10 +174,7 @@ impl Outline {
 }
 
 pub(crate) fn assign(table: &mut Table, set: &[String]) -> Result<()> {
-    for assignment in set {
-        config::assign(table, assignment).with_context(|| format!("--set {assignment}"))?;
-    }
-    Ok(())
+    set.iter().try_for_each(|text| config::assign(table, text).with_context(|| format!("--set {text}")))
 }
 
 /// A scene, and the preset that suits it.
@@ -227,7 +224,6 @@ fn check_list(place: &str, items: impl Iterator<Item = String>) -> Result<()> {
     Ok(())
 }
 
-/// Prefix of the names of sweeps.
 const SWEEP: &str = "sweep-";
 
 impl About {
@@ -268,9 +264,8 @@ impl About {
         let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
         let mut input = ReportInput::new(&self.name, &self.title, records);
         input.figures.extend(plot);
-        if self.data.is_none() {
-            input.warnings.push("Procedural scenes of this project, not a published data set.".into());
-        }
+        let procedural = "Procedural scenes of this project, not a published data set.";
+        input.warnings.extend(self.data.is_none().then(|| procedural.to_owned()));
         input.published = self.paper.as_ref().map(|paper| paper.to_published(runs));
         let chosen = |variant: &str| runs.iter().any(|plan| plan.variant == variant);
         input.claims = self.claims.iter().filter(|claim| claim.variants().all(chosen)).cloned().collect();

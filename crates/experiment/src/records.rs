@@ -2,8 +2,7 @@
 //!
 //! `results.json` is derived from the runs' own files, `<scene>/<variant>/seed<N>/record-<preset>.json`, and may be written
 //! by several processes at once without a lock: a process that has written it reads it again, and starts over if another run
-//! was added in between. A record is on disk before its process first derives the list, so that the last process to rename
-//! `results.json` sees every record.
+//! was added in between. A record is on disk before its process first derives the list, so that the last of them sees all.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -99,7 +98,6 @@ fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// Whether `path` is the own record of a finished run.
 pub(crate) fn is_own_record(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))
@@ -130,15 +128,12 @@ mod tests {
     use std::thread;
 
     use super::*;
+    use crate::testing::with_psnr;
 
     fn record(scene: &str, variant: &str, seed: u64) -> Record {
         let [experiment, scene, variant, preset] = ["e", scene, variant, "fast"].map(str::to_owned);
         let record = Record { experiment, scene, variant, seed, preset, ..Record::default() };
         with_psnr(18.123_456_789_012_345, record)
-    }
-
-    fn with_psnr(psnr: f64, record: Record) -> Record {
-        Record { metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(), ..record }
     }
 
     /// Saving again replaces in place, records of deleted runs stay, and a run that ends late takes its place among the others.

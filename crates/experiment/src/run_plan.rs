@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use infonerf_dataset::{SceneSource, with_refined_cameras};
 use infonerf_field::FieldSpec;
@@ -118,10 +118,8 @@ impl RunPlan {
     pub fn load(&self) -> Result<Scene> {
         let scene = infonerf_dataset::load(&self.source, &self.request()).map_err(named_by_key);
         let scene = scene.with_context(|| self.source_name())?;
-        let scene = match self.config.scene.pixel_position {
-            PixelPosition::Centre => scene,
-            PixelPosition::Corner => scene.with_rays_through_corners(),
-        };
+        let corner = self.config.scene.pixel_position == PixelPosition::Corner;
+        let scene = if corner { scene.with_rays_through_corners() } else { scene };
         let disturb = self.config.scene.disturb;
         let exact = disturb == Disturbance::default();
         let scene = if exact { scene } else { scene.disturbed(disturb.degrees, disturb.distance, self.seed) };
@@ -206,9 +204,7 @@ impl RunPlan {
     /// If there is none, or it is not of a run.
     pub fn of_run(folder: &Path) -> Result<Self> {
         let path = folder.join("config.toml");
-        if !path.is_file() {
-            bail!("{}: expected the folder of a run: it has no config.toml", folder.display());
-        }
+        ensure!(path.is_file(), "{}: expected the folder of a run: it has no config.toml", folder.display());
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         Self::from_toml(&text).with_context(|| path.display().to_string())
     }

@@ -83,9 +83,7 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
     let is_scene = |path: &Path| SceneSource::Folder { path: path.to_owned() }.is_scene();
     if names.is_empty() || is_scene(data) {
         let whole = data.canonicalize().unwrap_or_else(|_| data.to_owned());
-        let (Some(parent), Some(name)) = (whole.parent(), whole.file_name()) else {
-            bail!(expected);
-        };
+        let (Some(parent), Some(name)) = (whole.parent(), whole.file_name()) else { bail!(expected) };
         let [parent, name] = [parent.as_os_str(), name].map(|part| part.display().to_string());
         let [parent, name] = [shlex::try_quote(&parent)?, shlex::try_quote(&name)?];
         bail!("{expected}; if it is one scene: --data {parent} --scene {name}");

@@ -231,9 +231,8 @@ mod tests {
         let psnr = [0, 1].map(|view| measured.views[view]["psnr"].unwrap()).iter().sum::<f64>() / 2.0;
         assert_eq!(measured.set["psnr"], Some(psnr));
         assert_eq!(reason(&measured, "lpips_alex"), Some("mean over 2 of 3 views, for the others: too dark"));
-        let expected =
-            "mean over 2 of 3 views, for the others: render and truth are identical, which has no finite value";
-        assert_eq!(reason(&measured, "psnr"), Some(expected));
+        let note = "mean over 2 of 3 views, for the others: render and truth are identical, which has no finite value";
+        assert_eq!(reason(&measured, "psnr"), Some(note));
         let identical = evaluate(&pairs[2..], &networks, &Protocol::default()).unwrap();
         assert_eq!(identical.set["psnr"], Some(f64::INFINITY));
     }

@@ -1,8 +1,7 @@
 //! Evaluation protocol: preparation of images before they are measured, and the definition of metrics that have several.
 //!
-//! A published figure depends on a metric of two images *and* on their preparation. This project reports
-//! [`Protocol::default`] everywhere; every deviation is a named option, and the protocol's [`Display`](fmt::Display) is the
-//! line under each table.
+//! A published figure depends on a metric of two images *and* on their preparation. This project reports [`Protocol::default`]
+//! everywhere; every deviation is a named option, and [`Display`](fmt::Display) writes the line under each table.
 //!
 //! 1. **Images** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
 //!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; the background is white
@@ -21,8 +20,7 @@
 //! methods on the same views and nothing else; KID is not biased.
 //!
 //! Metrics whose key ends in `_masked` measure a part of the image, see [`Masked`]. The mask (an object's, the region seen by
-//! the training views, the projection of a box) comes from the data set. [`Protocol::named`] returns the protocols of other
-//! systems.
+//! the training views, the projection of a box) comes from the data set. [`Protocol::NAMED`] has protocols of other systems.
 
 use std::fmt;
 

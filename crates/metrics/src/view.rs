@@ -155,8 +155,7 @@ mod tests {
     fn only_valid_pixels_are_compared() {
         let truth = picture(6, 4);
         let render = truth.mapped(|index, pixel| if index < 6 { [0.9; 3] } else { pixel });
-        let [valid, mask, none] =
-            [6, 12, 24].map(|from| Mask::new((0..24).map(|i| i >= from).collect(), 6, 4).unwrap());
+        let [valid, mask, none] = [6, 12, 24].map(|n| Mask::new((0..24).map(|i| i >= n).collect(), 6, 4).unwrap());
         let (nearer, depth) = ([1.0; 24], [2.0; 24]);
         let depths = Some(Depths { render: &nearer, truth: &depth });
         let pair = Pair { valid: Some(&valid), mask: Some(&none), depths, ..Pair::new(&render, &truth) };

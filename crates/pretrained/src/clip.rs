@@ -105,7 +105,6 @@ impl ClipVision {
         layer_norm(x, gamma, Some(beta), EPSILON)
     }
 
-    /// Computes x Wᵀ + b.
     fn dense(&self, name: &str, x: Tensor<2>) -> Tensor<2> {
         x.matmul(self.weight(&format!("{name}.weight")).transpose()) + self.weight(&format!("{name}.bias"))
     }

@@ -218,8 +218,7 @@ mod tests {
         }
     }
 
-    /// Checks that a motion common to all cameras, which only changes the frame, corrects no camera; the same motion of a
-    /// single camera does.
+    /// Checks that a motion common to all cameras, which only changes the frame, corrects none; that of a single camera does.
     #[test]
     fn a_common_motion_is_no_correction() {
         let cameras = cameras(Lens::PERSPECTIVE);

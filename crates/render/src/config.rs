@@ -23,14 +23,12 @@ pub struct RenderConfig {
     pub space: SpaceChoice,
     /// Whether rays are clipped to the scene's box; only in unwarped space.
     pub clip_to_bounds: bool,
-    /// Transmittance at which a ray stops in pictures of a single pass with [`Placement::Mid`]; this changes a colour by
-    /// at most this value. With a finer grid, steps through thin fog are also longer (`march.rs`). 0 evaluates all
-    /// samples.
+    /// Transmittance at which a ray stops in pictures of a single pass with [`Placement::Mid`]; this changes a colour by at
+    /// most this value. With a finer grid, steps through thin fog are longer, too (`march.rs`). 0 evaluates all samples.
     pub early_stop_transmittance: f32,
-    /// Optical depth, computed from the occupancy grid's densities, behind which samples are skipped in training and for
-    /// the reported entropy and information gain; 0 skips none, as does a run without a grid. The grid's densities are
-    /// maxima over cells, and a ray may miss the matter that they represent: 16 is a safe value. Pictures evaluate hidden
-    /// samples.
+    /// Optical depth, computed from the occupancy grid's densities, behind which training and the reported entropy and
+    /// information gain skip samples; 0 skips none, as does a run without a grid. The grid's densities are maxima over cells,
+    /// and a ray may miss the matter that they represent: 16 is a safe value. Pictures evaluate hidden samples.
     pub hidden_depth: f32,
     /// Whether pictures add the residuals of the training views nearest to them: [`Residuals`](crate::Residuals).
     #[serde(default)]

@@ -26,10 +26,6 @@
 //!         let blue = Tensor::<2>::from_floats([[0.0, 0.0, 1.0]], &self.device());
 //!         FieldOutput { color: color.then(|| blue.expand([points.segments.samples(), 3])), sigma }
 //!     }
-//!
-//!     fn device(&self) -> Device {
-//!         self.density.device()
-//!     }
 //! }
 //!
 //! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };

@@ -117,20 +117,13 @@ impl OccupancyGrid {
     ///
     /// The refined grid is not dilated, and follows surfaces more closely. As in [`Self::update`], the threshold of a
     /// faint field is relative: half the density of the mean cell, because the occupied cells of training are dilated.
-    pub fn refined(
-        &self,
-        factor: usize,
-        noise: Noise,
-        step_length: f32,
-        mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>,
-    ) -> Self {
-        let threshold = self.config.threshold(step_length).min(0.5 * self.mean_density());
+    pub fn refined(&self, factor: usize, noise: Noise, step: f32, mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>) -> Self {
+        let threshold = self.config.threshold(step).min(0.5 * self.mean_density());
         let coarse = self.config.resolution;
         let config = OccupancyConfig { resolution: coarse * factor, ..self.config.clone() };
         let mut fine = Self::new(&config, self.bounds);
         let n = config.resolution;
-        let whole =
-            |cell: usize| cell % n / factor + coarse * (cell / n % n / factor + coarse * (cell / (n * n) / factor));
+        let whole = |c: usize| c % n / factor + coarse * (c / n % n / factor + coarse * (c / (n * n) / factor));
         let evaluated: Vec<usize> = (0..fine.density.len()).filter(|&cell| self.occupied[whole(cell)]).collect();
         for cells in evaluated.chunks(CHUNK / PROBES) {
             let grid = &fine;
@@ -221,13 +214,7 @@ impl OccupancyGrid {
         self.cell_size().length_squared() / (3.0 * 12.0)
     }
 
-    /// Returns the share of occupied cells.
-    pub fn fraction(&self) -> f64 {
-        self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
-    }
-
-    /// Returns the density and occupancy of each cell, x fastest, and whether there was an update: the state that a
-    /// checkpoint keeps.
+    /// Returns what a checkpoint keeps: the density and occupancy of each cell, x fastest, and whether there was an update.
     pub fn state(&self) -> (&[f32], &[bool], bool) {
         (&self.density, &self.occupied, self.updated)
     }
@@ -289,16 +276,18 @@ mod tests {
         OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, ..OccupancyConfig::default() }
     }
 
-    /// A grid over a cube of 16³ cells.
     fn grid() -> OccupancyGrid {
         OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0))
+    }
+
+    fn fraction(grid: &OccupancyGrid) -> f64 {
+        grid.occupied.iter().filter(|&&occupied| occupied).count() as f64 / grid.occupied.len() as f64
     }
 
     fn noise(step: u64) -> Noise {
         Noise::new(0, step, RandomStream::Occupancy)
     }
 
-    /// Densities of points, three numbers each.
     fn densities(sigma: impl Fn(Vec3) -> f32) -> impl Fn(Vec<f32>) -> Vec<f32> {
         move |points| points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
     }
@@ -306,7 +295,7 @@ mod tests {
     #[test]
     fn keeps_a_ball_and_drops_the_rest() {
         let (mut grid, ball) = (grid(), densities(|p| if p.length() < 0.5 { 20.0 } else { 0.0 }));
-        assert_eq!(grid.fraction(), 1.0);
+        assert_eq!(fraction(&grid), 1.0);
         for step in 0..8 {
             assert!(grid.update(noise(step), 0.02, &ball));
         }
@@ -316,7 +305,7 @@ mod tests {
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
-        assert!(grid.fraction() < 0.2);
+        assert!(fraction(&grid) < 0.2);
     }
 
     proptest! {
@@ -376,7 +365,7 @@ mod tests {
         let (mut grid, fog) = (grid(), densities(|p| threshold * (0.9 + 0.05 * p.x)));
         assert!(grid.update(noise(0), step, &fog));
         let refined = grid.refined(2, Noise::new(0, 0, RandomStream::RefinedOccupancy), step, fog);
-        assert!(refined.fraction() >= grid.fraction() && grid.fraction() > 0.5, "{}", refined.fraction());
+        assert!(fraction(&refined) >= fraction(&grid) && fraction(&grid) > 0.5, "{}", fraction(&refined));
     }
 
     /// Checks that a restored grid evaluates the same cells as the original, also after an update that found nothing.
@@ -384,7 +373,7 @@ mod tests {
     fn a_restored_grid_resumes() {
         let [mut first, mut second] = [grid(), grid()];
         assert!(!first.update(noise(0), 0.02, densities(|_| 0.0)));
-        assert_eq!(first.fraction(), 1.0, "an empty field reopens everything");
+        assert_eq!(fraction(&first), 1.0, "an empty field reopens everything");
         let (density, occupied, updated) = first.state();
         second.restore(density.to_vec(), occupied.to_vec(), updated).unwrap();
         let asked = [first, second].map(|mut grid| {

@@ -29,8 +29,7 @@ impl Samples {
         Self::new(Segments::uniform(rays, 0), nothing.clone(), nothing, 0)
     }
 
-    /// Returns `packed` samples for a field on `device`, which is their device with or without autodiff, and their
-    /// positions, `[M, 3]`.
+    /// Returns `packed` samples and their positions, `[M, 3]`, for a field on `device`, theirs with or without autodiff.
     pub(crate) fn packed(packed: PackedSamples, candidates: usize, device: &Device) -> (Self, Tensor<2>) {
         let PackedSamples { segments, distance, delta, positions, on_host } = packed;
         let [distance, delta] = [distance, delta].map(|values| with_autodiff_of(&values, device));

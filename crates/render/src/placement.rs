@@ -1,5 +1,4 @@
-use burn::tensor::Tensor;
-use infonerf_ops::sampling::{self, LastInterval, SampleRule, Streams};
+use infonerf_ops::sampling::SampleRule;
 use serde::{Deserialize, Serialize};
 
 /// Position of a sample within its interval.
@@ -15,38 +14,16 @@ pub enum Placement {
     Interval,
 }
 
-/// `H` is the number of rays. No tensor is in an autodiff graph.
 impl Placement {
     /// Every placement.
     pub const ALL: [Self; 3] = [Self::Left, Self::Mid, Self::Interval];
 
-    fn rule(self) -> SampleRule {
+    pub(crate) fn rule(self) -> SampleRule {
         match self {
             Self::Left => SampleRule::Left,
             Self::Mid => SampleRule::Mid,
             Self::Interval => SampleRule::Edges,
         }
-    }
-
-    /// Returns the sorted coordinates of `count` samples of the first pass between the `ends`, near and far, `[H, 2]`:
-    /// `[H, count]`, or `[H, count + 1]` of edges. Without `jitter` they are evenly spaced.
-    pub(crate) fn first(self, ends: Tensor<2>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
-        let rays = ends.dims()[0];
-        sampling::stratified(ends, [rays, count], self.rule(), jitter)
-    }
-
-    /// Draws the coordinates of the fine pass from the weights of samples at `t`, `[H, N]`, of optical depths `tau`, `[H N]`:
-    /// merged with these unless they are edges.
-    pub(crate) fn fine(self, t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
-        match self {
-            Self::Interval => sampling::resample(t, tau, count, jitter),
-            Self::Left | Self::Mid => sampling::importance(t, tau, count, jitter),
-        }
-    }
-
-    /// Returns the coordinate of each sample that `t` places, and the length of its interval, `[M]` each.
-    pub(crate) fn intervals(self, t: Tensor<2>, ends: Tensor<2>, last: LastInterval) -> [Tensor<1>; 2] {
-        sampling::intervals(t, ends, self.rule(), last)
     }
 
     /// Returns whether a sample represents its whole interval; the two passes then share no samples.

@@ -33,7 +33,6 @@ pub struct RayBatch {
 }
 
 impl RayBatch {
-    /// Returns a batch of rays with these `ends` for a field on `device`.
     pub(crate) fn new(rays: Vec<Ray>, ends: Vec<Option<[f32; 2]>>, device: &Device) -> Self {
         let device = device.clone().inner();
         let vectors = |of: fn(&Ray) -> [f32; 3]| rays.iter().flat_map(of).collect();
@@ -114,8 +113,7 @@ impl RayBatch {
     /// Returns the points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`. Only
     /// [`Self::points`] keeps gradients with respect to rays.
     pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
-        let [t, delta, radii] =
-            [&samples.distance, &samples.delta, &self.radii].map(|values| with_autodiff_of(values, device));
+        let [t, delta, radii] = [&samples.distance, &samples.delta, &self.radii].map(|v| with_autodiff_of(v, device));
         let [positions, directions] = [&positions, &self.geometry()[1]].map(|rows| with_autodiff_of(rows, device));
         Points { positions, directions, segments: samples.segments.clone(), extent: Extent::Cones { t, delta, radii } }
     }

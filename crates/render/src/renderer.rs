@@ -10,7 +10,7 @@ use crate::noise::{Noise, RandomStream};
 use crate::occupancy::OccupancyGrid;
 use crate::output::{Passes, RenderOutput, RenderRequest, Samples};
 use crate::rays::RayBatch;
-use crate::sampler::{PassCoordinates, PlacedSamples, Skip};
+use crate::sampler::{Coordinates, PlacedSamples, Skip};
 use crate::warp::Warp;
 
 /// Renderer of one scene: renders batches of rays.
@@ -89,16 +89,15 @@ impl Renderer {
             return Passes { coarse: is_hierarchical.then(empty), fine: empty() };
         }
         let first = self.first_coordinates(rays, at);
-        let pass = |field: &F, coordinates: &PassCoordinates| {
+        let pass = |field: &F, coordinates: &Coordinates| {
             let PlacedSamples { samples, points, kept } = self.place(rays, coordinates, skip, &field.device());
             (evaluate(field, samples, &points), kept)
         };
         if !is_hierarchical {
             return Passes { coarse: None, fine: pass(&model.fine, &first).0 };
         }
-        let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
-        let (coarse, kept) =
-            if request.color { pass(coarse_field, &first) } else { pass(&coarse_field.valid(), &first) };
+        let field = model.coarse.as_ref().unwrap_or(&model.fine);
+        let (coarse, kept) = if request.color { pass(field, &first) } else { pass(&field.valid(), &first) };
         let fine = self.fine_coordinates(rays, &first, kept.as_deref(), &coarse.tau);
         Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }

@@ -25,9 +25,8 @@ const PROBES: usize = 500;
 /// angle between the pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from
 /// camera i and the distance that the field renders there: it is large where x is hidden from view i. Residuals are
 /// interpolated bilinearly between valid pixels, distances between valid pixels whose rays hit something. Pixels whose
-/// rays hit nothing are unchanged.
-/// The sum is an unstructured lumigraph (Buehler et al. 2001, without its penalty for resolution) of what the field fails
-/// to fit: detail finer than its tables, gloss, exposure.
+/// rays hit nothing are unchanged. The sum is an unstructured lumigraph (Buehler et al. 2001, without its penalty for
+/// resolution) of what the field fails to fit: detail finer than its tables, gloss, exposure.
 #[derive(Debug)]
 pub struct Residuals {
     scene: Arc<Scene>,
@@ -195,7 +194,6 @@ mod tests {
         Scene { train: vec![View::new(0, "photograph", camera, image)], ..Scene::default() }
     }
 
-    /// Returns the residuals of `scene` for a model in the scene's frame.
     fn residuals(scene: &Scene) -> Residuals {
         let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
         Residuals::new(Arc::new(scene.clone()), cameras)
@@ -242,8 +240,7 @@ mod tests {
     #[test]
     fn hidden_and_invalid_pixels_add_nothing() {
         let mut scene = photographed();
-        let unchanged =
-            |scene: &Scene, factor| added(scene, &camera(0.1), factor).iter().all(|(added, _)| *added == 0.0);
+        let unchanged = |scene: &Scene, factor| added(scene, &camera(0.1), factor).iter().all(|(by, _)| *by == 0.0);
         assert!(!unchanged(&scene, 1.0));
         assert!(unchanged(&scene, 0.8), "something before the plane hides it");
         scene.train[0].valid = Some(vec![false; (SIZE * SIZE) as usize].into());

@@ -3,6 +3,7 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::Points;
 use infonerf_ops::sampling::march::{MarchSettings, MarchedRays, march};
+use infonerf_ops::sampling::{importance, intervals, resample, stratified};
 use infonerf_ops::{Segments, to_host, upload};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
@@ -25,7 +26,7 @@ pub(crate) struct Skip<'a> {
 
 /// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped; in no autodiff graph.
 #[derive(Clone, Debug)]
-pub(crate) struct PassCoordinates {
+pub(crate) struct Coordinates {
     /// Sorted coordinates of `N` samples of each ray, `[H, N]`, or of their edges, `[H, N + 1]`. They are distances,
     /// unless space is warped ([`Warp::coordinate`](crate::Warp::coordinate)).
     t: Tensor<2>,
@@ -94,23 +95,23 @@ impl Renderer {
     }
 
     /// Returns the stratified coordinates of the coarse pass, or the only one. At least one ray meets the scene.
-    pub(crate) fn first_coordinates(&self, rays: &RayBatch, at: Moment) -> PassCoordinates {
+    pub(crate) fn first_coordinates(&self, rays: &RayBatch, at: Moment) -> Coordinates {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
-        let jitter = rays.streams(rays.hits(), false);
-        PassCoordinates { t: self.config.placement.first(ends.clone(), count, jitter.as_ref()), ends }
+        let (size, jitter) = ([ends.dims()[0], count], rays.streams(rays.hits(), false));
+        Coordinates { t: stratified(ends.clone(), size, self.config.placement.rule(), jitter.as_ref()), ends }
     }
 
-    /// Draws the coordinates of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`.
-    /// A coarse sample that was skipped has weight 0.
+    /// Draws the coordinates of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`,
+    /// and merges both unless they are edges. A coarse sample that was skipped has weight 0.
     pub(crate) fn fine_coordinates(
         &self,
         rays: &RayBatch,
-        coarse: &PassCoordinates,
+        coarse: &Coordinates,
         kept: Option<&[usize]>,
         tau: &Tensor<1>,
-    ) -> PassCoordinates {
-        let PassCoordinates { t, ends } = coarse.clone();
+    ) -> Coordinates {
+        let Coordinates { t, ends } = coarse.clone();
         let tau = match kept {
             None => with_autodiff_of(tau, &t.device()),
             Some(kept) => {
@@ -122,19 +123,14 @@ impl Renderer {
             }
         };
         let jitter = rays.streams(rays.hits(), true);
-        PassCoordinates { t: self.config.placement.fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
+        let draw = if self.config.placement.spans_intervals() { resample } else { importance };
+        Coordinates { t: draw(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
     /// Places the samples of a pass for a field on `device`, without those that are skipped.
-    pub(crate) fn place(
-        &self,
-        rays: &RayBatch,
-        pass: &PassCoordinates,
-        skip: Skip<'_>,
-        device: &Device,
-    ) -> PlacedSamples {
-        let PassCoordinates { t, ends } = pass.clone();
-        let [coordinate, delta] = self.config.placement.intervals(t, ends, self.config.last_interval);
+    pub(crate) fn place(&self, rays: &RayBatch, pass: &Coordinates, skip: Skip<'_>, device: &Device) -> PlacedSamples {
+        let Coordinates { t, ends } = pass.clone();
+        let [coordinate, delta] = intervals(t, ends, self.config.placement.rule(), self.config.last_interval);
         let distance = self.warp.distances(coordinate);
         let hits: Vec<usize> = rays.hits().collect();
         let per_ray = distance.dims()[0] / hits.len();
@@ -149,16 +145,14 @@ impl Renderer {
                 let [distance, delta] = [distance, delta].map(to_host);
                 let of_ray = |(row, &ray): (usize, &usize)| {
                     let mut kept = Vec::new();
-                    let samples =
-                        (row * per_ray..(row + 1) * per_ray).map(|index| (index, (distance[index], delta[index])));
+                    let samples = (row * per_ray..(row + 1) * per_ray).map(|i| (i, (distance[i], delta[i])));
                     self.keep(samples, &rays.on_host[ray], skip, |index, _| kept.push(index));
                     kept
                 };
                 let kept: Vec<Vec<usize>> = hits.par_iter().enumerate().map(of_ray).collect();
                 hits.iter().zip(&kept).for_each(|(&ray, kept)| counts[ray] = kept.len());
                 let kept = kept.concat();
-                let pick =
-                    |values: &[f32]| upload(kept.iter().map(|&index| values[index]).collect(), [kept.len()], &own);
+                let pick = |values: &[f32]| upload(kept.iter().map(|&i| values[i]).collect(), [kept.len()], &own);
                 (pick(&distance), pick(&delta), Some(kept))
             }
         };

@@ -56,9 +56,8 @@ struct Block {
 }
 
 impl<'a> UniformSteps<'a> {
-    /// Returns the steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at
-    /// the share `shift` of it. If `renderer` clips rays to the box of the grid, steps before and behind all occupied
-    /// cells are left out at once.
+    /// Returns the steps between `ends`, coordinates of near and far, each at most `step` long and with its sample at the share
+    /// `shift` of it. If `renderer` clips rays to the grid's box, steps before and behind all occupied cells are left out.
     pub(crate) fn new(
         renderer: &'a Renderer,
         ray: &Ray,
@@ -103,8 +102,7 @@ impl<'a> UniformSteps<'a> {
         Step { t, delta: count as f32 * self.length, point: point.map(|[x]| x).into() }
     }
 
-    /// Returns the sample of step `index`, the next one or one of the three behind it, and the state of its cell, which is
-    /// looked up with those of the steps that follow.
+    /// Returns the sample of step `index`, one of the next four, and the state of its cell, looked up with those that follow.
     #[inline]
     fn look_up(&mut self, grid: &OccupancyGrid, index: usize) -> (Step, CellState) {
         if !self.block.range.contains(&index) {
@@ -172,8 +170,7 @@ mod tests {
         for occupied in [[true; 8], std::array::from_fn(|cell| cell < 4), std::array::from_fn(|cell| cell >= 4)] {
             let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
             grid.restore(vec![1.0; 8], occupied.to_vec(), true).unwrap();
-            let found: Vec<f32> =
-                UniformSteps::new(&renderer, &ray, ends, step, Some(&grid)).map(|step| step.t).collect();
+            let found: Vec<f32> = UniformSteps::new(&renderer, &ray, ends, step, Some(&grid)).map(|s| s.t).collect();
             let kept = all.iter().filter(|step| grid.is_occupied(step.point));
             assert_eq!(found, kept.map(|step| step.t).collect::<Vec<_>>(), "{occupied:?}");
             assert!(found.len() > 20);

@@ -8,8 +8,7 @@ const ERROR_FULL_SCALE: f32 = 0.5;
 
 /// Maps `t` in `[0, 1]` to RGB in `[0, 1]`, from dark blue to yellow in even perceptual steps.
 ///
-/// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
-/// `t` is clamped, NaN counts as 0.
+/// A least-squares polynomial of degree 6 through the 256 colours of `viridis`, off by at most 0.017. `t` is clamped, NaN counts as 0.
 pub(crate) fn viridis(t: f32) -> [f32; 3] {
     let coefficients = [
         [0.274, 0.006, 0.333],

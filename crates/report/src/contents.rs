@@ -72,9 +72,8 @@ impl<'a> ReportContents<'a> {
         let mut scenes = Vec::new();
         for name in names {
             let views = most.min(left);
-            if views < MAX_VIEWS {
-                missing.push(format!("{name}: images of {} of {MAX_VIEWS} test views", MAX_VIEWS - views));
-            }
+            let left_out = || format!("{name}: images of {} of {MAX_VIEWS} test views", MAX_VIEWS - views);
+            missing.extend((views < MAX_VIEWS).then(left_out));
             left -= views;
             let gallery = SceneGallery::collect(&variants, root, name, |all| evenly_spaced(all, views), &mut missing);
             scenes.push(SceneContents::gather(gallery, root, &mut missing)?);
@@ -125,9 +124,7 @@ impl<'a> SceneContents<'a> {
         for (label, record) in &gallery.runs {
             let folder = record.directory();
             let page = folder.join(VIEWER_PAGE);
-            if root.join(&page).is_file() {
-                viewers.push((label.clone(), with_forward_slashes(&page)));
-            }
+            viewers.extend(root.join(&page).is_file().then(|| (label.clone(), with_forward_slashes(&page))));
             // A run that trained several fields shows the first one's events.
             let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));
             let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
@@ -135,9 +132,8 @@ impl<'a> SceneContents<'a> {
                 missing.push(format!("{}: cannot be read", path.display()));
                 continue;
             };
-            if events.skipped > 0 {
-                missing.push(format!("{}: cannot read {}", path.display(), counted(events.skipped, "line")));
-            }
+            let skipped = || format!("{}: cannot read {}", path.display(), counted(events.skipped, "line"));
+            missing.extend((events.skipped > 0).then(skipped));
             curves.push((label.clone(), events));
         }
         let figures = curve_figures(&gallery.scene, &curves)?;

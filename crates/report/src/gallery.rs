@@ -70,9 +70,7 @@ impl<'a> SceneGallery<'a> {
         for (_, record) in &runs {
             let folder = record.directory().join("test");
             let own = picture_names(&root.join(&folder));
-            if own.is_empty() {
-                missing.push(format!("{}: no images", with_forward_slashes(&folder)));
-            }
+            missing.extend(own.is_empty().then(|| format!("{}: no images", with_forward_slashes(&folder))));
             names.push(own);
         }
         let shared = names.iter().cloned().reduce(|a, b| &a & &b).unwrap_or_default();
@@ -80,9 +78,7 @@ impl<'a> SceneGallery<'a> {
         let mut views = Vec::new();
         for name in choose(all.into_iter().collect()) {
             let truth = runs.iter().find_map(|(_, record)| read(root, record, "truth", &name).ok());
-            if truth.is_none() {
-                missing.push(format!("no truth for view {name} of {scene}"));
-            }
+            missing.extend(truth.is_none().then(|| format!("no truth for view {name} of {scene}")));
             let mut shot = |record: &Record| {
                 KINDS.map(|(_, folder)| read(root, record, folder, &name).map_err(|note| missing.push(note)).ok())
             };

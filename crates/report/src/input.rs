@@ -51,8 +51,7 @@ impl ReportInput {
         self.records.iter().filter(|record| values.contains_key(&(&*record.variant, &*record.preset))).collect()
     }
 
-    /// Returns the title with the keys of a sweep and the number of training views, such as
-    /// `NeRF and InfoNeRF by λ₁, 4 training views`.
+    /// Returns the title with the keys of a sweep and the number of training views, such as `NeRF by λ₁, 4 training views`.
     pub fn heading(&self) -> String {
         let settings = self.records.iter().filter_map(|record| record.setting.as_ref());
         let keys: BTreeSet<_> = settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();

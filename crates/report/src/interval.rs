@@ -54,11 +54,9 @@ impl Interval {
         (degrees > 0.0).then(|| Self::student(sum(|[_, mean, _]| *mean) / count, se, degrees))
     }
 
-    /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e,
-    /// fitted by restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest.
-    /// If all scenes have equally many pairs and differ more than their pairs do, this is Student's test of the scenes' means.
-    ///
-    /// Returns `None` for a single scene.
+    /// Estimates the mean over scenes like these, `None` for a single one: the mixed model d = μ + b_scene + e with independent
+    /// normal b and e, fitted by restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in
+    /// lmerTest. If all scenes have equally many pairs and differ more than their pairs do, this is Student's test of their means.
     pub(crate) fn on_similar_scenes(scenes: &[Vec<f64>]) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();

@@ -2,8 +2,7 @@
 //!
 //! - [`Record`]: one run, an entry of `results.json`.
 //! - [`ReportInput`]: records, claims and published figures of an experiment. [`write_report`] makes the `report.html` of
-//!   one experiment, [`write_collection`] one report of several, and [`results_document`] one Markdown document of
-//!   several.
+//!   one experiment, [`write_collection`] one of several, and [`results_document`] one Markdown document of several.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
 //!   CSV or plain text, always below the [protocol](protocol_lines) that its numbers follow.
 //! - [`Published`]: a paper's own figures, and [`Claim`]: a statement on the order of variants, tested on records.

@@ -24,10 +24,7 @@ const TRUTH: &str = "truth";
 /// If no run has an image of that view, or the labels cannot be drawn.
 pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<(RgbImage, Vec<String>), ReportError> {
     let records: Vec<&Record> = records.iter().collect();
-    let choose = |all: Vec<String>| match view {
-        Some(view) => vec![format!("{view:03}")],
-        None => evenly_spaced(all, 1),
-    };
+    let choose = |all: Vec<String>| view.map_or_else(|| evenly_spaced(all, 1), |view| vec![format!("{view:03}")]);
     let variants = shown_variants(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
     let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());

@@ -5,8 +5,7 @@ use serde::{Deserialize, Deserializer, de};
 
 use crate::record::Record;
 
-/// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
-/// or a cost. Files name a quantity by its key.
+/// Number of a [`Record`] that reports show: a metric of [`METRICS`], a statistic of test rays, or a cost. Files name it by key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Quantity(Descriptor);
 
@@ -78,10 +77,8 @@ impl Quantity {
 
     /// Returns the name with its unit, such as `PSNR (dB)`.
     pub fn name(self) -> String {
-        match self.unit {
-            "" => self.0.name.to_owned(),
-            unit => format!("{} ({unit})", self.0.name),
-        }
+        let Descriptor { name, unit, .. } = self.0;
+        if unit.is_empty() { name.to_owned() } else { format!("{name} ({unit})") }
     }
 }
 

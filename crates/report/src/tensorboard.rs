@@ -1,10 +1,9 @@
 //! Training curves for TensorBoard: event files with every scalar of a `metrics.jsonl`.
 //!
 //! A file is a sequence of records, each `length (u64), masked CRC of length, data, masked CRC of data`, little-endian
-//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an
-//! `Event` in the encoding of Protocol Buffers
-//! ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)), of
-//! which scalars need five fields.
+//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an `Event`
+//! in the encoding of Protocol Buffers, of which scalars need five fields
+//! ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)).
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -37,7 +37,6 @@ fn keys(value: &Value) -> Vec<&String> {
     object(value).keys().collect()
 }
 
-/// Returns whether `value` is of a type that `property` allows.
 fn allows(property: &Value, value: &Value) -> bool {
     let types = match &property["type"] {
         Value::Array(types) => types.clone(),

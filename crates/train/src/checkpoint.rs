@@ -39,7 +39,6 @@ const OCCUPANCY: &str = "occupancy.bin";
 struct Manifest {
     version: u32,
     progress: Progress,
-    /// Number of models in the weight average.
     averaged: usize,
     files: Vec<CheckpointFile>,
 }
@@ -68,8 +67,7 @@ impl Checkpoint {
             return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
-        let bytes =
-            |model: &Model<F>| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
+        let bytes = |model: &Model<F>| model.clone().into_record().into_bytes().map(|b| b.to_vec()).map_err(record);
         let parts = [
             (MODEL, Some(bytes(model)?)),
             (AVERAGE, average.mean.as_ref().map(bytes).transpose()?),

@@ -31,7 +31,6 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// Returns a fault of the config at `key`.
     pub(crate) fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
         // Control characters, such as line breaks, are escaped, as a message is one line.
         let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };

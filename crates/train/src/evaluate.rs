@@ -99,9 +99,7 @@ impl<'a> Evaluation<'a> {
         let truth = Picture::new(view.image.rgb.clone(), view.image.width as usize, view.image.height as usize)?;
         let depths = view.depth.as_ref().map(|truth| Depths { render: &image.depth, truth });
         let [width, height] = render.size();
-        let mask = |inside: &Option<Arc<[bool]>>| {
-            inside.as_ref().map(|inside| Mask::new(inside.to_vec(), width, height)).transpose()
-        };
+        let mask = |of: &Option<Arc<[bool]>>| of.as_ref().map(|of| Mask::new(of.to_vec(), width, height)).transpose();
         let (mask, valid) = (mask(&view.mask)?, mask(&view.valid)?);
         let pair = Pair { depths, mask: mask.as_ref(), valid: valid.as_ref(), ..Pair::new(&render, &truth) };
         let values = self.evaluator.add(pair)?.clone();

@@ -64,8 +64,7 @@ impl ValidPixels {
                 let mut square = (0..factor * factor).map(|i| (x * factor + i % factor, y * factor + i / factor));
                 view.valid.as_ref().is_none_or(|valid| square.all(|(x, y)| valid[(y * stride + x) as usize]))
             };
-            let valid: Vec<(u32, u32)> =
-                (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(is_valid).collect();
+            let valid: Vec<_> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(is_valid).collect();
             let index_of = |&(x, y): &(u32, u32)| (view_index as u32 * height + y) * width + x;
             let inner = valid.iter().filter(|(x, y)| columns.contains(x) && rows.contains(y)).map(index_of);
             let (before, all) = (central.len(), valid.iter().map(index_of));

@@ -1,5 +1,4 @@
-//! Training of radiance fields: configs and presets, the optimization loop, checkpoints, events,
-//! ensembles and evaluation on test views.
+//! Training of radiance fields: configs and presets, optimization, checkpoints, events, ensembles, evaluation on test views.
 //!
 //! ```text
 //! Config + Scene ─► Trainer ─► Event … ─► Checkpoint ─► evaluate

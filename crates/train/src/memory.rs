@@ -123,8 +123,7 @@ fn gib(bytes: u64) -> String {
 
 /// Returns the max number of samples at which a step evaluates fields, along all rays that the terms need. If it is set,
 /// `train.target_samples` gives this number, scaled from seen rays to all rays, but no fewer than in the first step, when
-/// no space is known to be empty. A coarse pass has a gradient along seen rays alone, and only then keeps its
-/// activations.
+/// no space is known to be empty. A coarse pass keeps activations along seen rays alone, as others have no gradient.
 fn samples(config: &Config) -> u64 {
     let (train, render) = (&config.train, &config.render);
     let needs = config.loss.needs();

@@ -28,7 +28,6 @@ pub(crate) struct FieldBuilder<F> {
 }
 
 impl FieldBuilder<RadianceField> {
-    /// Returns a builder of the fields that `config` describes for a scene.
     pub(crate) fn configured(config: &Config, scene: &Scene) -> Self {
         let Aabb { min, max } = field_bounds(config, scene);
         let (bounds, body) = ([min.to_array(), max.to_array()], scene.space.body.clone());

@@ -57,7 +57,6 @@ impl Profile {
         self.waits_for = Some(device);
     }
 
-    /// Runs `work` and books its time under `phase`.
     pub(crate) fn time<T>(&mut self, phase: Phase, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
@@ -83,8 +82,7 @@ impl Profile {
         self.traffic = self.traffic + (Traffic::now() - before);
     }
 
-    /// Returns the traffic between the host and the device in all steps. It is counted for the whole process, including
-    /// other fields that are trained at the same time.
+    /// Returns the traffic between host and device in all steps, of the whole process: fields trained meanwhile count as well.
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }

@@ -1,7 +1,5 @@
 //! Source images: the training views as the input of image-conditioned fields (PixelNeRF).
 
-use std::sync::Arc;
-
 use glam::{DVec2, Vec3};
 use infonerf_field::{SourceView, Sources};
 use infonerf_render::{Noise, RandomStream};
@@ -18,8 +16,7 @@ pub(crate) struct TrainingSources(pub(crate) Sources);
 impl TrainingSources {
     /// Copies the training views if a field `sees` images.
     pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
-        let views =
-            if sees { scene.train.iter().map(|view| source(view, scene.background)).collect() } else { Arc::default() };
+        let views = scene.train.iter().filter(|_| sees).map(|view| source(view, scene.background)).collect();
         let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
         Self(Sources { views, middle })
     }

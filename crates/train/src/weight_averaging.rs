@@ -1,7 +1,6 @@
 //! Averaging of weights over the end of a run (Polyak and Juditsky 1992; Izmailov et al. 2018).
 //!
-//! Few views leave much of a scene undetermined, and there the weights keep fluctuating with the batches. Their mean has
-//! less noise than the weights of any one step.
+//! Few views leave much of a scene undetermined, and there the weights keep fluctuating with the batches; their mean less so.
 
 use std::vec::IntoIter;
 

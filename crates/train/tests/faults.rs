@@ -150,10 +150,6 @@ impl Field for NanField {
         let sigma = self.density.val().expand([samples]) * if at.step == self.step { f32::NAN } else { 1.0 };
         FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
     }
-
-    fn device(&self) -> Device {
-        self.density.val().device()
-    }
 }
 
 /// Checks that earlier steps are reported, and that no later step changes the weights, whenever losses are read.

@@ -88,8 +88,7 @@ fn number_of_threads_changes_nothing() {
 fn training_side_by_side_changes_nothing() {
     for (config, device) in cases() {
         let seeds = 0..3;
-        let alone: Vec<Vec<Event>> =
-            seeds.clone().map(|seed| steps(&mut trainer(&config, seed, &device), STEPS)).collect();
+        let alone: Vec<_> = seeds.clone().map(|seed| steps(&mut trainer(&config, seed, &device), STEPS)).collect();
         let mut trainers: Vec<Trainer> = seeds.map(|seed| trainer(&config, seed, &device)).collect();
         let mut together = vec![Vec::new(); trainers.len()];
         let start = Instant::now();

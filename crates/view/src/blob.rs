@@ -29,7 +29,6 @@ impl Blob {
     }
 }
 
-/// Encodes values as little-endian bytes.
 pub(crate) fn floats<'a>(values: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
     values.into_iter().flat_map(|value| value.to_le_bytes()).collect()
 }

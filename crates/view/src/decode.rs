@@ -144,7 +144,6 @@ pub(crate) fn packed(config: &RenderConfig, trained: &TrainedModel, voxels: usiz
     DecodedPackage { package, bytes }
 }
 
-/// Evaluates the field itself at a point.
 pub(crate) fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
     let field = &trained.model.fine;
     let [p, direction] = [p, direction].map(|v| from_host(&v.to_array(), 3, &field.device()));

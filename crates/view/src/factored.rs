@@ -15,7 +15,7 @@ use crate::blob::{Blob, bits, floats};
 use crate::network::{PackedNetwork, Place};
 use crate::package::Subjects;
 use crate::shader::{FieldMarch, clips, vector};
-use crate::tables::{Quantised, groups, quantise};
+use crate::tables::{Quantised, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
 /// Number of bytes of uniforms that fit into graphics cards in practice; WebGL2 guarantees a quarter of it.
@@ -79,7 +79,7 @@ fn finest(layout: &FactoredLayout) -> usize {
 
 /// Returns the number of textures of each plane, and of each line.
 fn texture_groups(layout: &FactoredLayout) -> usize {
-    groups(layout.levels.first().map_or(4, |level| level.channels))
+    layout.levels.first().map_or(1, |level| level.channels.div_ceil(4))
 }
 
 /// Writes the field's part of the shader; the field covers a box of `size`.
@@ -143,6 +143,7 @@ fn layers(layers: &[(usize, usize)]) -> String {
     text
 }
 
+#[derive(Default)]
 struct TableTextures {
     /// Array of RGBA textures of each level, `[3 · groups, res, res, 4]`.
     planes: Vec<Vec<u8>>,
@@ -158,12 +159,8 @@ impl TableTextures {
     fn of(field: &FactoredField, at: Moment) -> Self {
         let (layout, tables) = (field.layout(), to_host(field.tables()));
         let (frequency_weights, level_weights) = field.detail(at);
-        let mut parts = Self {
-            planes: Vec::new(),
-            lines: Vec::new(),
-            offsets: Vec::new(),
-            inputs: vec![Some((0, 1.0)), Some((1, 1.0)), Some((2, 1.0)), None],
-        };
+        let inputs = vec![Some((0, 1.0)), Some((1, 1.0)), Some((2, 1.0)), None];
+        let mut parts = Self { inputs, ..Self::default() };
         for (frequency, &weight) in frequency_weights.iter().enumerate() {
             let first = 3 + 6 * frequency;
             let of = |input: usize| Some((input, weight));

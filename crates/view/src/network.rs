@@ -2,8 +2,6 @@
 
 use infonerf_ops::factored::FactoredLayout;
 
-use crate::tables::groups;
-
 /// Index of an input or output of a layer at a place of the shader's vector, and a factor of its weights; `None` if empty.
 pub(crate) type Place = Option<(usize, f32)>;
 
@@ -32,7 +30,7 @@ impl PackedNetwork {
                 let of_color = |c: usize| [derivative(4 + 3 * c), derivative(5 + 3 * c), derivative(6 + 3 * c), None];
                 (0..4).map(|o| Some((o, 1.0))).chain(colors.flat_map(of_color)).collect()
             } else {
-                (0..4 * groups(layer.outputs)).map(|o| (o < layer.outputs).then_some((o, 1.0))).collect()
+                (0..layer.outputs.next_multiple_of(4)).map(|o| (o < layer.outputs).then_some((o, 1.0))).collect()
             };
             let weight = |output: Place, input: Place| match (output, input) {
                 (Some((o, to)), Some((i, from))) => to * from * weights[layer.weight + o * layer.inputs + i],

@@ -73,7 +73,6 @@ impl FieldMarch<'_> {
     }
 }
 
-/// Returns whether rays are clipped to the scene's box.
 pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
     config.clip_to_bounds && warp.is_identity()
 }

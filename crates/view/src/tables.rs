@@ -12,11 +12,6 @@ pub(crate) struct Quantised {
     pub(crate) range: Vec<f32>,
 }
 
-/// Returns the number of textures of four channels that hold `channels`.
-pub(crate) fn groups(channels: usize) -> usize {
-    channels.div_ceil(4)
-}
-
 /// Quantises `table`, `[texels, channels]` row-major.
 pub(crate) fn quantise(table: &[f32], channels: usize) -> Quantised {
     let of_channel = |k: usize| table.iter().skip(k).step_by(channels).copied();
@@ -28,5 +23,5 @@ pub(crate) fn quantise(table: &[f32], channels: usize) -> Quantised {
         let texel = |row: &[f32]| [0, 1, 2, 3].map(|k| row.get(4 * group + k).map_or(0, |&v| byte(v, 4 * group + k)));
         table.chunks_exact(channels).flat_map(texel).collect()
     };
-    Quantised { textures: (0..groups(channels)).map(texture).collect(), low, range }
+    Quantised { textures: (0..channels.div_ceil(4)).map(texture).collect(), low, range }
 }

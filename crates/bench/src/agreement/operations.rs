@@ -131,8 +131,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 let mut depth = 0.0;
                 for i in 0..count as usize {
                     let t = near + (i as f32 + shift) * length;
-                    let p: [f32; 3] =
-                        std::array::from_fn(|axis| origins[3 * ray + axis] + t * directions[3 * ray + axis]);
+                    let p: [f32; 3] = std::array::from_fn(|i| origins[3 * ray + i] + t * directions[3 * ray + i]);
                     let cell = p.map(|x| ((x + 1.0) * 3.5).floor());
                     let is_inside = cell.iter().all(|c| (0.0..CELLS as f32).contains(c));
                     let [x, y, z] = cell.map(|c| c as usize);
@@ -221,10 +220,8 @@ fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         if frequencies > 0 {
             compare.within(ENCODING, &format!("integrated encoding, {frequencies} octaves"), |device| {
                 let (means, variances) = (leaf(&points, device), leaf(&variances, device));
-                value_and_gradients(
-                    integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW),
-                    &[&means, &variances],
-                )
+                let out = integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW);
+                value_and_gradients(out, &[&means, &variances])
             });
         }
     }

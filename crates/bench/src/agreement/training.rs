@@ -66,7 +66,6 @@ pub(super) struct Course {
 }
 
 impl FieldCase {
-    /// Prepares training of this field on the plan's scene, with `extra` settings.
     fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
         let settings = TINY.split(' ').chain(self.settings.split(' ')).chain(extra.iter().copied());
         let plan = RunPlan { config: Config::of(self.preset, settings).context(self.name)?, ..plan.clone() };
@@ -82,9 +81,7 @@ impl FieldCase {
         let read = |trainer: &Trainer| weights(&trainer.model()).into_iter().map(to_host).collect::<Vec<_>>();
         let before = read(&trainer);
         trainer.step(&mut |_| ())?;
-        let moved = |(before, after): (&Vec<f32>, Vec<f32>)| {
-            before.iter().zip(after).map(|(before, after)| (after - before) / RATE).collect()
-        };
+        let moved = |(a, b): (&Vec<f32>, Vec<f32>)| a.iter().zip(b).map(|(a, b)| (b - a) / RATE).collect();
         Ok(before.iter().zip(read(&trainer)).map(moved).collect())
     }
 

@@ -54,8 +54,7 @@ struct StressCase {
     rays: usize,
     #[serde(flatten)]
     errors: Errors,
-    /// Bound of the value; `None` on a GPU, which computes in single precision throughout and loses digits where terms cancel:
-    /// values of a GPU only have to be finite.
+    /// Bound of the value; `None` on a GPU, whose single precision loses digits where terms cancel: values need only be finite.
     value_bound: Option<f64>,
     gradient_bound: Option<f64>,
     exception: Option<&'static str>,
@@ -124,22 +123,14 @@ fn measure(bench: &Bench, on: &OpenDevice, count: usize, print: &mut dyn FnMut(&
     }
     at("encodings, frustums and fields");
     let few = count / 20;
-    for (case, draw) in field::COORDINATES {
-        rows.push(StressCase::new(name, "encoding", case, 0, field::encoding(draw, few, device, rng)));
-    }
-    for (case, draw) in field::COORDINATES {
-        rows.push(StressCase::new(name, "integrated encoding", case, 0, field::integrated(draw, few, device, rng)));
-    }
-    rows.push(StressCase::new(name, "frustums", "1e-6 to 1e6 units away", 0, field::frustums(count, device, rng)));
-    for (case, contents) in field::CONTENTS {
-        rows.push(StressCase::new(name, "factored field", case, 0, field::field(contents, few, device, rng)));
-    }
-    for (case, draw) in field::PLANES {
-        rows.push(StressCase::new(name, "total variation", case, 0, field::variation(draw, count, device, rng)));
-    }
-    for (case, truth) in field::COLORS {
-        rows.push(StressCase::new(name, "L_RGB", case, 0, field::photometric(truth, few, device, rng)));
-    }
+    let row = |of: &'static str, case: &str, errors: Errors| StressCase::new(name, of, case, 0, errors);
+    let points = field::COORDINATES;
+    rows.extend(points.map(|(case, of)| row("encoding", case, field::encoding(of, few, device, rng))));
+    rows.extend(points.map(|(case, of)| row("integrated encoding", case, field::integrated(of, few, device, rng))));
+    rows.push(row("frustums", "1e-6 to 1e6 units away", field::frustums(count, device, rng)));
+    rows.extend(field::CONTENTS.map(|(case, of)| row("factored field", case, field::field(of, few, device, rng))));
+    rows.extend(field::PLANES.map(|(case, of)| row("total variation", case, field::variation(of, count, device, rng))));
+    rows.extend(field::COLORS.map(|(case, of)| row("L_RGB", case, field::photometric(of, few, device, rng))));
     at("bounds and renders");
     let plan = &bench.plans[0];
     for scale in geometry::SCALES {
@@ -151,7 +142,7 @@ fn measure(bench: &Bench, on: &OpenDevice, count: usize, print: &mut dyn FnMut(&
         }
     }
     if has_host_kernels(device) || device.supports_dtype(FloatDType::BF16) {
-        rows.push(StressCase::new(name, network::OPERATION, network::CASE, 0, network::rounded(few, device, rng)));
+        rows.push(row(network::OPERATION, network::CASE, network::rounded(few, device, rng)));
     }
     Ok(rows)
 }

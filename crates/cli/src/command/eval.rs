@@ -153,10 +153,8 @@ fn evaluate_runs(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns `plan` with the test views of another protocol.
-///
-/// Returns an error if the run would then have other training views, in another space: formats that hold out views of one list
-/// train on all of them if training views are tested.
+/// Returns `plan` with the test views of another protocol; an error if the run would then have other training views, in another
+/// space: formats that hold out views of one list train on all of them if training views are tested.
 fn tested_by(plan: &RunPlan, test: &TestProtocol) -> Result<RunPlan> {
     let mut other = plan.clone();
     other.config.eval.max_views = 0;

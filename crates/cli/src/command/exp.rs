@@ -95,10 +95,8 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
     let (mut reporter, mut events) =
         (Reporter::new(existing.same_command(), session.device.name, true, &args.out), JsonEvents::default());
     let mut watch = |event: PlanEvent<'_>| {
-        if !as_text && let PlanEvent::Written(_, Some(_), _) = &event {
-            command_line::save_or_warn(&folder);
-        }
         match &event {
+            PlanEvent::Written(_, Some(_), _) if !as_text => command_line::save_or_warn(&folder),
             PlanEvent::Run(_, _, RunEvent::Warning(warning)) if args.quiet => errln!("warning: {warning}"),
             PlanEvent::RunEnded(_, plan, RunEnd::Failed(reason)) if !as_text => {
                 errln!("{}: failed: {reason}", plan.label())

@@ -2,7 +2,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use infonerf_dataset::SceneSource;
 use infonerf_experiment::{RunPlan, Trained};
@@ -70,14 +70,11 @@ const RESOLUTION: usize = 256;
 const SPLAT_RESOLUTION: usize = 128;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
-    if args.triangles.is_some() && !matches!(args.format, FormatName::Ply | FormatName::Glb) {
-        bail!("--triangles: expected a mesh (ply or glb)");
-    }
+    let is_mesh = matches!(args.format, FormatName::Ply | FormatName::Glb);
+    ensure!(is_mesh || args.triangles.is_none(), "--triangles: expected a mesh (ply or glb)");
     let plan = RunPlan::of_run(&args.run)?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join(args.format.file()));
-    if out.is_dir() {
-        bail!("{}: expected a file to write, found a folder", out.display());
-    }
+    ensure!(!out.is_dir(), "{}: expected a file to write, found a folder", out.display());
     check_extension(&out, Path::new(args.format.file()))?;
     // An impossible path is reported before the work begins.
     fs::create_dir_all(out.parent().unwrap_or(&out)).with_context(|| out.display().to_string())?;

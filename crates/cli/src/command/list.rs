@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use indexmap::IndexSet;
 use infonerf_experiment::{Description, Experiment, RunPlan, Selection, config_origins, describe};
@@ -56,10 +56,8 @@ fn print_description(name: &str, described: &Description) {
         let values: IndexSet<String> = runs.iter().map(key).filter(|value| !value.is_empty()).collect();
         Vec::from_iter(values).join(", ")
     };
-    let data = match &about.data {
-        Some(data) => data.display().to_string(),
-        None => "built-in procedural scenes; --data DIR takes others".into(),
-    };
+    let data = about.data.as_ref().map(|data| data.display().to_string());
+    let data = data.unwrap_or_else(|| "built-in procedural scenes; --data DIR takes others".into());
     outln!("{name}: {}", about.title);
     for (what, values) in [
         ("changes", bases.join(", ")),
@@ -80,14 +78,9 @@ fn print_description(name: &str, described: &Description) {
 }
 
 pub(crate) fn config(args: &ConfigArgs) -> Result<ExitCode> {
-    let selection = Selection { preset: args.preset, set: args.set.clone(), ..Selection::default() };
-    let variant = match &args.variant {
-        Some(variant) => variant.clone(),
-        None => {
-            describe(&args.experiment)?.experiment.runs.first().context("expected at least one run")?.variant.clone()
-        }
-    };
-    let keys = config_origins(&args.experiment, &variant, &selection)?;
+    let variants = args.variant.iter().cloned().collect();
+    let selection = Selection { variants, preset: args.preset, set: args.set.clone(), ..Selection::default() };
+    let keys = config_origins(&args.experiment, &selection)?;
     outln!("# Optional keys that have their default are left out.\n[config]");
     for key in keys {
         let line = format!("{} = {}", key.key, key.value);

@@ -65,8 +65,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Stops the run after `timeout`, and ends the process if that takes longer than 10 s and 5 % of `timeout`: files on disk are
-/// always complete.
+/// Stops the run after `timeout`, and ends the process max(10 s, 5 % of `timeout`) later: files on disk are always complete.
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
     interrupt::request_stop();

@@ -138,7 +138,6 @@ pub fn assert_has(text: &str, parts: &[&str]) {
     }
 }
 
-/// Waits until there is a file at `path`.
 pub fn wait_for(path: &Path) {
     wait_until(&path.display().to_string(), || path.exists());
 }

@@ -85,8 +85,7 @@ impl Runner {
 }
 
 impl Workers {
-    /// Executes the missing runs of `sweep` in order, and reports the end of each run to `watch`. Returns the runs that failed,
-    /// or `None` if the execution was stopped on request.
+    /// Executes the missing runs of `sweep`, and returns those that failed, or `None` if the execution was stopped on request.
     pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
         let manifest = prepared.manifest();
         let (mut failed, mut stopped) = (BTreeSet::new(), false);
@@ -142,14 +141,12 @@ fn run_end(output: &Output) -> RunEnd {
         let text = String::from_utf8_lossy(bytes).into_owned();
         text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
     };
-    if output.status.success() {
-        return RunEnd::Finished(last(&output.stdout).unwrap_or_default());
-    }
-    if output.status.code() == Some(STOPPED) {
-        return RunEnd::Stopped;
-    }
     let reason = last(&output.stderr).unwrap_or_else(|| output.status.to_string());
-    RunEnd::Failed(reason.strip_prefix("error: ").map_or(reason.clone(), str::to_owned))
+    match output.status.code() {
+        Some(0) => RunEnd::Finished(last(&output.stdout).unwrap_or_default()),
+        Some(STOPPED) => RunEnd::Stopped,
+        _ => RunEnd::Failed(reason.strip_prefix("error: ").unwrap_or(&reason).to_owned()),
+    }
 }
 
 #[cfg(test)]

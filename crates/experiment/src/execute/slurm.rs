@@ -60,10 +60,8 @@ pub struct Jobs {
 }
 
 impl Slurm {
-    /// Submits the missing runs of `sweeps`, and a job that merges the results once all of them have ended.
-    ///
-    /// # Errors
-    /// One line with what Slurm printed. Items that it had accepted before stay submitted; the line names them.
+    /// Submits the missing runs of `sweeps`, and a job that merges the results once all of them have ended. If Slurm refuses,
+    /// items that it had accepted before stay submitted, and the error names them.
     pub(super) fn submit(&self, sweeps: &[Sweep], prepared: &[Prepared]) -> Result<Jobs> {
         let limit = array_limit()?;
         let mut jobs = Jobs { ids: Vec::new(), records: Vec::new() };
@@ -180,7 +178,6 @@ fn ranges(items: &[usize], base: usize) -> String {
     items.chunk_by(|a, b| a + 1 == *b).map(range).collect::<Vec<_>>().join(",")
 }
 
-/// Quotes a command for a shell.
 fn quoted(command: &[OsString]) -> Result<String> {
     let words = command.iter().map(|word| word.to_str().with_context(|| format!("{}: expected UTF-8", word.display())));
     Ok(shlex::try_join(words.collect::<Result<Vec<_>>>()?)?)
@@ -255,10 +252,7 @@ fn refused(name: &str, items: &[usize], jobs: &[String]) -> String {
     format!("{refused} (those before are, as {}: {remedy})", jobs.join(", "))
 }
 
-/// Runs `program`, a command of Slurm, and returns what it prints.
-///
-/// # Errors
-/// If there is no such program, or it fails: with what it printed, on one line.
+/// Runs `program`, a command of Slurm, and returns what it prints, or an error with this on one line.
 fn output<S: AsRef<OsStr>>(program: &str, args: &[S]) -> Result<String> {
     let output = match Command::new(program).args(args).stdin(Stdio::null()).output() {
         Err(error) if error.kind() == ErrorKind::NotFound => {

@@ -45,10 +45,9 @@ pub(super) fn evaluate(
     let files = |views: &[&View]| views.iter().filter(|_| has_files).map(|view| view.file.clone()).collect();
     let measured = evaluated.measured.representable();
     let mut notes = notes(plan, scene, progress.restarts);
-    if left_out > 0 {
-        let fields = trainers.len() + left_out;
-        notes.push(format!("{left_out} of {fields} fields became empty and are left out of the pictures"));
-    }
+    let fields = trainers.len() + left_out;
+    let empty = || format!("{left_out} of {fields} fields became empty and are left out of the pictures");
+    notes.extend((left_out > 0).then(empty));
     notes.extend(filled_note(scene, evaluated.opacity));
     notes.extend(measured.notes.iter().map(ToString::to_string));
     Ok(Some(Record {
@@ -148,12 +147,9 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
 /// Returns the notes of a record: what readers of its metrics should know.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = [scene.warnings.as_slice(), &scene.notes].concat();
-    if plan.data.is_none() {
-        notes.push("procedural scene, not a published data set".to_owned());
-    }
-    if let Some(budget) = plan.budget {
-        notes.push(format!("trained for {budget} s by the clock: another machine takes another number of steps"));
-    }
+    notes.extend(plan.data.is_none().then(|| "procedural scene, not a published data set".to_owned()));
+    let by_clock = |s: f64| format!("trained for {s} s by the clock: another machine takes another number of steps");
+    notes.extend(plan.budget.map(by_clock));
     if plan.config.train.unseen == Unseen::Dataset && plan.config.loss.needs().iter().any(Need::is_unseen) {
         let unseen = "unseen poses are those of all training images of the data set but the tested ones, chosen or not";
         notes.push(unseen.to_owned());
@@ -184,9 +180,8 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     notes.extend(supervision);
     notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
     notes.extend(plan.config.initial_weights());
-    if restarts > 0 {
-        notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
-    }
+    let restarted = || format!("the field went empty {restarts} times and training started over with other weights");
+    notes.extend((restarts > 0).then(restarted));
     notes
 }
 

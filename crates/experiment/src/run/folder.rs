@@ -34,16 +34,13 @@ fn own_records(folder: &Path) -> impl Iterator<Item = PathBuf> {
 }
 
 fn remove_files(paths: impl Iterator<Item = PathBuf>) -> Result<()> {
-    for path in paths.filter(|path| path.exists()) {
-        fs::remove_file(&path).with_context(|| path.display().to_string())?;
-    }
-    Ok(())
+    let remove = |path: PathBuf| fs::remove_file(&path).with_context(|| path.display().to_string());
+    paths.filter(|path| path.exists()).try_for_each(remove)
 }
 
 /// Removes what an earlier run left in `folder`. A folder in it that holds runs itself, of a scene, is kept.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
-    // The config is removed after all that `has_results` finds: if the removal is interrupted, the run can be continued, or
-    // counts as not begun.
+    // The config is removed after all that `has_results` finds: after an interruption the run goes on, or counts as not begun.
     let files = CHECKPOINTS.into_iter().chain(["config.toml", "metrics.jsonl", VIEWER_PAGE]);
     remove_files(own_records(folder).chain(files.map(|name| folder.join(name))))?;
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
@@ -62,8 +59,7 @@ fn holds_runs(scene: &Path) -> bool {
     children(scene.to_owned()).flat_map(children).any(|run| run.join("config.toml").exists())
 }
 
-/// Prepares the run in `folder` for more training: removes its record, page and orbit, and moves the files of a single field to `first`, the
-/// folder of the first field from now on.
+/// Prepares a run for more training: removes record, page and orbit, and moves the files of its one field to `first`.
 pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     let pages = [VIEWER_PAGE, "render/orbit.gif"].map(|name| folder.join(name));
     remove_files(own_records(folder).chain(pages))?;
@@ -77,8 +73,7 @@ pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Locks the folder of a run or a sweep (`what`) against other processes until the returned file is dropped. Also returns a
-/// warning if the file system has no locks.
+/// Locks the folder of a run or a sweep (`what`) until the returned file is dropped; warns if the file system has no locks.
 pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String>)> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;

@@ -26,9 +26,8 @@ impl Log {
     }
 
     pub(super) fn write(&mut self, event: &Event) -> Result<()> {
-        let path = self.path.display();
-        serde_json::to_writer(&mut self.file, event).with_context(|| path.to_string())?;
-        self.file.write_all(b"\n").with_context(|| path.to_string())
+        let line = serde_json::to_string(event)? + "\n";
+        self.file.write_all(line.as_bytes()).with_context(|| self.path.display().to_string())
     }
 
     pub(super) fn flush(&mut self) -> Result<()> {

@@ -19,10 +19,7 @@ impl PeakMemory {
 
     /// Returns the largest resident memory since the start, in bytes; `None` if the system does not report it for this run alone.
     pub(crate) fn peak(&self) -> Option<u64> {
-        if !self.own {
-            return None;
-        }
-        let status = fs::read_to_string("/proc/self/status").ok()?;
+        let status = self.own.then(|| fs::read_to_string("/proc/self/status"))?.ok()?;
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
         Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
     }

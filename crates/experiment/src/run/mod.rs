@@ -250,10 +250,8 @@ impl Session {
                 let folder = plan.member_folder(&run.folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
                 let other = trainers.first().or_else(|| training.first().map(|field| &field.trainer));
-                let mut trainer = match first_trainer.take() {
-                    Some(trainer) => trainer,
-                    None => plan.trainer(&scene, member, other, &self.device.device)?,
-                };
+                let new = || plan.trainer(&scene, member, other, &self.device.device);
+                let mut trainer = first_trainer.take().map_or_else(new, Ok)?;
                 let damaged = "the run cannot go on, and --overwrite starts it anew";
                 if let Some(checkpoint) = load_checkpoint(&folder, watch).context(damaged)? {
                     trainer.resume(&checkpoint)?;

@@ -1,19 +1,14 @@
 //! Runs of a few steps of tiny fields.
 
-use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 
-use infonerf_report::Record;
 use infonerf_train::Checkpoint;
 
 use super::*;
 use crate::device::{DeviceName, open};
 use crate::plan::Experiment;
-use crate::run::{Control, Existing};
 use crate::testing::selected;
 
-/// Settings, as words of a command line.
 const TINY: &str = "train.iterations=3 train.rays=16 train.unseen_rays=8 train.target_samples=200 scene.size=16 \
                     eval.test=first-1 eval.information_rays=8 field.resolutions=[4,8] field.width=8 \
                     render.occupancy.resolution=8 render.samples=8 loss.kl.weight=1e-3";

@@ -30,7 +30,6 @@ pub(crate) struct Training {
     pub(crate) first_step_seconds: f64,
 }
 
-/// State of the training of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     /// There are steps to take.

@@ -1,7 +1,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 use infonerf_render::{Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Schedule;
@@ -75,13 +75,10 @@ impl Trained {
             trainer.resume(&checkpoint)?;
             trainers.push(trainer);
         }
-        if trainers.is_empty() {
-            bail!("{}: expected a checkpoint: the run has none yet", folder.display());
-        }
+        ensure!(!trainers.is_empty(), "{}: expected a checkpoint: the run has none yet", folder.display());
         let (trainers, collapsed) = without_collapsed(trainers);
-        if collapsed > 0 {
-            warnings.push(format!("{}: {collapsed} fields went empty and are left out", folder.display()));
-        }
+        let empty = || format!("{}: {collapsed} fields went empty and are left out", folder.display());
+        warnings.extend((collapsed > 0).then(empty));
         Ok(Self::new(plan, trainers, warnings))
     }
 

@@ -110,8 +110,7 @@ impl TrainedVolume {
         evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
     }
 
-    /// Returns the derivative of the warp's coordinate, in which densities are measured, per scene unit at `p`, as seen from the
-    /// nearest training camera.
+    /// Returns the derivative of the warp's coordinate per scene unit at `p`, as seen from the nearest training camera.
     fn rate(&self, p: Vec3) -> f32 {
         let nearest = self.cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
         self.warp.rate(nearest)

@@ -127,16 +127,13 @@ impl Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with_psnr;
 
     #[test]
     fn variants_become_points() {
         let text = "x = 'views'\nlog = true\n[series]\nNeRF = { nerf-2 = 2, nerf-4 = 4, nerf-100 = 100 }";
         let plot: Plot = toml::from_str(text).unwrap();
-        let record = |variant: &str, psnr| Record {
-            variant: variant.into(),
-            metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
-            ..Record::default()
-        };
+        let record = |variant: &str, psnr| with_psnr(psnr, Record { variant: variant.into(), ..Record::default() });
         let figure = plot.figure(&[record("nerf-4", 15.0), record("nerf-2", 12.0)]).unwrap();
         assert_eq!(figure.svg.matches("<circle").count(), 2);
         assert!(toml::from_str::<Plot>("x = 'views'").is_err());

@@ -1,6 +1,6 @@
 //! `--grid dotted.key=value,value`: the values that a sweep combines.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_train::config;
 use serde::Deserialize;
 use toml::{Spanned, Value};
@@ -32,9 +32,7 @@ impl Grid {
             }
             for assignment in set {
                 let (path, _) = config::parse_assignment(assignment).with_context(|| format!("--set {assignment}"))?;
-                if overlap(&path, &grid.path) {
-                    bail!("--set {assignment}: contradicts --grid {key}");
-                }
+                ensure!(!overlap(&path, &grid.path), "--set {assignment}: contradicts --grid {key}");
             }
         }
         Ok(grids)
@@ -45,9 +43,8 @@ impl Grid {
         let (path, _) = config::parse_assignment(text).with_context(context)?;
         let (_, list) = text.split_once('=').with_context(context)?;
         let values = split(list).with_context(context)?;
-        if values.iter().any(String::is_empty) {
-            bail!("--grid {text}: expected values separated by commas, found an empty one");
-        }
+        let is_whole = !values.iter().any(String::is_empty);
+        ensure!(is_whole, "--grid {text}: expected values separated by commas, found an empty one");
         if let Some((_, value)) = values.iter().enumerate().find(|(index, value)| values[..*index].contains(value)) {
             bail!("--grid {text}: {value} is given twice");
         }
@@ -72,9 +69,8 @@ fn overlap(a: &[String], b: &[String]) -> bool {
 /// Returns every combination of values, as an index for each grid; the last grid's values change fastest.
 pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
     let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
-    if count.is_none_or(|count| count > MAX_SETTINGS) {
-        bail!("--grid: expected at most {MAX_SETTINGS} settings");
-    }
+    let fits = count.is_some_and(|count| count <= MAX_SETTINGS);
+    ensure!(fits, "--grid: expected at most {MAX_SETTINGS} settings");
     let longer = |choices: Vec<Vec<usize>>, grid: &Grid| {
         let with = |choice: Vec<usize>| (0..grid.values.len()).map(move |value| [&choice[..], &[value]].concat());
         choices.into_iter().flat_map(with).collect()
@@ -102,9 +98,7 @@ fn split(list: &str) -> Result<Vec<String>> {
         anyhow::anyhow!("expected values separated by commas: {}", error.message().lines().next().unwrap_or_default())
     })?;
     let mut values: Vec<String> = listed.values.iter().map(|value| text[value.span()].to_owned()).collect();
-    if list.trim_end().ends_with(',') {
-        values.push(String::new());
-    }
+    values.extend(list.trim_end().ends_with(',').then(String::new));
     Ok(values)
 }
 

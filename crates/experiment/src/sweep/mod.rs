@@ -36,7 +36,6 @@ pub struct Sweep {
     items: Vec<Item>,
 }
 
-/// One run of a sweep.
 #[derive(Clone, Debug)]
 struct Item {
     plan: RunPlan,
@@ -50,7 +49,6 @@ struct Item {
 const MAX_NAME: usize = 160;
 
 impl From<Experiment> for Sweep {
-    /// Makes a sweep of the runs of an experiment as they are.
     fn from(experiment: Experiment) -> Self {
         let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, choice: Vec::new() };
         let items = experiment.runs.into_iter().map(item).collect();
@@ -111,9 +109,8 @@ impl Sweep {
     }
 }
 
-/// Returns a variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
-///
-/// If a value has other characters or the name would be too long, a checksum keeps names apart.
+/// Returns a variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`. If a value
+/// has other characters or the name would be too long, a checksum keeps names apart.
 fn safe_name(variant: &str, assignments: &[String]) -> String {
     let exact: String = assignments.iter().map(|assignment| format!("_{}", assignment.replacen('=', "_", 1))).collect();
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' };

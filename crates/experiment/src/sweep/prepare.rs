@@ -24,17 +24,13 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Returns the path of the manifest, which has one line per run.
     pub(crate) fn manifest(&self) -> PathBuf {
         self.folder.join(manifest::NAME)
     }
 }
 
 impl Sweep {
-    /// Finds the runs below `out` that are not finished on `device`. Writes nothing.
-    ///
-    /// # Errors
-    /// If a run of another config is in the way, or a file cannot be read.
+    /// Finds the runs below `out` that are not finished on `device`, and refuses runs of another config. Writes nothing.
     pub(crate) fn find_missing(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let mut prepared = Prepared { missing: Vec::new(), ..self.all_missing(out)? };
         for (index, plan) in self.runs().enumerate() {
@@ -48,10 +44,7 @@ impl Sweep {
         Ok(prepared)
     }
 
-    /// Takes all runs as missing, whatever is below `out`.
-    ///
-    /// # Errors
-    /// If there is a list of records that cannot be read, to which records could not be added.
+    /// Takes all runs as missing. Refuses a list of records below `out` that cannot be read, to which none could be added.
     pub(crate) fn all_missing(&self, out: &Path) -> Result<Prepared> {
         let (folder, missing) = (self.folder(out), (0..self.len()).collect());
         let list = folder.join(LIST);
@@ -63,9 +56,6 @@ impl Sweep {
 
     /// Writes the manifest below `out`, for processes that run an item each, and finds the runs that are missing on `device`. No
     /// other process can prepare the same sweep until the returned value is dropped.
-    ///
-    /// # Errors
-    /// Errors of [`Self::find_missing`]; if another process or a launch is at work on it; if a manifest has another version.
     pub(crate) fn prepare(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let folder = self.folder(out);
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;

@@ -1,6 +1,6 @@
 //! Metrics of depth maps: distance along each pixel's ray, +∞ if it hits nothing; the truth may have NaN there.
 
-use super::{Measure, Metric};
+use super::{Measure, Metric, SSIM};
 use crate::descriptor::{Better, Descriptor};
 use crate::error::MetricError;
 
@@ -11,13 +11,7 @@ pub(super) const DEPTH_ERROR: Metric = Metric {
 };
 
 pub(super) const SILHOUETTE_IOU: Metric = Metric {
-    descriptor: Descriptor {
-        key: "silhouette_iou",
-        name: "Silhouette IoU",
-        unit: "",
-        decimals: 3,
-        better: Better::Higher,
-    },
+    descriptor: Descriptor { key: "silhouette_iou", name: "Silhouette IoU", ..SSIM.descriptor },
     definition: "pixels that hit something in both over pixels that hit something in either",
     measure: Measure::View(|view| view.depths().and_then(|(render, truth)| silhouette_iou(render, truth))),
 };

@@ -1,5 +1,4 @@
-//! All metrics. A new one takes a file with a [`Metric`] constant, its `mod` line here, and its line in [`METRICS`]: records,
-//! tables, `eval` and notes follow from the list.
+//! All metrics. A new one is a file with a [`Metric`] constant, its `mod` line here, and a line in [`METRICS`], which all else reads.
 
 mod average;
 mod depth;

@@ -158,9 +158,7 @@ fn block_d() -> Vec<InceptionLayer> {
 }
 
 fn block_e(pool: InceptionLayer) -> Vec<InceptionLayer> {
-    let both = |row_name, column_name| {
-        Branches(vec![vec![unit(row_name, 384, row(3))], vec![unit(column_name, 384, column(3))]])
-    };
+    let both = |wide, high| Branches(vec![vec![unit(wide, 384, row(3))], vec![unit(high, 384, column(3))]]);
     let mut double = branch("branch3x3dbl_", [(448, POINT), (384, SQUARE)]);
     double.push(both("branch3x3dbl_3a", "branch3x3dbl_3b"));
     vec![Branches(vec![

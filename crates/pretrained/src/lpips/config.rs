@@ -26,8 +26,7 @@ pub(super) struct ConvolutionShape {
 impl LpipsConfig {
     /// Returns AlexNet (Krizhevsky 2014), compared after each of its five convolutions.
     pub fn alex() -> Self {
-        let convolution =
-            |kernel, stride, padding, outputs| Some((Window::square(kernel, stride, padding), outputs, true));
+        let convolution = |kernel, stride, pad, outputs| Some((Window::square(kernel, stride, pad), outputs, true));
         let first = [convolution(11, 4, 2, 64), None, convolution(5, 1, 2, 192), None];
         let last = [384, 256, 256].map(|outputs| convolution(3, 1, 1, outputs));
         Self::new(Window::square(3, 2, 0), first.into_iter().chain(last))
@@ -92,11 +91,9 @@ impl LpipsConfig {
     /// Returns the number of layers up to and with the first pooling, if all maps before it have the size of the image and its
     /// windows do not overlap; otherwise 0.
     pub(super) fn first_block(&self) -> usize {
-        let keeps_size =
-            |window: &Window| window.stride == 1 && window.kernel == window.padding.map(|side| 2 * side + 1);
-        let is_first =
-            |layer: &&LpipsLayer| matches!(layer, LpipsLayer::Convolution(shape) if keeps_size(&shape.window));
-        let count = self.layers.iter().take_while(is_first).count();
+        let keeps_size = |w: &Window| w.stride == 1 && w.kernel == w.padding.map(|side| 2 * side + 1);
+        let keeps = |layer: &&LpipsLayer| matches!(layer, LpipsLayer::Convolution(shape) if keeps_size(&shape.window));
+        let count = self.layers.iter().take_while(keeps).count();
         match self.layers.get(count) {
             Some(LpipsLayer::Pool(window)) if *window == Window::square(window.stride, window.stride, 0) => count + 1,
             _ => 0,

@@ -138,8 +138,7 @@ fn first_block(images: &[Tensor<4>; 2], layers: &[Layer], bands: usize) -> (f64,
     (distance, [Tensor::cat(x, 2), Tensor::cat(y, 2)])
 }
 
-/// Computes the features after each of `layers` at which images are compared, scaled to unit length at each pixel, and the maps
-/// after all of them.
+/// Computes the features after each layer with a comparison, scaled to unit length at each pixel, and the maps after all.
 fn features(mut maps: Tensor<4>, layers: &[Layer]) -> (Vec<Tensor<4>>, Tensor<4>) {
     let mut features = Vec::new();
     for layer in layers {
@@ -154,7 +153,6 @@ fn features(mut maps: Tensor<4>, layers: &[Layer]) -> (Vec<Tensor<4>>, Tensor<4>
     (features, maps)
 }
 
-/// Returns `x / (‖x‖ + 1e-10)` at each pixel.
 fn unit_length(maps: Tensor<4>) -> Tensor<4> {
     maps.clone() / (maps.square().sum_dim(1).sqrt() + EPSILON)
 }

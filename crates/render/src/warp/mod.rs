@@ -218,16 +218,14 @@ pub(crate) struct WarpedRay<'a> {
 }
 
 impl WarpedRay<'_> {
-    /// Returns the distances at the coordinates `s`, and the axes of [`Warp::point`] there. Many points at once are
-    /// computed in vector registers.
+    /// Returns the distances at the coordinates `s`, and the axes of [`Warp::point`] there; many at once use vector registers.
     #[inline]
     pub(crate) fn points<const N: usize>(&self, s: [f32; N]) -> ([f32; N], [[f32; N]; 3]) {
         let (t, o, d) = (self.warp.distances_at(s), self.origin, self.direction);
         (t, self.warp.curved([(o.x, d.x), (o.y, d.y), (o.z, d.z)].map(|(o, d)| t.map(|t| o + t * d))))
     }
 
-    /// Returns an upper bound of |dq/ds| along each axis between the coordinates `near` and `far`, q = [`Self::point`];
-    /// infinite where there is none.
+    /// Returns an upper bound of |dq/ds| along each axis between two coordinates, q = [`Self::point`]; infinite without one.
     ///
     /// NDC: `dq/ds = (t/z)² (aₓ (d_z x₀ − dₓ z₀), a_y (d_z y₀ − d_y z₀), 2n d_z) / 4n` for a ray `x₀ + t d` in the mean
     /// camera's axes, of depth z; t/z is monotonic. Contraction: 1 where `s = u`. From u = 2 on `du/ds = u²/4` and
@@ -261,18 +259,10 @@ mod tests {
 
     pub(super) fn forward() -> Scene {
         let camera = |x| Camera::from_fov(40, 30, 1.0, DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
-        Scene {
-            all_train_cameras: vec![camera(-0.1), camera(0.1)],
-            space: Space {
-                layout: Layout::Forward,
-                bounded: false,
-                near: 1.0,
-                far: 100.0,
-                range: Range::Depth { near: 1.0, far: 100.0 },
-                ..Default::default()
-            },
-            ..Scene::default()
-        }
+        let (near, far, layout) = (1.0, 100.0, Layout::Forward);
+        let range = Range::Depth { near, far };
+        let space = Space { layout, bounded: false, near, far, range, ..Space::default() };
+        Scene { all_train_cameras: vec![camera(-0.1), camera(0.1)], space, ..Scene::default() }
     }
 
     fn warps() -> [Warp; 3] {

@@ -83,9 +83,7 @@ pub(super) fn drawn(frame: &ChartFrame, draw: impl FnOnce(&Area<'_>) -> DrawingR
     Ok(svg.replace(INK_CODE, "currentColor"))
 }
 
-/// Draws title, legend and axes, and returns the plot to draw into.
-///
-/// `legend` has names and colours. Entries without a name are not drawn.
+/// Draws title, legend (names and colours, but for entries without a name) and axes, and returns the plot to draw into.
 pub(super) fn plot<'a, 's>(
     sheet: &'a Area<'s>,
     frame: &ChartFrame,

@@ -56,10 +56,7 @@ impl Scale {
 
 impl ScaleKind {
     fn coordinate(&self, value: f64) -> f64 {
-        match self {
-            Self::Linear | Self::Labels(_) => value,
-            Self::Log => value.max(MIN_LOG).log10(),
-        }
+        if matches!(self, Self::Log) { value.max(MIN_LOG).log10() } else { value }
     }
 }
 
@@ -111,29 +108,26 @@ impl Ranged for Scale {
 
     fn key_points<Hint: KeyPointHint>(&self, _hint: Hint) -> Vec<f64> {
         match &self.kind {
-            ScaleKind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
             ScaleKind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
-            ScaleKind::Log if self.high - self.low < NARROW => {
-                let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
-                multiples(low, high, step(high - low))
+            ScaleKind::Log if self.high - self.low >= 2.0 => {
+                let step = ((self.high - self.low) / 7.0).ceil();
+                multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
             }
-            ScaleKind::Log if self.high - self.low < 2.0 => {
+            ScaleKind::Log if self.high - self.low >= NARROW => {
                 let decades = self.low.floor() as i32..=self.high.ceil() as i32;
                 let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
                 candidates.filter(|tick| (self.low..=self.high).contains(&tick.log10())).collect()
             }
-            ScaleKind::Log => {
-                let step = ((self.high - self.low) / 7.0).ceil();
-                multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
+            ScaleKind::Linear | ScaleKind::Log => {
+                let Range { start, end } = self.range();
+                multiples(start, end, step(end - start))
             }
         }
     }
 
     fn range(&self) -> Range<f64> {
-        match self.kind {
-            ScaleKind::Log => 10f64.powf(self.low)..10f64.powf(self.high),
-            ScaleKind::Linear | ScaleKind::Labels(_) => self.low..self.high,
-        }
+        let value = |place: f64| if matches!(self.kind, ScaleKind::Log) { 10f64.powf(place) } else { place };
+        value(self.low)..value(self.high)
     }
 }
 
@@ -141,11 +135,11 @@ impl ValueFormatter<f64> for Scale {
     fn format_ext(&self, tick: &f64) -> String {
         match &self.kind {
             ScaleKind::Labels(labels) => labels.get(*tick as usize).cloned().unwrap_or_default(),
-            ScaleKind::Linear => multiple(*tick, step(self.high - self.low)),
-            ScaleKind::Log if self.high - self.low < NARROW => {
-                multiple(*tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
+            ScaleKind::Log if self.high - self.low >= NARROW => short(*tick, 0),
+            ScaleKind::Linear | ScaleKind::Log => {
+                let Range { start, end } = self.range();
+                multiple(*tick, step(end - start))
             }
-            ScaleKind::Log => short(*tick, 0),
         }
     }
 }

@@ -48,9 +48,7 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// Result of a [`Comparison`].
-///
-/// A pair has both sides of the comparison on one scene with one view set (seed).
+/// Result of a [`Comparison`]. A pair has both sides of the comparison on one scene with one view set (seed).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// Formula of the comparison, such as `PSNR (dB): entropy > none`.
@@ -99,10 +97,8 @@ impl Finding {
             let alike = these.and(alike).map_or(String::new(), |alike| {
                 format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
             });
-            let remark = |count: usize, what: &str| match count {
-                0 => String::new(),
-                count => format!("; {} {what}", counted(count, "pair")),
-            };
+            let remark =
+                |n: usize, what: &str| if n > 0 { format!("; {} {what}", counted(n, "pair")) } else { String::new() };
             let collapsed = remark(collapsed, "with a collapsed run");
             let incomplete = remark(incomplete, "incomplete and left out");
             format!("{interval:.decimals$} {pairs}{alike}{collapsed}{incomplete}")

@@ -102,12 +102,11 @@ impl Claim {
     ///
     /// Differences are taken within pairs of the same scene and view set (seed), so that the difficulty of scenes and views
     /// cancels. The 95 % confidence interval of the mean difference decides. *Better* holds if the whole interval is above zero,
-    /// and fails if the whole interval is below the margin, which excludes a gain of that size (as in a test of equivalence).
-    /// *Not worse* holds if the whole interval is above −margin, and fails if it is below −margin. *Near* holds if the whole
-    /// interval of |left| − ½ |right|, with the signs of the sides' means, is below zero, and fails if it is above. The interval
-    /// is over other view sets of *these scenes*, as for the mean of a benchmark. The wider interval over *scenes like these*
-    /// (a mixed model) is reported as well, and decides if each scene has one view set. Collapsed runs count with their values.
-    /// A single pair decides nothing.
+    /// and fails if the whole interval is below the margin, as in a test of equivalence. *Not worse* holds if it is above
+    /// −margin, and fails if it is below. *Near* holds if the whole interval of |left| − ½ |right|, with the signs of the sides'
+    /// means, is below zero, and fails if it is above. The interval is over other view sets of *these scenes*, as for the mean of
+    /// a benchmark. The wider interval over *scenes like these* (a mixed model) is reported as well, and decides if each scene
+    /// has one view set. Collapsed runs count with their values. A single pair decides nothing.
     pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
         let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
         let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();

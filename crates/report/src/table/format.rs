@@ -18,9 +18,7 @@ impl Table {
     pub fn to_markdown(&self) -> String {
         let mut lines = vec![format!("**{}**", escape_markdown(&self.title)), String::new()];
         lines.extend(self.protocol.iter().map(|line| format!("> {}  ", escape_markdown(line))));
-        if !self.protocol.is_empty() {
-            lines.push(String::new());
-        }
+        lines.extend((!self.protocol.is_empty()).then(String::new));
         let cell = |text: String, best: bool| if best { format!("**{text}**") } else { text };
         let rows = self.formatted(escape_markdown, cell).into_iter();
         lines.extend(rows.map(|cells| format!("| {} |", cells.join(" | "))));

@@ -235,12 +235,10 @@ impl Table {
         if cell.collapsed { value + COLLAPSED } else { value }
     }
 
-    /// Returns the cells of a row with their texts.
     pub(crate) fn cells<'a>(&'a self, row: &'a TableRow) -> impl Iterator<Item = (&'a Cell, String)> {
         row.cells.iter().enumerate().map(|(column, cell)| (cell, self.text(cell, column)))
     }
 
-    /// Returns whether any cell is clearly the best ([`Cell::clear`]).
     pub(crate) fn has_clear(&self) -> bool {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.clear)
     }

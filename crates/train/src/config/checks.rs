@@ -51,7 +51,6 @@ pub(super) fn check_config(config: &Config) -> Result<(), Fault> {
     Fault::unless(paired, "train.neighbours.sampling", expected, name(&train.neighbours.sampling))
 }
 
-/// Checks that `scene` has what `config` needs.
 pub(crate) fn check_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let Config { field, render, .. } = config;
     if let SourceImages::First { key, count: images } = field.traits().sources {

@@ -73,8 +73,7 @@ fn merged(mut base: Table, over: Table) -> Table {
 
 /// Lays `over` onto `base`: tables are merged key by key, anything else replaces what was there.
 ///
-/// A table that names another `kind` than the one below replaces it whole, and so does a schedule: the keys of one kind or
-/// curve mean nothing to another.
+/// A table that names another `kind` than the one below replaces it whole, as does a schedule: their keys differ in meaning.
 pub fn merge(base: &mut Table, over: Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
@@ -101,9 +100,21 @@ fn is_schedule(table: &Table) -> bool {
 ///
 /// # Errors
 /// If there is no `=`, or a part of the key is empty or no table.
-pub fn assign(table: &mut Table, assignment: &str) -> Result<(), TrainError> {
+pub fn assign(mut table: &mut Table, assignment: &str) -> Result<(), TrainError> {
     let (path, value) = parse_assignment(assignment)?;
-    set(table, &path, value)
+    let [above @ .., last] = path.as_slice() else { return Ok(()) };
+    for key in above {
+        let inner = table.entry(key.clone()).or_insert_with(|| Value::Table(Table::new())).as_table_mut();
+        let fault = || TrainError::config(key, "expected a table here: this key holds a single value");
+        table = inner.ok_or_else(fault)?;
+    }
+    let over = Table::from_iter([(last.clone(), value)]);
+    // Naming another kind drops the keys of the old one.
+    if last == "kind" && !same_kind(table, &over) {
+        table.clear();
+    }
+    merge(table, over);
+    Ok(())
 }
 
 /// Splits `dotted.key=value` into its key and value.
@@ -120,25 +131,6 @@ pub fn parse_assignment(assignment: &str) -> Result<(Vec<String>, Value), TrainE
     let text = text.trim();
     let parsed = format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
     Ok((path, parsed.unwrap_or_else(|| Value::String(text.to_owned()))))
-}
-
-fn set(table: &mut Table, path: &[String], value: Value) -> Result<(), TrainError> {
-    match path {
-        [] => Ok(()),
-        [last] => {
-            let over = Table::from_iter([(last.clone(), value)]);
-            // Naming another kind drops the keys of the old one.
-            if last == "kind" && !same_kind(table, &over) {
-                table.clear();
-            }
-            merge(table, over);
-            Ok(())
-        }
-        [first, rest @ ..] => match table.entry(first.clone()).or_insert_with(|| Value::Table(Table::new())) {
-            Value::Table(inner) => set(inner, rest, value),
-            _ => Err(TrainError::config(first, "expected a table here: this key holds a single value")),
-        },
-    }
 }
 
 #[cfg(test)]

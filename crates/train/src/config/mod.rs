@@ -1,5 +1,4 @@
-//! Complete description of a run, and its checks ([`checks`]). Presets and experiment files are TOML tables merged into
-//! one [`Config`].
+//! Complete description of a run, and its [`checks`]: presets and experiment files, merged as TOML tables into a [`Config`].
 
 mod cameras;
 pub mod checks;
@@ -211,9 +210,7 @@ mod tests {
     /// Requirements of an encoder of images on the rest of the config.
     #[test]
     fn encoder_sees_its_images_in_every_step() {
-        let with = |assignment: &str| {
-            Config::of(Preset::Paper, [ENCODED, assignment]).map(|_| ()).map_err(|error| error.to_string())
-        };
+        let with = |set: &str| Config::of(Preset::Paper, [ENCODED, set]).map(drop).map_err(|error| error.to_string());
         for fine in ["train.batch=image", "scene.views.count=3", "scene.views={kind='all'}"] {
             assert_eq!(with(fine), Ok(()));
         }

@@ -80,9 +80,7 @@ fn plain_expected(expected: &str) -> String {
         array if array.starts_with("an array of") || array.starts_with("a tuple of") => {
             format!("a list of {} values", array.rsplit(' ').next().unwrap_or_default())
         }
-        table if ["struct", "internally", "a map", "map"].iter().any(|start| table.starts_with(start)) => {
-            "a table".into()
-        }
+        table if ["struct", "internally", "a map", "map"].iter().any(|s| table.starts_with(s)) => "a table".into(),
         other => other.into(),
     }
 }

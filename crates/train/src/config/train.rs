@@ -162,7 +162,6 @@ impl TrainConfig {
         std::iter::once(1).chain(least.max(2)..=largest)
     }
 
-    /// Checks every number.
     pub(super) fn validate(&self) -> Result<(), Fault> {
         let within = |fault: Fault| fault.within("train");
         let number = |key, value, low, high| Fault::unless_within(low..=high, key, value).map_err(within);

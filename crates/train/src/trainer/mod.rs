@@ -46,7 +46,6 @@ pub struct Trainer<F: Field = RadianceField> {
     optimizer: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
     progress: Progress,
-    /// Steps that were taken and are not reported yet.
     pending: Vec<PendingStep>,
     read_every: usize,
     profile: Profile,
@@ -130,8 +129,7 @@ impl<F: Field> Trainer<F> {
         Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
     }
 
-    /// Returns a run before its first step that differs in its seed alone. Both share the data that training derives from
-    /// the scene.
+    /// Returns a run before its first step that differs in its seed alone, and shares the data derived from the scene.
     ///
     /// # Errors
     /// If a file of weights that the config names cannot be used.
@@ -182,8 +180,7 @@ impl<F: Field> Trainer<F> {
         Ok(())
     }
 
-    /// Makes a checkpoint: everything needed to resume the run later, or to initialise another. Steps that are not
-    /// reported yet are reported first.
+    /// Makes a checkpoint, from which the run can resume or another begin, after reporting the steps not reported yet.
     ///
     /// # Errors
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
@@ -237,14 +234,10 @@ impl<F: Field> Trainer<F> {
         &self.scenes[0].renderer
     }
 
-    /// Returns the occupancy grid once it may be used.
-    pub fn occupancy(&self) -> Option<&OccupancyGrid> {
-        self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
-    }
-
-    /// Returns the model and its occupancy grid as training has them.
+    /// Returns the model and its occupancy grid, once the grid may be used, as training has them.
     pub fn snapshot(&self) -> TrainedModel<F> {
-        let occupancy = self.occupancy().cloned();
+        let is_used = self.progress.step > self.config.render.occupancy.warmup;
+        let occupancy = self.occupancy.as_ref().filter(|_| is_used).cloned();
         TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame(), residuals: None }
     }
 

@@ -14,7 +14,6 @@ use crate::event::Event;
 
 /// Losses of a step; on the device until they are [read](Self::read).
 pub(super) struct StepLosses {
-    /// Names of the terms.
     names: Vec<&'static str>,
     /// The objective, the mean squared error, the mean opacity and each term, scalars.
     on_device: Vec<Tensor<1>>,
@@ -120,20 +119,11 @@ impl<F: Field> Trainer<F> {
                 return Err(TrainError::NonFinite { what: format!("loss `{term}`"), value, step: at.step });
             }
             let step = at.step + 1;
-            report(Event::Step {
-                step,
-                seconds: seconds[1],
-                loss,
-                losses: terms.map(|(name, value)| (name.to_owned(), value)).collect(),
-                psnr: -10.0 * mse.max(1e-12).log10(),
-                lr,
-                rays_per_second,
-                acc,
-                evaluated,
-            });
-            if self.progress.count_opacity(acc, losses.foreground) {
-                // Later steps are of a field that is given up. With the initial weights of another run there are no other
-                // weights for a fresh start.
+            let (seconds, psnr, foreground) = (seconds[1], -10.0 * mse.max(1e-12).log10(), losses.foreground);
+            let losses = terms.map(|(name, value)| (name.to_owned(), value)).collect();
+            report(Event::Step { step, seconds, loss, losses, psnr, lr, rays_per_second, acc, evaluated });
+            if self.progress.count_opacity(acc, foreground) {
+                // Later steps are of a field that is given up. A run with another's initial weights has no others to start with.
                 let others = self.config.train.init.as_os_str().is_empty();
                 let restarted = others && self.progress.restarts < self.config.train.restarts;
                 report(Event::Collapse { step, restarted });

@@ -175,15 +175,8 @@ impl<F: Field> Trainer<F> {
         if WeightAverage::<F>::includes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
-        PendingStep {
-            at,
-            losses,
-            lr: self.config.train.lr.at(at),
-            rays,
-            evaluated: samples.evaluated as f64 / samples.total.max(1) as f64,
-            finite,
-            seconds: [0.0; 2],
-        }
+        let evaluated = samples.evaluated as f64 / samples.total.max(1) as f64;
+        PendingStep { at, losses, lr: self.config.train.lr.at(at), rays, evaluated, finite, seconds: [0.0; 2] }
     }
 
     pub(super) fn is_over(&self) -> bool {
@@ -208,9 +201,8 @@ impl<F: Field> Trainer<F> {
         let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
-        self.profile.time(Phase::Occupancy, || {
-            grid.update(noise, length, |positions| densities(&field, positions, &extent, at))
-        });
+        let sigma = |positions| densities(&field, positions, &extent, at);
+        self.profile.time(Phase::Occupancy, || grid.update(noise, length, sigma));
     }
 }
 

@@ -104,8 +104,7 @@ fn candidates(probe: &FieldProbe<'_>, domain: &Domain, lattice: &Lattice) -> Vec
     let [nx, ny, nz] = lattice.cells.map(|n| n * PER_CELL + 1);
     let mut dense = vec![false; nx * ny * nz];
     for (z, layer) in dense.chunks_mut(nx * ny).enumerate() {
-        let position =
-            |index: usize| lattice.low + spacing * Vec3::new((index % nx) as f32, (index / nx) as f32, z as f32);
+        let position = |i: usize| lattice.low + spacing * Vec3::new((i % nx) as f32, (i / nx) as f32, z as f32);
         let wanted: Vec<usize> = (0..layer.len()).filter(|&index| domain.holds(position(index), spacing)).collect();
         let positions: Vec<Vec3> = wanted.iter().map(|&index| position(index)).collect();
         for (index, density) in wanted.into_iter().zip(probe.densities(&positions, spacing)) {

@@ -106,8 +106,7 @@ impl<'a> FieldProbe<'a> {
     }
 }
 
-/// Chooses viewpoints far apart: from the first training camera on, each is the camera farthest from those before it;
-/// without cameras, six around the scene.
+/// Chooses viewpoints far apart: the first camera, then the farthest from those before; without cameras, six around the scene.
 fn viewpoints(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();

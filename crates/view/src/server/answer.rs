@@ -97,8 +97,7 @@ fn progress(run: &Path) -> Value {
         chunks.iter().map(mean).collect()
     };
     let names: BTreeSet<&String> = steps.iter().flat_map(|step| step.losses.keys()).collect();
-    let terms: BTreeMap<_, _> =
-        names.iter().map(|&name| (name, curve(&|step| step.losses.get(name).copied()))).collect();
+    let terms: BTreeMap<_, _> = names.iter().map(|&name| (name, curve(&|s| s.losses.get(name).copied()))).collect();
     let views = &picture_names(&run.join("test")) & &picture_names(&run.join("truth"));
     json!({
         "steps": chunks.iter().filter_map(|chunk| chunk.last()).map(|step| step.step).collect::<Vec<_>>(),

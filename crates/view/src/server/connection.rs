@@ -21,13 +21,10 @@ const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
 const PAUSE: Duration = Duration::from_millis(5);
 
 /// Answers requests until the program ends. Clients that hang up are ignored.
-pub(super) fn serve(
-    listener: &TcpListener,
-    answer: impl Fn(&Request<()>) -> Response<Vec<u8>> + Send + Sync + 'static,
-) {
+pub(super) fn serve(socket: &TcpListener, answer: impl Fn(&Request<()>) -> Response<Vec<u8>> + Send + Sync + 'static) {
     let answer = Arc::new(answer);
     let mut open: Vec<JoinHandle<()>> = Vec::new();
-    for stream in listener.incoming() {
+    for stream in socket.incoming() {
         open.retain(|connection| !connection.is_finished());
         while open.len() >= MAX_CONNECTIONS {
             thread::sleep(PAUSE);

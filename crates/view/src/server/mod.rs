@@ -50,8 +50,7 @@ impl Server {
         Ok(Self { address, listening })
     }
 
-    /// Returns an address of the page that a browser can open. If the server listens on every address of this machine, this is
-    /// the address at which other machines reach it.
+    /// Returns an address of the page for a browser: where other machines reach it if the server listens on every address.
     pub fn url(&self) -> String {
         let ip = if self.address.ip().is_unspecified() { own_ip(self.address.ip()) } else { self.address.ip() };
         format!("http://{}/", SocketAddr::new(ip, self.address.port()))

@@ -8,9 +8,7 @@ use anyhow::{Context, Result};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage, buffer::ConvertBuffer};
 
-/// An animated GIF, written frame by frame.
-///
-/// The file has a temporary name until it is complete.
+/// An animated GIF, written frame by frame under a temporary name until it is complete.
 pub(super) struct Animation {
     path: PathBuf,
     part: PathBuf,
@@ -34,7 +32,6 @@ impl Animation {
         self.encoder.encode_frame(frame).with_context(|| self.path.display().to_string())
     }
 
-    /// Ends the animation and returns its path.
     pub(super) fn finish(self) -> Result<PathBuf> {
         drop(self.encoder);
         std::fs::rename(&self.part, &self.path).with_context(|| self.path.display().to_string())?;

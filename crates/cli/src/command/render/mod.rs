@@ -88,8 +88,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     Ok(animation.map_or_else(interrupt::exit_code, |_| ExitCode::SUCCESS))
 }
 
-/// Renders the frames that `cameras` along `route` see into the folder `out`, and returns the path of their animation;
-/// `None` if the user stops the rendering.
+/// Renders what `cameras` along `route` see into the folder `out`, and returns the path of the animation; `None` if stopped.
 fn write_frames(
     trained: &Trained,
     route: &Route,
@@ -140,8 +139,7 @@ const MIN_FRAMES: u32 = 12;
 /// Share of a frame's time that rendering takes; the rest is for writing its files.
 const RENDER_SHARE: f64 = 0.8;
 
-/// Renders the orbit into the folder `out`, at a size for which rendering takes about `budget`, and returns the path of
-/// its animation; `None` if the user stops the rendering.
+/// Renders the orbit into `out`, at a size for which that takes about `budget`, and returns the path as [`write_frames`] does.
 pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Result<Option<PathBuf>> {
     let route = Route::read("orbit")?;
     let first = |size| route.cameras(trained.scene(), Some(1), size).remove(0);
@@ -195,9 +193,8 @@ mod tests {
 
     #[test]
     fn frames_get_smaller_then_fewer() {
-        for (pixels, frames) in
-            [(1e12, (60, 800)), (60.0 * 400.0 * 300.0, (60, 400)), (30.0 * 128.0 * 96.0, (30, 128)), (1.0, (12, 128))]
-        {
+        let (smaller, fewer) = (60.0 * 400.0 * 300.0, 30.0 * 128.0 * 96.0);
+        for (pixels, frames) in [(1e12, (60, 800)), (smaller, (60, 400)), (fewer, (30, 128)), (1.0, (12, 128))] {
             assert_eq!(affordable_frames((800, 600), pixels), frames, "{pixels}");
         }
         assert_eq!(affordable_frames((24, 24), 1e12), (60, 24));

@@ -45,8 +45,7 @@ impl Route {
         Ok(Self { name: name.to_owned(), fps: FPS, poses: Poses::BuiltIn(poses) })
     }
 
-    /// Returns the cameras along the path: like `scene`'s first training camera, unless the file has a field of view or
-    /// a size. `size` is the longest side of the pictures.
+    /// Returns the [`camera`] of each frame along the path. `size` is the longest side of the pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let (frames, of_file): (Vec<Keyframe>, _) = match &self.poses {

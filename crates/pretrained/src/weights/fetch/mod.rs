@@ -21,6 +21,8 @@ pub struct DownloadProgress {
     pub total: u64,
 }
 
+type Report<'a> = &'a mut dyn FnMut(DownloadProgress);
+
 const CHUNK: usize = 64 * 1024;
 /// Time limit for accepting a connection, and for beginning an answer.
 const TIMEOUT: Duration = Duration::from_secs(30);
@@ -46,11 +48,7 @@ impl Store {
     }
 
     /// Downloads the file of `weights`, and returns the path of the needed tensors.
-    fn fetch_file(
-        &self,
-        weights: &KnownWeights,
-        progress: &mut dyn FnMut(DownloadProgress),
-    ) -> Result<PathBuf, WeightsError> {
+    fn fetch_file(&self, weights: &KnownWeights, progress: Report<'_>) -> Result<PathBuf, WeightsError> {
         let folder = self.target();
         std::fs::create_dir_all(folder).map_err(|error| WeightsError::io(folder, &error))?;
         let part = folder.join(format!("{}.part", weights.published_file()));
@@ -71,11 +69,7 @@ impl Store {
 }
 
 /// Downloads the file `part` from where it ends to its full length.
-fn download(
-    weights: &KnownWeights,
-    part: &Path,
-    progress: &mut dyn FnMut(DownloadProgress),
-) -> Result<(), WeightsError> {
+fn download(weights: &KnownWeights, part: &Path, progress: Report<'_>) -> Result<(), WeightsError> {
     let kept = std::fs::metadata(part).map_or(0, |metadata| metadata.len());
     if kept == weights.bytes {
         return Ok(());
