@@ -30,9 +30,9 @@ const CONVINCING: f64 = 0.7;
 /// Min share and min lead of another convention's explained matches at which poses above [`EXPLAINED`] are doubted too.
 const MIN_BETTER_SHARE: f64 = 0.9;
 const MIN_LEAD: f64 = 0.12;
-/// Min number of matches with others to judge a photograph alone, and the share of explained ones below which its pose, or the
-/// poses of a group, are doubted.
-const PHOTOGRAPH_MIN_MATCHES: usize = 30;
+/// Min number of matches with one other photograph to judge a photograph alone, more than repeated structures give, and the share
+/// of explained matches below which its pose, or the poses of a group, are doubted.
+const PHOTOGRAPH_MIN_MATCHES: usize = 40;
 const PHOTOGRAPH_EXPLAINED: f64 = 0.3;
 /// A photograph with fewer than `FOREIGN` matches is doubted if the median photograph has at least `USUAL` ones.
 const FOREIGN: usize = 10;
@@ -211,12 +211,14 @@ impl Matched<'_> {
             let (right, within) = sums(&|a, b| both(a, b) && group[a] == group[b]);
             let [share, own] = [fit as f64 / between as f64, right as f64 / within as f64];
             let is_single = members(other).len() == 1;
+            let of_other = self.matches.iter().filter(|p| both(p.a, p.b) && (p.a == other || p.b == other));
+            let most = of_other.map(|pair| pair.pixels.len()).max().unwrap_or(0);
             let is_world = between as f64 >= CONTACT * within as f64 && right as f64 >= GROUPED * self.count as f64;
             let text = format!("{} of {between} matches", percent(share));
             if is_single && is_usual && between < FOREIGN {
                 let text = "has hardly any matches with the other photographs: does it belong to this scene?";
                 single.push(format!("{} {text}", names(other)));
-            } else if is_single && share < PHOTOGRAPH_EXPLAINED && between >= PHOTOGRAPH_MIN_MATCHES {
+            } else if is_single && share < PHOTOGRAPH_EXPLAINED && most >= PHOTOGRAPH_MIN_MATCHES {
                 let text = format!("explains {text} with other photographs: is its pose right?");
                 single.push(format!("the camera of {} {text}", names(other)));
             } else if !is_single && is_world && share < PHOTOGRAPH_EXPLAINED && between >= MIN_MATCHES {
