@@ -34,6 +34,8 @@ pub use camera_path::CameraPath;
 pub use export::{export, transforms};
 pub use info::{Info, check_folder, info, info_page, outline};
 pub use infonerf_sfm::max_matched_pairs;
-pub use photographs::{PoseSearch, PoseSolver, changed_photographs, from_images, video_folder, video_frames};
+pub use photographs::{
+    PoseSearch, PoseSolver, changed_photographs, from_images, photograph_folder, video_folder, video_frames,
+};
 pub use refined_cameras::with_refined_cameras;
 pub use source::{SceneSource, count_pixels, load};

@@ -15,7 +15,7 @@ use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execut
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
 use infonerf_report::{Record, VIEWER_PAGE, counted};
-use infonerf_scene::image::is_image_name;
+use infonerf_scene::image::{is_image_name, list_images};
 
 use crate::print::{errln, outln, quoted};
 use crate::progress::ProgressDisplay;
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let changed = changed_photographs(&dir)?.unwrap_or_default();
     let is_posed = changed.is_empty() && SceneSource::Folder { path: dir.clone() }.is_scene();
     if !is_posed {
-        let count = scene::photographs(&photographs)?.len();
+        let count = list_images(&infonerf_dataset::photograph_folder(&photographs))?.len();
         // Refuses a faulty name or setting before the poses are sought.
         let run = plan(args, &dir, count)?.runs.remove(0);
         let folder = session.run_folder(&run);

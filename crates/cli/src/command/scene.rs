@@ -3,7 +3,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Subcommand;
-use infonerf_dataset::{PoseSearch, PoseSolver, check_folder, export, from_images, info, info_page, outline};
+use infonerf_dataset::{
+    PoseSearch, PoseSolver, check_folder, export, from_images, info, info_page, outline, photograph_folder,
+};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::{counted, write_atomically};
@@ -160,15 +162,9 @@ fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Lists the photographs in `dir/images` if it is there, else in `dir`.
-pub(crate) fn photographs(dir: &Path) -> Result<Vec<PathBuf>> {
-    let below = dir.join("images");
-    Ok(list_images(if below.is_dir() { &below } else { dir })?)
-}
-
 /// Returns the longer side of the first photograph in `dir` or `dir/images`.
 fn longest_side(dir: &Path) -> Result<u32> {
-    let first = photographs(dir)?.into_iter().next();
+    let first = list_images(&photograph_folder(dir))?.into_iter().next();
     let (width, height) = dimensions(&first.with_context(|| format!("{}: no photographs", dir.display()))?)?;
     Ok(width.max(height))
 }
@@ -177,11 +173,10 @@ fn longest_side(dir: &Path) -> Result<u32> {
 pub(crate) fn print_warnings(dir: &Path) -> Result<Vec<String>> {
     let checked = with_spinner(format!("{}: checking the scene", dir.display()), || check_folder(dir));
     let (views, warnings, note) = checked.context("the scene cannot be loaded")?;
-    for warning in warnings.iter().chain(&note) {
-        outln!("{warning}");
-    }
+    warnings.iter().for_each(|warning| outln!("{warning}"));
     if warnings.is_empty() {
-        outln!("{}: {}, no warnings", dir.display(), counted(views, "view"));
+        let note = note.map_or_else(String::new, |note| format!("; {note}"));
+        outln!("{}: {}, no warnings{note}", dir.display(), counted(views, "view"));
     }
     Ok(warnings)
 }

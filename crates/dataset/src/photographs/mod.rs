@@ -195,7 +195,7 @@ fn program(name: &str, path: Option<OsString>) -> Option<PathBuf> {
 }
 
 /// Returns `dir/images` if it is there, unless photographs are in `dir` and none are in `dir/images`.
-fn photograph_folder(dir: &Path) -> PathBuf {
+pub fn photograph_folder(dir: &Path) -> PathBuf {
     let below = dir.join("images");
     let is_photograph = |path: &PathBuf| is_image_name(path) || unread_format(path).is_some();
     let has_any = |folder: &Path| entries(folder).iter().any(is_photograph);
