@@ -1,6 +1,3 @@
-use std::ops::Range;
-use std::slice::from_ref;
-
 use glam::{Vec3, Vec4};
 use infonerf_field::Field;
 use infonerf_ops::{has_host_kernels, to_host};
@@ -8,17 +5,15 @@ use infonerf_scene::{Backdrop, Camera, Ray, View};
 use rayon::prelude::*;
 
 use crate::fill::filled;
-use crate::march::Marching;
+use crate::march::march;
 use crate::model::TrainedModel;
 use crate::output::{Counts, RenderOutput, RenderRequest};
 use crate::renderer::Renderer;
 
-/// Approximate number of rays that march at a time, which bounds the memory of a picture.
+/// Number of rays that march at a time, which bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// Approximate number of rays that march at a time on the host, where several threads march side by side.
+/// Number of rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
-/// Minimal number of rows of a picture that march at a time, so that most pixels march with their neighbours.
-const MIN_ROWS: usize = 8;
 
 /// Opacity above which a ray hits something and has a depth.
 pub(crate) const HIT: f32 = 0.5;
@@ -45,7 +40,7 @@ pub struct RenderedImage {
 /// # Panics
 /// If there are no members.
 pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
-    combine(render_members(renderer, members, camera, None))
+    combine(members.iter().map(|member| render_one(renderer, member, camera, None)).collect())
 }
 
 /// Renders the picture that is compared with `view`, as [`render_image`] does, but without the residual of the training
@@ -54,7 +49,7 @@ pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], 
 /// # Panics
 /// If there are no members.
 pub fn render_tested<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], view: &View) -> RenderedImage {
-    combine(render_members(renderer, members, &view.camera, Some(&view.file)))
+    combine(members.iter().map(|member| render_one(renderer, member, &view.camera, Some(&view.file))).collect())
 }
 
 /// Returns the mean of `pictures`, at least one and all of one size, with each pixel's distance weighted by opacity.
@@ -79,67 +74,59 @@ pub(crate) fn combine(mut pictures: Vec<RenderedImage>) -> RenderedImage {
     mean
 }
 
-/// Renders each member's picture, without the residual of the training view of the file `left_out`.
-pub(crate) fn render_members<F: Field>(
+/// Renders the picture of one member, without the residual of the training view of the file `left_out`.
+pub(crate) fn render_one<F: Field>(
     renderer: &Renderer,
-    members: &[TrainedModel<F>],
+    trained: &TrainedModel<F>,
     camera: &Camera,
     left_out: Option<&str>,
-) -> Vec<RenderedImage> {
-    let cameras: Vec<Camera> = members.iter().map(|member| member.camera(camera)).collect();
-    let mut pictures = render_fields(renderer, members, &cameras);
-    for ((image, trained), camera) in pictures.iter_mut().zip(members).zip(&cameras) {
-        if let Some(residuals) = &trained.residuals {
-            let render = |view: usize, camera: &Camera| {
-                let picture = render_fields(renderer, from_ref(trained), from_ref(camera)).remove(0);
-                match &trained.model.exposure {
-                    Some(exposure) => exposure.expose(picture, renderer.background, view),
-                    None => picture,
-                }
-            };
-            residuals.add_to(image, camera, left_out, render);
-        }
-        image.depth.iter_mut().for_each(|depth| *depth /= trained.scale());
-    }
-    pictures
-}
-
-/// Renders the picture of each member's field, by its own camera in its own frame.
-fn render_fields<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], cameras: &[Camera]) -> Vec<RenderedImage> {
-    let size = |camera: &Camera| RenderedImage { width: camera.width, height: camera.height, ..Default::default() };
-    let mut images: Vec<RenderedImage> = cameras.iter().map(size).collect();
-    let (width, pixels) = (cameras[0].width as usize, (cameras[0].width * cameras[0].height) as usize);
-    if renderer.config.marches() {
-        let marching = Marching::new(renderer, members);
-        let on_host = has_host_kernels(&members[0].model.fine.device());
-        let chunk = width * (if on_host { HOST_CHUNK } else { CHUNK } / width).max(MIN_ROWS);
-        let march = |start: usize| {
-            let pixels = start..pixels.min(start + chunk);
-            marching.march(cameras.iter().map(|camera| rays(camera, pixels.clone())).collect(), width)
-        };
-        let starts: Vec<usize> = (0..pixels).step_by(chunk).collect();
-        let parts: Vec<_> = match on_host {
-            true => starts.into_par_iter().map(march).collect(),
-            false => starts.into_iter().map(march).collect(),
-        };
-        for part in parts {
-            for (image, (marched, counts)) in images.iter_mut().zip(part) {
-                image.counts += counts;
-                marched.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
+) -> RenderedImage {
+    let camera = trained.camera(camera);
+    let mut image = render_in_frame(renderer, trained, &camera);
+    if let Some(residuals) = &trained.residuals {
+        let render = |view: usize, camera: &Camera| {
+            let picture = render_in_frame(renderer, trained, camera);
+            match &trained.model.exposure {
+                Some(exposure) => exposure.expose(picture, renderer.background, view),
+                None => picture,
             }
-        }
-    } else {
-        for ((image, trained), camera) in images.iter_mut().zip(members).zip(cameras) {
-            image.push_sampled(renderer, trained, camera);
-        }
+        };
+        residuals.add_to(&mut image, &camera, left_out, render);
     }
-    images.into_iter().map(|image| image.over_backdrop(renderer)).collect()
+    image.depth.iter_mut().for_each(|depth| *depth /= trained.scale());
+    image
 }
 
-/// Returns the rays through the centres of `pixels`, whose indices are row-major.
-fn rays(camera: &Camera, pixels: Range<usize>) -> Vec<Ray> {
-    let width = camera.width as usize;
-    pixels.map(|pixel| camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)).collect()
+/// Renders the picture of a camera in the model's own frame.
+fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
+    let row = |y: u32| (0..camera.width).map(move |x| camera.ray(x as f32 + 0.5, y as f32 + 0.5));
+    let rays: Vec<Ray> = (0..camera.height).into_par_iter().flat_map_iter(row).collect();
+    let mut image = RenderedImage { width: camera.width, height: camera.height, ..RenderedImage::default() };
+    if renderer.config.marches() {
+        let host = trained.model.fine.on_host(trained.at);
+        let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
+        let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {
+            true => rays.par_chunks(HOST_CHUNK).map(march).collect(),
+            false => rays.chunks(CHUNK).map(march).collect(),
+        };
+        for (marched, counts) in parts {
+            image.counts += counts;
+            marched.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
+        }
+        return image.over_backdrop(renderer);
+    }
+    for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
+        let rays = renderer.rays(rays.to_vec(), &trained.model.fine.device());
+        let request = RenderRequest { color: true, hidden: true };
+        let passes = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at);
+        image.counts += passes.counts();
+        let RenderOutput { color, depth, acc, .. } = passes.fine;
+        let color = to_host(color.expect("colour was asked for"));
+        for ((rgb, depth), acc) in color.as_chunks().0.iter().zip(to_host(depth)).zip(to_host(acc)) {
+            image.push(*rgb, depth, acc);
+        }
+    }
+    image.over_backdrop(renderer)
 }
 
 impl RenderedImage {
@@ -148,23 +135,6 @@ impl RenderedImage {
         let (width, depth) = (self.width as usize, self.depth[pixel]);
         let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
-    }
-
-    /// Adds all pixels of `camera`; the samples of a ray are placed before the field is evaluated.
-    fn push_sampled<F: Field>(&mut self, renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) {
-        let (pixels, chunk) = ((camera.width * camera.height) as usize, renderer.rays_at_once(trained.at));
-        for start in (0..pixels).step_by(chunk) {
-            let rays = rays(camera, start..pixels.min(start + chunk));
-            let rays = renderer.rays(rays, &trained.model.fine.device());
-            let request = RenderRequest { color: true, hidden: true };
-            let passes = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at);
-            self.counts += passes.counts();
-            let RenderOutput { color, depth, acc, .. } = passes.fine;
-            let color = to_host(color.expect("colour was asked for"));
-            for ((rgb, depth), acc) in color.as_chunks().0.iter().zip(to_host(depth)).zip(to_host(acc)) {
-                self.push(*rgb, depth, acc);
-            }
-        }
     }
 
     /// Returns the picture before the scene's backdrop. If that is unknown, transparent pixels show the colours around them.
@@ -231,10 +201,6 @@ pub(crate) mod tests {
             let color = color.then(|| Tensor::full([count, 3], at.progress, &self.device()));
             FieldOutput { sigma: Tensor::from_data(TensorData::new(sigma, [count]), &self.device()), color }
         }
-
-        fn device(&self) -> Device {
-            self.none.device()
-        }
     }
 
     /// Returns a [`GreyField`] at a quarter of the run, seen along −z in the middle of a box of 3 units. All eight cells
@@ -262,16 +228,12 @@ pub(crate) mod tests {
             let grid = trained.occupancy.as_ref();
             let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
-            let picture = render_image(&renderer, from_ref(&trained), &camera);
+            let picture = render_one(&renderer, &trained, &camera, None);
             let RenderedImage { width, height, rgb, acc, .. } = picture;
             assert_eq!((width, height, acc[0], rgb[0]), (1, 1, 1.0, [0.25; 3]), "{placement:?}");
             let (renderer, trained, camera) = seen(|_| 0.0, placement);
             let renderer = Renderer { background: [0.5, 0.6, 0.7], ..renderer };
-            assert_eq!(
-                render_image(&renderer, from_ref(&trained), &camera).rgb[0],
-                renderer.background,
-                "{placement:?}"
-            );
+            assert_eq!(render_one(&renderer, &trained, &camera, None).rgb[0], renderer.background, "{placement:?}");
         }
     }
 
@@ -286,7 +248,7 @@ pub(crate) mod tests {
         trained.occupancy = trained.occupancy.map(|grid| grid.refined(8, noise, step, known));
         let picture = |early_stop_transmittance: f32| {
             let config = RenderConfig { early_stop_transmittance, clip_to_bounds: true, ..config(Placement::Mid) };
-            render_image(&Renderer::new(&config, &Scene::default()), from_ref(&trained), &camera)
+            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera, None)
         };
         let [exact, still, joined] = [0.0, 1e-5, 1e-3].map(picture);
         // The optical depth of a step of the fog is 0.063.
@@ -295,32 +257,6 @@ pub(crate) mod tests {
         assert!(counts[0] >= 8 && counts[1] <= counts[0] / 2 + 2, "{counts:?}");
         assert!((exact.acc[0] - joined.acc[0]).abs() < 1e-5, "{} {}", exact.acc[0], joined.acc[0]);
         assert!((exact.depth[0] - joined.depth[0]).abs() < 0.1 * step, "{} {}", exact.depth[0], joined.depth[0]);
-    }
-
-    /// Pairs a wall with one at the same place, with walls in front of it and behind it, and with none.
-    #[test]
-    fn members_share_samples_of_the_walls_that_they_agree_on() {
-        let walls: [fn(Vec3) -> f32; 4] = [
-            |p| if p.z < 0.0 { 1e4 } else { 0.0 },
-            |p| if p.z < 0.5 { 1e4 } else { 0.0 },
-            |p| if p.z < -0.5 { 1e4 } else { 0.0 },
-            |_| 0.0,
-        ];
-        let (renderer, first, camera) = seen(walls[0], Placement::Mid);
-        let alone = render_image(&renderer, from_ref(&first), &camera);
-        for (wall, shares) in walls.into_iter().zip([true, false, false, false]) {
-            let (_, second, _) = seen(wall, Placement::Mid);
-            let other = render_image(&renderer, from_ref(&second), &camera);
-            let both = render_image(&renderer, &[first.clone(), second], &camera);
-            let counts = both.counts.evaluated - alone.counts.evaluated;
-            assert!(
-                if shares { counts == 2 } else { counts > other.counts.evaluated },
-                "{counts} {}",
-                other.counts.evaluated
-            );
-            let expected = combine(vec![alone.clone(), other]);
-            assert_eq!((both.rgb, both.acc, both.depth), (expected.rgb, expected.acc, expected.depth));
-        }
     }
 
     const SIZE: u32 = 40;

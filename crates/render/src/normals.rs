@@ -7,7 +7,7 @@ use infonerf_field::{Field, FieldOutput, Points, density_gradient};
 use infonerf_scene::{Backdrop, Camera};
 use infonerf_schedule::Moment;
 
-use crate::image::{RenderedImage, combine, render_image};
+use crate::image::{RenderedImage, combine, render_one};
 use crate::model::{Model, TrainedModel};
 use crate::renderer::Renderer;
 use crate::warp::Warp;
@@ -26,7 +26,7 @@ pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>]
         let model = Model { coarse, ..Model::of(normals(&member.model.fine)) };
         let occupancy = member.occupancy.clone();
         let trained = TrainedModel { occupancy, frame: member.frame, ..TrainedModel::of(model, member.at) };
-        let mut image = render_image(&black, &[trained], camera);
+        let mut image = render_one(&black, &trained, camera, None);
         let to_camera = member.camera(camera).rotation().transpose().as_mat3();
         image.rgb.iter_mut().for_each(|normal| *normal = (to_camera * Vec3::from(*normal)).to_array());
         image
