@@ -1,4 +1,4 @@
-//! Scenes from folders of posed photographs, in the formats that papers publish theirs in.
+//! Scenes from folders of posed photographs, in the formats of published data sets.
 //!
 //! A [`SceneSource`] (a folder, or the name of a built-in scene) and a [`SceneRequest`](infonerf_scene::SceneRequest)
 //! (which views, at which size, on which background) give a [`Scene`](infonerf_scene::Scene) through [`load`]. [`info`]

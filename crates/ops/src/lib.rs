@@ -1,4 +1,4 @@
-//! The hot tensor operations of a radiance field, as Burn backend extensions.
+//! The costly tensor operations of a radiance field, as Burn backend extensions.
 //!
 //! Every operation is one file or folder, with up to three bodies that are tested against each other and against
 //! `infonerf-oracle`, in `f64`:

@@ -1,7 +1,7 @@
 //! Cameras and points from a few photographs of a scene that does not move: structure from motion.
 //!
-//! SIFT features (Lowe 2004) are matched between all pairs of photographs. The relative pose that most matches of a
-//! pair agree on comes from the five-point method and RANSAC. The reconstruction starts from a pair with many matches
+//! SIFT features (Lowe 2004) are matched between pairs of photographs. The relative pose that most matches of a pair
+//! agree on comes from the five-point method and RANSAC. The reconstruction starts from a pair with many matches
 //! under large angles; each further photograph is placed by the points that it sees (P3P and RANSAC), after which
 //! bundle adjustment refines all poses, all points and the lens. The same photographs give the same result, on any
 //! number of threads.

@@ -11,11 +11,11 @@ use crate::error::TrainError;
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Preset {
-    /// Small and quick: about a minute per scene on two cores.
+    /// A factored field: ten to thirty seconds per scene on two cores.
     Fast,
     /// The fast preset for captures: no uniform background, space without an end.
     Capture,
-    /// The capture preset for nine images or more: finer, and with fewer priors.
+    /// The capture preset for nine images or more that do not face forward: finer, and with fewer priors.
     Dense,
     /// Settings that the paper's text gives, at full size.
     Paper,
