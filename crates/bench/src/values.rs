@@ -20,6 +20,11 @@ pub(crate) fn gradient_of<const D: usize>(leaf: &Tensor<D>, gradients: &Gradient
     leaf.grad(gradients).map(to_host).unwrap_or_default()
 }
 
+/// Joins density and colour to rows, `[M, 4]`, or `[M, 1]` without colour.
+pub(crate) fn joined((density, color): (Tensor<1>, Option<Tensor<2>>)) -> Tensor<2> {
+    Tensor::cat(std::iter::once(density.unsqueeze_dim(1)).chain(color).collect(), 1)
+}
+
 /// Converts values to `f64` for the oracle.
 pub(crate) fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()

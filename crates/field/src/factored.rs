@@ -6,7 +6,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use infonerf_ops::HostField;
-use infonerf_ops::factored::{FactoredLayout, Query, density_and_color, on_host, plane_variation};
+use infonerf_ops::factored::{FactoredLayout, Query, factored_field, on_host, plane_variation};
 use infonerf_ops::unit_box::{share_of_box, unit_box};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -170,7 +170,7 @@ impl Field for FactoredField {
             color,
             negligible: self.config.negligible,
         };
-        let (sigma, color) = density_and_color(self.tables.val(), self.weights.val(), &self.layout, query);
+        let (sigma, color) = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);
         FieldOutput { sigma, color }
     }
 

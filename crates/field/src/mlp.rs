@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::encoded_width;
-use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
+use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_schedule::Fault;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -94,7 +94,7 @@ impl Mlp {
             }),
             precision: self.size.precision,
         };
-        let (sigma, color) = density_and_color(encoded, &network, activation);
+        let (sigma, color) = radiance_mlp(encoded, &network, [activation, Activation::Sigmoid]);
         FieldOutput { sigma, color }
     }
 }

@@ -1,7 +1,7 @@
 //! Operations with a backward pass of their own, and how they are recorded in the autodiff graph.
 //!
-//! A kernel of the host ([`Kernel`](crate::kernel::Kernel)) or of GPUs (`CubeKernel`) is an [`Operation`] of its backend;
-//! [`evaluate`] runs it on the device of its inputs, and records it if any of them needs a gradient.
+//! Each kernel of GPUs is an [`Operation`] of its backend; a host [`Kernel`](crate::kernel::Kernel) becomes one by `apply`.
+//! [`evaluate`] runs an operation on the device of its inputs, and records it if any of them needs a gradient.
 
 use std::fmt::Debug;
 use std::marker::PhantomData;
@@ -23,7 +23,7 @@ use burn_cubecl::CubeBackend;
 
 /// Input tensors of an operation, at least one.
 #[derive(Debug)]
-pub(crate) struct Inputs<B: Backend>(Vec<FloatTensor<B>>);
+struct Inputs<B: Backend>(Vec<FloatTensor<B>>);
 
 impl<B: Backend> ExtensionType<B> for Inputs<B> {
     type Target = Inputs<Dispatch>;
@@ -56,39 +56,10 @@ impl<B: Backend> ExtensionType<B> for Inputs<B> {
     }
 }
 
-impl FromIterator<DispatchTensor> for Inputs<Dispatch> {
-    fn from_iter<T: IntoIterator<Item = DispatchTensor>>(tensors: T) -> Self {
-        Self(tensors.into_iter().collect())
-    }
-}
-
-impl<const A: usize> From<Tensor<A>> for Inputs<Dispatch> {
-    fn from(a: Tensor<A>) -> Self {
-        Self(vec![a.into_dispatch()])
-    }
-}
-
-impl<const A: usize, const B: usize> From<(Tensor<A>, Option<Tensor<B>>)> for Inputs<Dispatch> {
-    fn from((a, b): (Tensor<A>, Option<Tensor<B>>)) -> Self {
-        std::iter::once(a.into_dispatch()).chain(b.map(Tensor::into_dispatch)).collect()
-    }
-}
-
-macro_rules! inputs_from_tuples {
-    ($(($($tensor:ident: $rank:ident),+))+) => {$(
-        impl<$(const $rank: usize),+> From<($(Tensor<$rank>,)+)> for Inputs<Dispatch> {
-            fn from(($($tensor,)+): ($(Tensor<$rank>,)+)) -> Self {
-                Self(vec![$($tensor.into_dispatch()),+])
-            }
-        }
-    )+};
-}
-inputs_from_tuples! { (a: A, b: B) (a: A, b: B, c: C) (a: A, b: B, c: C, d: D) }
-
 /// Backend that runs operations by kernels.
 pub(crate) trait KernelBackend: Backend {
     /// Values that a forward pass keeps for the backward pass.
-    type Kept: Clone + Debug + Send + 'static;
+    type Kept: Clone + Debug + Default + Send + 'static;
 
     /// Returns the operation that `kernel` holds for this backend.
     fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>>;
@@ -99,14 +70,19 @@ pub(crate) trait KernelBackend: Backend {
 
 /// Function of prepared tensors of backend `B` with its vector–Jacobian product.
 pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
-    /// Computes the output if no backward pass will follow.
-    fn infer(&self, inputs: &[FloatTensor<B>]) -> FloatTensor<B>;
+    /// Computes the output.
+    fn forward(&self, inputs: &[FloatTensor<B>]) -> FloatTensor<B>;
 
-    /// Computes the output, and what the backward pass needs.
-    fn forward(&self, inputs: &[FloatTensor<B>]) -> (FloatTensor<B>, B::Kept);
+    /// Computes the output, and what the backward pass needs in addition to inputs and output; by default nothing.
+    fn forward_keeping(&self, inputs: &[FloatTensor<B>]) -> (FloatTensor<B>, B::Kept) {
+        (self.forward(inputs), B::Kept::default())
+    }
 
-    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others.
-    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
+    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others. An
+    /// operation without gradients keeps the default body.
+    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>> {
+        vec![None; pass.inputs.len()]
+    }
 }
 
 pub(crate) struct BackwardPass<'a, B: KernelBackend> {
@@ -135,7 +111,7 @@ trait KernelOps: Backend {
 impl<B: KernelBackend> KernelOps for B {
     fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
         let inputs: Vec<FloatTensor<B>> = inputs.0.into_iter().map(B::prepare).collect();
-        B::operation(kernel).infer(&inputs)
+        B::operation(kernel).forward(&inputs)
     }
 }
 
@@ -154,8 +130,11 @@ impl<B: KernelBackend, C: CheckpointStrategy> KernelOps for Autodiff<B, C> {
 }
 
 /// Runs a kernel on its `inputs` as a differentiable operation whose output has rank `D`.
-pub(crate) fn evaluate<const D: usize>(kernel: AnyKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
-    Tensor::from_dispatch(<Dispatch as KernelOps>::run(inputs.into(), kernel))
+pub(crate) fn evaluate<const D: usize>(
+    kernel: AnyKernel,
+    inputs: impl IntoIterator<Item = DispatchTensor>,
+) -> Tensor<D> {
+    Tensor::from_dispatch(<Dispatch as KernelOps>::run(Inputs(inputs.into_iter().collect()), kernel))
 }
 
 /// Records an operation of at most `N` inputs. The first input fills unused places, and receives no gradient through them.
@@ -167,10 +146,10 @@ fn record<B: KernelBackend, C: CheckpointStrategy, const N: usize>(
     let inputs: Vec<FloatTensor<B>> = inputs.into_iter().map(|input| B::prepare(input.into_primitive())).collect();
     match Recorded::<B, N>(PhantomData).prepare::<C>(guards).compute_bound().stateful() {
         OpsKind::Tracked(prep) => {
-            let (output, kept) = operation.forward(&inputs);
+            let (output, kept) = operation.forward_keeping(&inputs);
             prep.finish(Saved { operation, inputs, output: output.clone(), kept }, output)
         }
-        OpsKind::UnTracked(prep) => prep.finish(operation.infer(&inputs)),
+        OpsKind::UnTracked(prep) => prep.finish(operation.forward(&inputs)),
     }
 }
 

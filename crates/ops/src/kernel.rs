@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Dispatch, Flex, TensorMetadata};
+use burn::backend::{DispatchTensor, Flex, TensorMetadata};
 use burn::tensor::{DType, FloatDType, Tensor, TensorData};
 
-use crate::graph::{self, AnyKernel, Inputs, KernelBackend, Operation};
+use crate::graph::{self, AnyKernel, KernelBackend, Operation};
 use crate::scratch::Scratch;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
@@ -47,7 +47,7 @@ pub struct Pass<'a> {
 pub(crate) fn apply<const D: usize>(
     kernel: impl Kernel,
     shape: [usize; D],
-    inputs: impl Into<Inputs<Dispatch>>,
+    inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
     graph::evaluate(AnyKernel::Host(Arc::new(HostOperation { kernel, shape: shape.to_vec() })), inputs)
 }
@@ -90,12 +90,12 @@ impl KernelBackend for Flex {
 }
 
 impl<K: Kernel> Operation<Flex> for HostOperation<K> {
-    fn infer(&self, inputs: &[Host]) -> Host {
+    fn forward(&self, inputs: &[Host]) -> Host {
         let slices = slices(inputs);
         host(self.kernel.forward(&slices, None), self.shape.clone())
     }
 
-    fn forward(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
+    fn forward_keeping(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
         let slices = slices(inputs);
         let mut saved = Scratch::of_len(self.kernel.saved_len(&slices));
         let output = self.kernel.forward(&slices, Some(&mut saved));

@@ -3,11 +3,10 @@
 use std::fmt::Debug;
 use std::ops::Range;
 
-use burn::backend::Dispatch;
+use burn::backend::DispatchTensor;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
-use crate::graph::Inputs;
 use crate::kernel::{self, Kernel, Pass};
 use crate::segments::Segments;
 use crate::simd::{self, Job};
@@ -77,7 +76,7 @@ pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
     kernel: K,
     segments: &Segments,
     shape: [usize; D],
-    inputs: impl Into<Inputs<Dispatch>>,
+    inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
     let columns = shape[1..].iter().product();
     kernel::apply(AlongRays { kernel, segments: segments.clone(), columns }, shape, inputs)

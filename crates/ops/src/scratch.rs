@@ -4,7 +4,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Slice of `f32` whose memory returns to a pool when it is dropped. It holds the values of earlier users, or zeros.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Scratch {
     /// Memory of at least `len` values.
     buffer: Vec<f32>,

@@ -76,7 +76,9 @@ impl Segments {
     pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
         dispatch! {
             &rows.device();
-            cube if self.samples() > 0 => crate::cube::apply(crate::cube::Spread(self.clone()), rows),
+            cube if self.samples() > 0 => {
+                crate::cube::apply(crate::cube::Spread(self.clone()), [rows.into_dispatch()])
+            },
             plain => {
                 let owners = upload(self.host_owners(), [self.samples()], &rows.device());
                 rows.select(0, owners)

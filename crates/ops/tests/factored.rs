@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::common::{Draws, assert_close, vector, wide};
+use crate::common::{Draws, assert_close, joined, vector, wide};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
 use infonerf_ops::{from_host, to_host};
@@ -43,9 +43,14 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> F
     FactoredCase { layout, query, inputs: [tables, weights, positions] }
 }
 
-type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<FactoredLayout>, Query) -> Tensor<2>;
+type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<FactoredLayout>, Query) -> (Tensor<1>, Option<Tensor<2>>);
 
-fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<FactoredLayout>, query: Query) -> Tensor<2> {
+fn plain(
+    tables: Tensor<1>,
+    weights: Tensor<1>,
+    layout: &Arc<FactoredLayout>,
+    query: Query,
+) -> (Tensor<1>, Option<Tensor<2>>) {
     factored::plain(tables, weights, layout, &query)
 }
 
@@ -55,7 +60,7 @@ fn run(case: &FactoredCase, device: &Device, body: FieldBody, scale: impl Fn(usi
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let directions = case.query.directions.clone().map(|rows| from_host(&to_host(rows), 3, &device));
     let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
-    let out = body(tables.clone(), weights.clone(), &case.layout, query);
+    let out = joined(body(tables.clone(), weights.clone(), &case.layout, query));
     let [rows, columns] = out.dims();
     let u: Vec<f32> = numbers(rows * columns, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect();
     let grads = (out.clone() * from_host(&u, columns, &device)).sum().backward();

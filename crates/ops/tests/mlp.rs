@@ -1,8 +1,8 @@
 //! NeRF's network: host kernel against plain tensors on two backends.
 
-use crate::common::{Draws, assert_close, vector};
+use crate::common::{Draws, assert_close, joined, vector};
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
+use infonerf_ops::mlp::{self, Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, from_host, to_host};
 
 struct MlpCase {
@@ -39,9 +39,11 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> MlpCase {
     MlpCase { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
 }
 
+type NetworkBody = fn(Tensor<2>, &RadianceMlp, [Activation; 2]) -> (Tensor<1>, Option<Tensor<2>>);
+
 impl MlpCase {
     /// Returns the value, and the gradients of ⟨u, value⟩ with respect to x and to all weights.
-    fn run(&self, device: &Device, body: impl Fn(Tensor<2>, &RadianceMlp) -> Tensor<2>) -> [Vec<f32>; 3] {
+    fn run(&self, device: &Device, precision: Precision, body: NetworkBody) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
         let dense = |([_, outputs], weight, bias): &([usize; 2], Vec<f32>, Vec<f32>)| Dense {
             weight: from_host(weight, *outputs, &device).require_grad(),
@@ -53,9 +55,9 @@ impl MlpCase {
         let directions = from_host(&self.directions, 3, &device);
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
-        let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision: Precision::F32 };
+        let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision };
         let x = from_host(&self.x, self.encoded, &device).require_grad();
-        let out = body(x.clone(), &network);
+        let out = joined(body(x.clone(), &network, [Activation::None; 2]));
         let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
         let grads = (out.clone() * u).sum().backward();
         let dweights = parameters.iter().flat_map(|Dense { weight, bias }| {
@@ -90,9 +92,9 @@ fn cases() -> Vec<MlpCase> {
 #[test]
 fn bodies_agree_in_value_and_gradient() {
     for case in cases() {
-        let host = case.run(&Device::flex(), radiance_mlp);
+        let host = case.run(&Device::flex(), Precision::F32, radiance_mlp);
         for device in [Device::flex(), Device::ndarray()] {
-            let plain = case.run(&device, mlp::plain);
+            let plain = case.run(&device, Precision::F32, mlp::plain);
             for ((host, plain), what) in host.iter().zip(&plain).zip(["value", "x", "weights"]) {
                 let what = format!("{what}, {} samples, skip {}, {device:?}", case.segments.samples(), case.skip);
                 assert_close(host, plain, &what);
@@ -112,10 +114,8 @@ fn bf16_is_exact_for_integers_of_8_bits() {
         case.layers.iter_mut().for_each(|(size, w, b)| (*w, *b) = (whole(size[0] * size[1]), vec![1.0; size[1]]));
         (case.x, case.directions) = (whole(case.x.len()), whole(case.directions.len()));
         case.whole = true;
-        let exact = case.run(&Device::flex(), radiance_mlp);
-        let rounded = case.run(&Device::flex(), |encoded, network| {
-            radiance_mlp(encoded, &RadianceMlp { precision: Precision::Bf16, ..network.clone() })
-        });
+        let [exact, rounded] =
+            [Precision::F32, Precision::Bf16].map(|precision| case.run(&Device::flex(), precision, radiance_mlp));
         for (exact, rounded) in exact.iter().zip(&rounded) {
             assert!(exact.iter().any(|x| *x != 0.0), "something is computed");
             assert_eq!(exact, rounded);
@@ -126,9 +126,8 @@ fn bf16_is_exact_for_integers_of_8_bits() {
 #[test]
 fn gradients_without_samples_are_zero() {
     for precision in [Precision::F32, Precision::Bf16] {
-        let [value, dx, dweights] = case(4, &[0, 0], 2, true).run(&Device::flex(), |encoded, network| {
-            radiance_mlp(encoded, &RadianceMlp { precision, ..network.clone() })
-        });
+        let case = case(4, &[0, 0], 2, true);
+        let [value, dx, dweights] = case.run(&Device::flex(), precision, radiance_mlp);
         assert!(value.is_empty() && dx.is_empty());
         assert!(!dweights.is_empty() && dweights.iter().all(|d| *d == 0.0));
     }

@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 use fastrand::Rng;
-use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
+use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, from_host};
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
@@ -52,7 +52,8 @@ fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_
         let color = ColorBranch { feature, view, rgb, directions, frequencies, segments };
         let network = RadianceMlp { trunk: dense, skip, sigma, color: Some(color), precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, inputs as i32]);
-        let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
+        let activations = [Activation::ShiftedSoftplus, Activation::Sigmoid];
+        let (density, color) = radiance_mlp(points, &network, activations);
         let color = color.expect("the network has colour").flatten::<1>(0, 1);
         let used = leaves.iter().enumerate().filter(|(index, _)| match upstream {
             GradientOf::Both => true,
@@ -85,6 +86,6 @@ fn density(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let sigma = dense.pop().expect("there are layers");
         let network = RadianceMlp { trunk: dense, skip: 1, sigma, color: None, precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, WIDTHS[0] as i32]);
-        value_and_gradients(density_and_color(points, &network, Activation::Relu).0, &[&encoded])
+        value_and_gradients(radiance_mlp(points, &network, [Activation::Relu; 2]).0, &[&encoded])
     });
 }

@@ -20,7 +20,7 @@ use infonerf_ops::{
 };
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
-use crate::values::{leaf, uniform};
+use crate::values::{joined, leaf, uniform};
 
 /// Maximum error of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;
@@ -193,7 +193,7 @@ fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 color,
                 negligible: 0.0,
             };
-            let out = factored_field(tables.clone(), weights.clone(), &layout, query);
+            let out = joined(factored_field(tables.clone(), weights.clone(), &layout, query));
             value_and_gradients(out, &[&tables, &weights, &positions])
         });
     }

@@ -15,7 +15,7 @@ use infonerf_ops::{
 use super::errors::Errors;
 use super::geometry::on_sphere;
 use super::rays::log_uniform;
-use crate::values::{gradient_of, leaf, wide};
+use crate::values::{gradient_of, joined, leaf, wide};
 
 type Draw = fn(&mut Rng) -> f32;
 
@@ -135,7 +135,7 @@ pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device
             negligible: 0.0,
         };
         let (t, w) = (leaf(&tables, &device), leaf(&weights, &device));
-        let out = factored_field(t.clone(), w.clone(), &layout, query.clone());
+        let out = joined(factored_field(t.clone(), w.clone(), &layout, query.clone()));
         let upstream = drawn(rng, 4 * SAMPLES, signed);
         let weigh = from_host(&upstream, 4, &device);
         let [tables, weights, positions] = [&tables, &weights, &positions].map(|values| wide(values));

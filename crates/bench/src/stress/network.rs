@@ -2,11 +2,11 @@
 
 use burn::tensor::Device;
 use fastrand::Rng;
-use infonerf_ops::mlp::{Precision, RadianceMlp, radiance_mlp};
+use infonerf_ops::mlp::{Activation, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{from_host, to_host};
 
 use super::errors::Errors;
-use crate::values::{gradient_of, layer, leaves, trunk, uniform, wide};
+use crate::values::{gradient_of, joined, layer, leaves, trunk, uniform, wide};
 
 pub(super) const OPERATION: &str = "network";
 pub(super) const CASE: &str = "bf16 products";
@@ -30,7 +30,8 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
         let (leaves, mut trunk) = leaves(&layers, device);
         let sigma = trunk.pop().expect("there is a last layer");
         let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision };
-        let out = radiance_mlp(from_host(&encoded, ENCODED, &device.clone().autodiff()), &network);
+        let encoded = from_host(&encoded, ENCODED, &device.clone().autodiff());
+        let out = joined(radiance_mlp(encoded, &network, [Activation::None; 2]));
         let grads = (out.clone() * from_host(&upstream, 1, &out.device())).sum().backward();
         (to_host(out.detach()), leaves.iter().map(|leaf| gradient_of(leaf, &grads)).collect::<Vec<Vec<f32>>>())
     };

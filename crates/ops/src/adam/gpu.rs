@@ -9,7 +9,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{AdamOps, AdamStep};
-use crate::cube::{CubeKernel, apply, arg, empty_like, launch, threads, untracked, uploaded};
+use crate::cube::{Operation, apply, arg, empty_like, launch, threads, untracked, uploaded};
 
 /// Max number of parameters of a launch. Each thread searches them for the value that it updates.
 const MAX_PARAMETERS: usize = 24;
@@ -67,7 +67,8 @@ fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[com
 }
 
 pub(super) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
-    apply(Check { is_first: before.is_none() }, (value.clone(), before.unwrap_or(value)))
+    let is_first = before.is_none();
+    apply(Check { is_first }, [value.clone(), before.unwrap_or(value)].map(|tensor| tensor.into_dispatch()))
 }
 
 #[derive(Debug)]
@@ -75,7 +76,7 @@ struct Check {
     is_first: bool,
 }
 
-impl CubeKernel for Check {
+impl Operation<CubeBackend> for Check {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [value, before] = inputs else { unreachable!("a value and a flag") };
         let out = empty_like(value);

@@ -60,7 +60,8 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
         &table.device();
         host => {
             let [rows, channels] = table.dims();
-            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, [taps.0.len(), channels], table)
+            let kernel = host::BilinearKernel { taps: taps.clone(), rows, channels };
+            crate::kernel::apply(kernel, [taps.0.len(), channels], [table.into_dispatch()])
         },
         plain => plain(table, taps),
     }

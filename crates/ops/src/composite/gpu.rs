@@ -5,10 +5,11 @@
 
 use burn::cubecl::{self, prelude::*};
 use burn::tensor;
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::cube::rays::{alpha_of, first_sample};
-use crate::cube::{CubeKernel, Pass, apply, arg, empty, empty_like, launch};
+use crate::cube::{Operation, Pass, apply, arg, empty, empty_like, launch};
 use crate::segments::Segments;
 
 /// Computes values, depth and Σw of [`composite`](super::composite()) or, with three values, `distances` and a `background`,
@@ -27,7 +28,8 @@ pub(super) fn composite(
     // A missing input is replaced by another tensor, which the kernels do not read.
     let distances = distances.unwrap_or_else(|| tau.clone()).detach();
     let values = values.unwrap_or_else(|| tau.clone().detach().unsqueeze_dim(1));
-    let packed: tensor::Tensor<2> = apply(kernel, (tau, values, distances));
+    let inputs = [tau.into_dispatch(), values.into_dispatch(), distances.into_dispatch()];
+    let packed: tensor::Tensor<2> = apply(kernel, inputs);
     let column = |index: usize| packed.clone().narrow(1, index, 1).squeeze_dim(1);
     let values = is_colored.then(|| packed.clone().narrow(1, 0, channels));
     (values, column(channels), column(channels + 1))
@@ -62,7 +64,7 @@ impl GpuComposite {
     }
 }
 
-impl CubeKernel for GpuComposite {
+impl Operation<CubeBackend> for GpuComposite {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let out = empty(&inputs[0], [self.segments.rays(), self.channels + 2]);
         launch!(composite_forward::launch, self.segments.rays(); &out; self.inputs(inputs));

@@ -50,7 +50,8 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Comp
         &tau.device();
         host => {
             let (kernel, shape) = (host::CompositeKernel { channels }, [segments.rays(), channels + 1]);
-            let packed = crate::ray_kernel::apply(kernel, segments, shape, (tau, values));
+            let inputs = [tau.into_dispatch(), values.into_dispatch()];
+            let packed = crate::ray_kernel::apply(kernel, segments, shape, inputs);
             Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
         },
         cube if samples > 0 => {

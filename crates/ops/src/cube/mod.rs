@@ -20,11 +20,10 @@ mod sampling;
 mod together;
 
 use std::collections::VecDeque;
-use std::fmt::Debug;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use burn::backend::ops::FloatTensorOps;
-use burn::backend::{Dispatch, DispatchTensorKind};
+use burn::backend::{DispatchTensor, DispatchTensorKind};
 use burn::cubecl::calculate_cube_count_elemwise;
 use burn::cubecl::prelude::*;
 use burn::tensor::{DType, Shape, Tensor, TensorData};
@@ -37,29 +36,14 @@ pub(crate) use rays::{PointsOnRays, Spread, alpha_of, ln_1p};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};
 pub(crate) use together::together;
 
-use crate::graph::{self, AnyKernel, Inputs, KernelBackend, Operation};
+pub(crate) use crate::graph::Operation;
+use crate::graph::{self, AnyKernel, KernelBackend};
 use crate::traffic::count_upload;
-
-/// Differentiable function of dense `f32` tensors on a GPU.
-pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
-    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor;
-
-    /// Computes the output, and what the backward pass needs in addition to inputs and output.
-    fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
-        (self.forward(inputs), Vec::new())
-    }
-
-    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others. The
-    /// default body computes none.
-    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        vec![None; pass.inputs.len()]
-    }
-}
 
 pub(crate) type Pass<'a> = graph::BackwardPass<'a, CubeBackend>;
 
 impl KernelBackend for CubeBackend {
-    type Kept = Vec<CubeTensor>;
+    type Kept = ();
 
     fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>> {
         match kernel {
@@ -74,22 +58,11 @@ impl KernelBackend for CubeBackend {
     }
 }
 
-impl<K: CubeKernel> Operation<CubeBackend> for K {
-    fn infer(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        CubeKernel::forward(self, inputs)
-    }
-
-    fn forward(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
-        self.forward_keeping(inputs)
-    }
-
-    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        CubeKernel::backward(self, pass)
-    }
-}
-
 /// Evaluates `kernel(inputs)` as a tensor of rank `D`.
-pub(crate) fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
+pub(crate) fn apply<const D: usize>(
+    kernel: impl Operation<CubeBackend> + 'static,
+    inputs: impl IntoIterator<Item = DispatchTensor>,
+) -> Tensor<D> {
     graph::evaluate(AnyKernel::Cube(Arc::new(kernel)), inputs)
 }
 

@@ -1,9 +1,10 @@
 //! Several outputs of one operation as parts of one buffer, which are split without a launch.
 
 use burn::tensor::{self, DType, Shape};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{CubeKernel, apply, empty};
+use super::{Operation, apply, empty};
 use crate::segments::Segments;
 
 /// Number of elements to a multiple of which the start of a part is rounded up: 512 bytes, which suit every device.
@@ -48,7 +49,7 @@ impl<const N: usize> Outputs<N> {
     /// Returns an output of the operation that filled the `buffer`.
     pub(crate) fn output<const D: usize>(&self, buffer: &tensor::Tensor<1>, index: usize) -> tensor::Tensor<D> {
         let (start, shape) = (self.starts[index], self.shapes[index].clone());
-        apply(BufferPart { start, shape, segments: None }, buffer.clone())
+        apply(BufferPart { start, shape, segments: None }, [buffer.clone().into_dispatch()])
     }
 }
 
@@ -61,7 +62,7 @@ pub(super) struct BufferPart {
     pub(super) segments: Option<Segments>,
 }
 
-impl CubeKernel for BufferPart {
+impl Operation<CubeBackend> for BufferPart {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let part = part(inputs[0].clone(), self.start, self.shape.clone());
         if let Some(segments) = &self.segments {

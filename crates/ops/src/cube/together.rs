@@ -29,10 +29,10 @@ pub(crate) fn together<const N: usize>(
     let total = all.len();
     let all = upload(all, [total], device);
     for part in offsets {
-        apply::<1>(part, all.clone());
+        apply::<1>(part, [all.clone().into_dispatch()]);
     }
     parts.map(|part| match part.shape.num_elements() {
         0 => tensor::Tensor::empty([0], device),
-        _ => apply(part, all.clone()),
+        _ => apply(part, [all.clone().into_dispatch()]),
     })
 }

@@ -1,11 +1,12 @@
 //! Kernels of the divergence of neighbouring rays: one thread per pair of rays.
 
 use burn::cubecl::{self, prelude::*};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{alpha_of, first_sample, ln_1p, mass_of};
-use crate::cube::{CubeKernel, Pass, arg, empty, empty_like, launch};
+use crate::cube::{Operation, Pass, arg, empty, empty_like, launch};
 use crate::segments::Segments;
 
 #[derive(Debug)]
@@ -22,7 +23,7 @@ impl GpuDivergence {
     }
 }
 
-impl CubeKernel for GpuDivergence {
+impl Operation<CubeBackend> for GpuDivergence {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let out = empty(&inputs[0], [self.segments.rays()]);
         launch!(divergence_forward::launch, self.segments.rays(); &out; self.pairs(inputs));

@@ -32,10 +32,11 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
         &tau.device();
         host => {
             let kernel = host::DivergenceKernel { epsilon };
-            crate::ray_kernel::apply(kernel, segments, [segments.rays()], (tau, near))
+            crate::ray_kernel::apply(kernel, segments, [segments.rays()], [tau, near].map(Tensor::into_dispatch))
         },
         cube if segments.samples() > 0 => {
-            crate::cube::apply(gpu::GpuDivergence { segments: segments.clone(), epsilon }, (tau, near))
+            let kernel = gpu::GpuDivergence { segments: segments.clone(), epsilon };
+            crate::cube::apply(kernel, [tau, near].map(Tensor::into_dispatch))
         },
         plain => plain(tau, near, segments, epsilon),
     }

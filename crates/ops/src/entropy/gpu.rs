@@ -2,16 +2,17 @@
 
 use burn::cubecl::{self, prelude::*};
 use burn::tensor;
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
+use crate::cube::{Operation, Pass, apply, empty, empty_like, launch};
 use crate::segments::Segments;
 
 /// Computes the results of [`ray_entropy`](super::ray_entropy): bits and Σα, `[R]` each.
 pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
-    let packed: tensor::Tensor<2> = apply(GpuEntropy { segments: segments.clone(), epsilon }, tau);
+    let packed: tensor::Tensor<2> = apply(GpuEntropy { segments: segments.clone(), epsilon }, [tau.into_dispatch()]);
     [0, 1].map(|index| packed.clone().narrow(1, index, 1).squeeze_dim(1))
 }
 
@@ -22,7 +23,7 @@ struct GpuEntropy {
     epsilon: f32,
 }
 
-impl CubeKernel for GpuEntropy {
+impl Operation<CubeBackend> for GpuEntropy {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let (tau, rays) = (&inputs[0], self.segments.rays());
         let (offsets, out) = (self.segments.offsets_on_device_of(tau), empty(tau, [rays, 2]));

@@ -52,8 +52,8 @@ pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntr
     dispatch! {
         &tau.device();
         host => {
-            let kernel = host::EntropyKernel { epsilon };
-            let packed = crate::ray_kernel::apply(kernel, segments, [segments.rays(), host::COLUMNS], tau);
+            let (kernel, shape) = (host::EntropyKernel { epsilon }, [segments.rays(), host::COLUMNS]);
+            let packed = crate::ray_kernel::apply(kernel, segments, shape, [tau.into_dispatch()]);
             let column = |i: usize| packed.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
             RayEntropy { bits: column(0), alpha_sum: column(1) }
         },

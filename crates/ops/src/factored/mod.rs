@@ -59,7 +59,10 @@ impl Query {
     }
 }
 
-/// Evaluates the field at the points of `query`: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ without colour.
+/// Evaluates the field at the points of `query`: density σ, `[M]`, and red, green and blue, `[M, 3]`, if `query.color`.
+///
+/// With f_i = planeᵢ(u) ⊙ lineᵢ(u) of each level and z the output of the MLP: σ = s·ln(1 + e^(z₀ + b)), and colour is
+/// 1/(1 + e^−(z_c + v_c·d)) with nine further outputs v if colour depends on the view direction d.
 ///
 /// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP. The result is
 /// differentiable in both, and in `query.positions` if these require a gradient (0 along an axis on which a position lies
@@ -67,55 +70,27 @@ impl Query {
 ///
 /// # Panics
 /// If a length does not match `layout`, or directions are missing although colour depends on them.
-pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<FactoredLayout>, query: Query) -> Tensor<2> {
-    check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
-    dispatch! {
-        &tables.device();
-        host => {
-            let positions = query.positions.clone();
-            let directions = query.directions.clone().filter(|_| query.color && layout.view_dependent);
-            let shape = [query.samples(), if query.color { layout::OUTPUTS } else { 1 }];
-            let kernel = host::FactoredKernel { layout: layout.clone(), query };
-            match directions {
-                Some(directions) => crate::kernel::apply(kernel, shape, (tables, weights, positions, directions)),
-                None => crate::kernel::apply(kernel, shape, (tables, weights, positions)),
-            }
-        },
-        plain => crate::mlp::packed(plain::heads(features(tables, layout, &query), weights, layout, &query)),
-    }
-}
-
-/// Computes the MLP's input, `[M, layout.features()]`.
-fn features(tables: Tensor<1>, layout: &Arc<FactoredLayout>, query: &Query) -> Tensor<2> {
-    dispatch! {
-        &tables.device();
-        cube if query.samples() > 0 => gpu::features(tables, layout, query),
-        plain => plain::features(tables, layout, query),
-    }
-}
-
-/// Evaluates [`factored_field`] as density `[M]` and colour `[M, 3]`.
-///
-/// # Panics
-/// As [`factored_field`].
-pub fn density_and_color(
+pub fn factored_field(
     tables: Tensor<1>,
     weights: Tensor<1>,
     layout: &Arc<FactoredLayout>,
     query: Query,
 ) -> (Tensor<1>, Option<Tensor<2>>) {
+    check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
     dispatch! {
         &tables.device();
         host => {
-            let color = query.color;
-            let packed = factored_field(tables, weights, layout, query);
-            (packed.clone().narrow(1, 0, 1).squeeze_dim(1), color.then(|| packed.narrow(1, 1, 3)))
+            let directions = query.directions.clone().filter(|_| query.color && layout.view_dependent);
+            let inputs = [tables.into_dispatch(), weights.into_dispatch(), query.positions.clone().into_dispatch()];
+            let inputs = inputs.into_iter().chain(directions.map(Tensor::into_dispatch));
+            let kernel = host::FactoredKernel { layout: layout.clone(), query };
+            let shape = [kernel.query.samples(), kernel.outputs()];
+            crate::mlp::density_and_color(crate::kernel::apply(kernel, shape, inputs))
         },
-        plain => {
-            check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
-            let (density, color) = plain::heads(features(tables, layout, &query), weights, layout, &query);
-            (density.squeeze_dim(1), color)
+        cube if query.samples() > 0 => {
+            plain::density_and_color(gpu::features(tables, layout, &query), weights, layout, &query)
         },
+        plain => plain(tables, weights, layout, &query),
     }
 }
 

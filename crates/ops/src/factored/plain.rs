@@ -5,30 +5,31 @@ use burn::tensor::{Int, Tensor};
 
 use super::Query;
 use super::layout::{FactoredLayout, Level, PLANES};
-use crate::mlp::{Activation, Dense, Precision, dense, packed};
+use crate::mlp::{Activation, Dense, Precision, dense};
 
 /// Computes [`factored_field`](super::factored_field) without host kernels, and without kernels that read tables.
-pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
-    packed(heads(features(tables, layout, query), weights, layout, query))
-}
-
-pub(super) fn features(tables: Tensor<1>, layout: &FactoredLayout, query: &Query) -> Tensor<2> {
+pub fn plain(
+    tables: Tensor<1>,
+    weights: Tensor<1>,
+    layout: &FactoredLayout,
+    query: &Query,
+) -> (Tensor<1>, Option<Tensor<2>>) {
     let mut features = vec![frequencies(query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
             features.push(plane_by_line(&tables, level, p, axes, &query.positions) * weight);
         }
     }
-    Tensor::cat(features, 1)
+    density_and_color(Tensor::cat(features, 1), weights, layout, query)
 }
 
-/// Computes density `[M, 1]` and colour `[M, 3]` from the MLP's input.
-pub(super) fn heads(
+/// Computes density, `[M]`, and colour, `[M, 3]`, from the MLP's input, `[M, layout.features()]`.
+pub(super) fn density_and_color(
     features: Tensor<2>,
     weights: Tensor<1>,
     layout: &FactoredLayout,
     query: &Query,
-) -> (Tensor<2>, Option<Tensor<2>>) {
+) -> (Tensor<1>, Option<Tensor<2>>) {
     let samples = query.samples();
     let mut x = features;
     for (index, layer) in layout.layers.iter().enumerate() {
@@ -41,6 +42,7 @@ pub(super) fn heads(
     let density = x.clone().narrow(1, 0, 1) + layout.density_bias;
     // ln(1 + e^x), accurate where it is small, and without overflow where it is large.
     let sigma = (relu(density.clone()) + (-density.abs()).exp().log1p()) * layout.density_scale;
+    let sigma = sigma.squeeze_dim(1);
     if !query.color {
         return (sigma, None);
     }

@@ -1,9 +1,10 @@
 //! GPU kernels of the encodings, and sine and cosine that are the same on every device.
 
 use burn::cubecl::{self, prelude::*};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::{CubeKernel, Pass, empty, empty_like, launch, uploaded};
+use crate::cube::{Operation, Pass, empty, empty_like, launch, uploaded};
 
 /// Encoding of at least one point, or Gaussian if `integrated`.
 #[derive(Debug)]
@@ -13,7 +14,7 @@ pub(super) struct GpuEncoding {
     pub(super) integrated: bool,
 }
 
-impl CubeKernel for GpuEncoding {
+impl Operation<CubeBackend> for GpuEncoding {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let (points, variances) = (&inputs[0], inputs.get(1).unwrap_or(&inputs[0]));
         let [rows, dims] = points.meta.shape().dims();

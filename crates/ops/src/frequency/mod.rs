@@ -48,11 +48,11 @@ fn encode(points: Tensor<2>, variances: Option<Tensor<2>>, window: Vec<f32>) -> 
             let ([rows, dims], integrated) = (points.dims(), variances.is_some());
             let kernel = host::EncodingKernel { dims, window, integrated };
             let shape = [rows, kernel.width()];
-            crate::kernel::apply(kernel, shape, (points, variances))
+            crate::kernel::apply(kernel, shape, std::iter::once(points).chain(variances).map(Tensor::into_dispatch))
         },
         cube if points.dims()[0] > 0 => {
             let kernel = gpu::GpuEncoding { window, integrated: variances.is_some() };
-            crate::cube::apply(kernel, (points, variances))
+            crate::cube::apply(kernel, std::iter::once(points).chain(variances).map(Tensor::into_dispatch))
         },
         plain => plain(points, variances, &window),
     }

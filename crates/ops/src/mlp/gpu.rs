@@ -10,7 +10,7 @@ use burn_cubecl::tensor::CubeTensor;
 use super::product::product;
 use super::tall::{sum_rows, transposed_product};
 use super::{Activation, Precision};
-use crate::cube::{CubeKernel, Pass, alpha_of, empty, empty_like, launch, ln_1p};
+use crate::cube::{Operation, Pass, alpha_of, empty, empty_like, launch, ln_1p};
 
 /// Number of threads that share the sums of a bias's gradient: what fills a large GPU.
 const THREADS: usize = 1 << 18;
@@ -34,7 +34,7 @@ impl GpuDense {
     }
 }
 
-impl CubeKernel for GpuDense {
+impl Operation<CubeBackend> for GpuDense {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [x, weight, bias] = inputs else { unreachable!("a layer has an input, a matrix and a bias") };
         let out = product(self.rounded(x.clone()), self.rounded(weight.clone()));

@@ -12,28 +12,37 @@ mod product;
 mod tall;
 
 pub use network::{Activation, ColorBranch, Dense, Precision, RadianceMlp};
+pub(crate) use plain::dense;
 pub use plain::plain;
-pub(crate) use plain::{dense, packed};
 
 use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
-#[cfg(feature = "flex")]
-use crate::graph::Inputs;
 
-/// Evaluates the network at encoded positions `[M, E]`, before activation: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ if
-/// `network` has no colour. Differentiable in every weight and in `encoded`.
+/// Evaluates the network at encoded positions, `[M, E]`: density, `[M]`, and red, green and blue, `[M, 3]`, if `network` has
+/// colour, each after its activation. Differentiable in every weight and bias, and in `encoded`.
+///
+/// With h₀ = x, hₗ = relu(Wₗ hₗ₋₁ + bₗ), where layer `skip` reads (x, hₗ₋₁): density is W_σ h_L + b_σ, and colour is W_c v + b_c of
+/// v = relu(W_v (W_f h_L + b_f, γ(d)) + b_v) with the encoded view direction γ(d) (Mildenhall et al. 2020, Fig. 7).
 ///
 /// # Panics
 /// If the layers do not fit on top of each other, or the device lacks the precision.
-pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
+pub fn radiance_mlp(
+    encoded: Tensor<2>,
+    network: &RadianceMlp,
+    activations: [Activation; 2],
+) -> (Tensor<1>, Option<Tensor<2>>) {
     dispatch! {
         &encoded.device();
-        host => match network.precision {
-            Precision::F32 => on_host(host::MlpKernel::new(encoded.dims(), network), encoded, network),
-            Precision::Bf16 => on_host(crate::bf16::RoundedMlpKernel::new(encoded.dims(), network), encoded, network),
+        host => {
+            let size = encoded.dims();
+            let (density, color) = density_and_color(match network.precision {
+                Precision::F32 => on_host(host::MlpKernel::new(size, network), encoded, network),
+                Precision::Bf16 => on_host(crate::bf16::RoundedMlpKernel::new(size, network), encoded, network),
+            });
+            (activations[0].apply(density), color.map(|color| activations[1].apply(color)))
         },
-        plain => plain(encoded, network),
+        plain => plain(encoded, network, activations),
     }
 }
 
@@ -41,39 +50,22 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
 #[cfg(feature = "flex")]
 fn on_host(kernel: impl crate::kernel::Kernel, encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     let shape = [encoded.dims()[0], if network.color.is_some() { 4 } else { 1 }];
-    let directions = network.color.as_ref().map(|branch| branch.encoded_directions().into_dispatch());
+    let directions = network.color.as_ref().map(|branch| branch.encoded_directions());
     let parameters =
         network.layers().flat_map(|layer| [layer.weight.clone().into_dispatch(), layer.bias.clone().into_dispatch()]);
-    let inputs: Inputs<burn::backend::Dispatch> =
-        std::iter::once(encoded.into_dispatch()).chain(directions).chain(parameters).collect();
+    let inputs = std::iter::once(encoded).chain(directions).map(Tensor::into_dispatch).chain(parameters);
     crate::kernel::apply(kernel, shape, inputs)
+}
+
+/// Splits rows of density and, in `[M, 4]` instead of `[M, 1]`, colour.
+#[cfg(feature = "flex")]
+pub(crate) fn density_and_color(packed: Tensor<2>) -> (Tensor<1>, Option<Tensor<2>>) {
+    let color = (packed.dims()[1] > 1).then(|| packed.clone().narrow(1, 1, 3));
+    (packed.narrow(1, 0, 1).squeeze_dim(1), color)
 }
 
 /// Returns the index of the first layer's weights among the inputs of a host kernel.
 #[cfg(feature = "flex")]
 pub(crate) fn first_layer(has_color: bool) -> usize {
     if has_color { 2 } else { 1 }
-}
-
-/// Evaluates density `[M]`, after the activation `density`, and colour `[M, 3]`, after a sigmoid, if the network has colour.
-///
-/// # Panics
-/// As [`radiance_mlp`].
-pub fn density_and_color(
-    encoded: Tensor<2>,
-    network: &RadianceMlp,
-    density: Activation,
-) -> (Tensor<1>, Option<Tensor<2>>) {
-    dispatch! {
-        &encoded.device();
-        host => {
-            let raw = radiance_mlp(encoded, network);
-            let color = network.color.as_ref().map(|_| Activation::Sigmoid.apply(raw.clone().narrow(1, 1, 3)));
-            (density.apply(raw.narrow(1, 0, 1).squeeze_dim(1)), color)
-        },
-        plain => {
-            let (density, color) = plain::heads(encoded, network, [density, Activation::Sigmoid]);
-            (density.squeeze_dim(1), color)
-        },
-    }
 }

@@ -6,24 +6,11 @@ use super::{Activation, Dense, Precision, RadianceMlp};
 use crate::dispatch::dispatch;
 
 /// Computes [`radiance_mlp`](super::radiance_mlp) without a kernel of the host.
-pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
-    packed(heads(encoded, network, [Activation::None; 2]))
-}
-
-/// Joins density and colour, `[M, 4]` or `[M, 1]`.
-pub(crate) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor<2> {
-    match color {
-        Some(color) => Tensor::cat(vec![density, color], 1),
-        None => density,
-    }
-}
-
-/// Evaluates density `[M, 1]` and colour `[M, 3]`, each after its activation.
-pub(super) fn heads(
+pub fn plain(
     encoded: Tensor<2>,
     network: &RadianceMlp,
     [sigma, rgb]: [Activation; 2],
-) -> (Tensor<2>, Option<Tensor<2>>) {
+) -> (Tensor<1>, Option<Tensor<2>>) {
     let apply = |layer: &Dense, x: Tensor<2>, activation| dense(x, layer, activation, network.precision);
     let mut h = encoded.clone();
     for (index, layer) in network.trunk.iter().enumerate() {
@@ -40,7 +27,7 @@ pub(super) fn heads(
         let h = apply(&branch.view, Tensor::cat(vec![feature, direction], 1), Activation::Relu);
         apply(&branch.rgb, h, rgb)
     });
-    (sigma, color)
+    (sigma.squeeze_dim(1), color)
 }
 
 /// Evaluates `activation(x W + b)` of a layer, `[M, inputs]` → `[M, outputs]`; differentiable in all three.
@@ -49,7 +36,8 @@ pub(crate) fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precisi
         &x.device();
         cube if x.dims()[0] > 0 => {
             let kernel = super::gpu::GpuDense { activation, precision };
-            crate::cube::apply(kernel, (x, layer.weight.clone(), layer.bias.clone()))
+            let [x, weight] = [x, layer.weight.clone()].map(Tensor::into_dispatch);
+            crate::cube::apply(kernel, [x, weight, layer.bias.clone().into_dispatch()])
         },
         plain => {
             let bf16 = |factor: Tensor<2>| factor.cast(FloatDType::BF16);

@@ -156,7 +156,9 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
     dispatch! {
         &t.device();
         cube if segments.samples() > 0 => {
-            crate::cube::apply(crate::cube::PointsOnRays(segments.clone()), (origins, directions, t.detach()))
+            let [origins, directions] = [origins, directions].map(Tensor::into_dispatch);
+            let kernel = crate::cube::PointsOnRays(segments.clone());
+            crate::cube::apply(kernel, [origins, directions, t.detach().into_dispatch()])
         },
         plain => segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1),
     }

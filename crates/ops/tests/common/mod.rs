@@ -41,6 +41,11 @@ pub fn vector(values: &[f32], device: &Device) -> Tensor<1> {
     upload(values.to_vec(), [values.len()], device)
 }
 
+/// Joins density and colour to rows, `[M, 4]`, or `[M, 1]` without colour.
+pub fn joined((density, color): (Tensor<1>, Option<Tensor<2>>)) -> Tensor<2> {
+    Tensor::cat(std::iter::once(density.unsqueeze_dim(1)).chain(color).collect(), 1)
+}
+
 pub fn floats<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     to_host(tensor).into_iter().map(f64::from).collect()
 }

@@ -8,7 +8,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use self::kernels::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
-use super::{CubeKernel, Pass, empty, empty_like};
+use super::{Operation, Pass, empty, empty_like};
 use crate::segments::Segments;
 use crate::traffic::count_upload;
 
@@ -16,7 +16,7 @@ use crate::traffic::count_upload;
 #[derive(Debug)]
 pub(crate) struct PointsOnRays(pub(crate) Segments);
 
-impl CubeKernel for PointsOnRays {
+impl Operation<CubeBackend> for PointsOnRays {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [origins, directions, t] = inputs else { unreachable!("points have three inputs") };
         let out = empty(t, [self.0.samples(), 3]);
@@ -38,7 +38,7 @@ impl CubeKernel for PointsOnRays {
 #[derive(Debug)]
 pub(crate) struct Spread(pub(crate) Segments);
 
-impl CubeKernel for Spread {
+impl Operation<CubeBackend> for Spread {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let rows = &inputs[0];
         let out = empty(rows, [self.0.samples(), rows.meta.shape()[1]]);

@@ -2,11 +2,12 @@
 
 use burn::cubecl::{self, prelude::*};
 use burn::tensor::{self, DType, Shape};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::cube::outputs::Outputs;
 use crate::cube::random::{Bits, uniform};
-use crate::cube::{CubeKernel, apply, empty};
+use crate::cube::{Operation, apply, empty};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::segments::Segments;
@@ -21,7 +22,8 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
     let settings = [march.step, march.hidden_depth, x, y, z, per_x, per_y, per_z, resolution as f32];
     let walk = Walk { settings, jittered: rays.jitter.is_some(), has_cells: cells.is_some(), written: None };
-    let counts: tensor::Tensor<1> = apply(walk.clone(), (geometry.clone(), jitter.clone(), density.clone()));
+    let inputs = [geometry.clone().into_dispatch(), jitter.into_dispatch(), density.into_dispatch()];
+    let counts: tensor::Tensor<1> = apply(walk.clone(), inputs.clone());
     // Counts are whole numbers below 2^24, which f32 holds exactly.
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
@@ -32,7 +34,7 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
     }
     let outputs = Outputs::new([[samples, 1], [samples, 1], [samples, 3]].map(Shape::new));
     let writing = Walk { written: Some((segments.clone(), outputs.clone())), ..walk };
-    let buffer: tensor::Tensor<1> = apply(writing, (geometry, jitter, density));
+    let buffer: tensor::Tensor<1> = apply(writing, inputs);
     let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1));
     let positions = outputs.output::<2>(&buffer, 2);
     PackedSamples { segments, distance, delta, positions, on_host: None }
@@ -49,7 +51,7 @@ struct Walk {
     written: Option<(Segments, Outputs<3>)>,
 }
 
-impl CubeKernel for Walk {
+impl Operation<CubeBackend> for Walk {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
         let (count, jittered, has_cells) = (rays.meta.shape()[0], self.jittered, self.has_cells);

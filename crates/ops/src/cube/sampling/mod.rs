@@ -4,34 +4,41 @@ mod kernels;
 mod march;
 
 use burn::tensor::{Shape, Tensor};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use march::march;
 
 use super::outputs::Outputs;
-use super::{CubeKernel, apply, empty};
+use super::{Operation, apply, empty};
 use crate::sampling::{LastInterval, SampleRule, Streams};
 
 pub(crate) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
-    apply(Sampling::Stratified { shape, rule, jitter: jitter.is_some() }, (ends, streams))
+    apply(
+        Sampling::Stratified { shape, rule, jitter: jitter.is_some() },
+        [ends.into_dispatch(), streams.into_dispatch()],
+    )
 }
 
 pub(crate) fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &t);
-    apply(Sampling::Importance { count, jitter: jitter.is_some() }, (t, tau.detach(), streams))
+    let inputs = [t.into_dispatch(), tau.detach().into_dispatch(), streams.into_dispatch()];
+    apply(Sampling::Importance { count, jitter: jitter.is_some() }, inputs)
 }
 
 pub(crate) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &edges);
-    apply(Sampling::Resample { count, jitter: jitter.is_some() }, (edges, tau.detach(), streams))
+    let inputs = [edges.into_dispatch(), tau.detach().into_dispatch(), streams.into_dispatch()];
+    apply(Sampling::Resample { count, jitter: jitter.is_some() }, inputs)
 }
 
 pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     let [rays, columns] = t.dims();
     let samples = rays * if rule == SampleRule::Edges { columns - 1 } else { columns };
     let outputs = Outputs::new([0, 1].map(|_| Shape::new([samples])));
-    let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), rule, last }, (t, ends));
+    let inputs = [t, ends].map(Tensor::into_dispatch);
+    let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), rule, last }, inputs);
     [0, 1].map(|index| outputs.output(&buffer, index))
 }
 
@@ -49,7 +56,7 @@ enum Sampling {
     Intervals { outputs: Outputs<2>, rule: SampleRule, last: LastInterval },
 }
 
-impl CubeKernel for Sampling {
+impl Operation<CubeBackend> for Sampling {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let first = &inputs[0];
         let rays = first.meta.shape()[0];

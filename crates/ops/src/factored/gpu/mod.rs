@@ -7,17 +7,18 @@ use std::sync::Arc;
 use burn::cubecl::features::AtomicUsage;
 use burn::cubecl::ir::{FloatKind, Type};
 use burn::tensor::Tensor;
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{FactoredLayout, PLANES, Query};
-use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, uploaded, zeros};
+use crate::cube::{Operation, Pass, apply, empty, empty_like, launch, uploaded, zeros};
 use kernels::{CompareExchange, Native};
 
 /// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
 pub(super) fn features(tables: Tensor<1>, layout: &Arc<FactoredLayout>, query: &Query) -> Tensor<2> {
     let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
     let kernel = FeatureKernel { layout: layout.clone(), weights };
-    apply(kernel, (tables, query.positions.clone()))
+    apply(kernel, [tables.into_dispatch(), query.positions.clone().into_dispatch()])
 }
 
 #[derive(Debug)]
@@ -27,13 +28,8 @@ struct FeatureKernel {
     weights: Vec<f32>,
 }
 
-impl CubeKernel for FeatureKernel {
+impl Operation<CubeBackend> for FeatureKernel {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        self.forward_keeping(inputs).0
-    }
-
-    /// Keeps the weights for the backward pass.
-    fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];
         let out = empty(tables, [samples, self.layout.features()]);
@@ -41,12 +37,12 @@ impl CubeKernel for FeatureKernel {
         let (count, frequencies, levels) =
             (samples * PLANES.len(), self.layout.frequencies, self.layout.levels.clone());
         launch!(kernels::features::launch, count; tables, positions, &weights, &out; frequencies, levels);
-        (out, vec![weights])
+        out
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let [tables, positions] = pass.inputs else { unreachable!("tables are read at positions") };
-        let (samples, weights) = (positions.meta.shape()[0], &pass.kept[0]);
+        let (samples, weights) = (positions.meta.shape()[0], uploaded(&self.weights, tables));
         let in_tables = || {
             // Many samples add to one element of the tables.
             let usage = tables.client.properties().atomic_type_usage(Type::atomic(FloatKind::F32));
@@ -57,7 +53,7 @@ impl CubeKernel for FeatureKernel {
             let dtables = zeros(tables, tables.meta.shape().clone());
             launch!(
                 launch, samples * PLANES.len();
-                tables, positions, weights, pass.grad, &dtables;
+                tables, positions, &weights, pass.grad, &dtables;
                 self.layout.frequencies, self.layout.levels.clone()
             );
             dtables
@@ -66,7 +62,7 @@ impl CubeKernel for FeatureKernel {
             let dpositions = empty_like(positions);
             launch!(
                 kernels::position_gradient::launch, samples;
-                tables, positions, weights, pass.output, pass.grad, &dpositions;
+                tables, positions, &weights, pass.output, pass.grad, &dpositions;
                 self.layout.frequencies, self.layout.levels.clone()
             );
             dpositions

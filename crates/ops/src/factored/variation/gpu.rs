@@ -8,7 +8,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{FactoredLayout, weight};
-use crate::cube::{CubeKernel, Pass, empty, empty_like, launch};
+use crate::cube::{Operation, Pass, empty, empty_like, launch};
 use crate::factored::Level;
 
 const SUMS: usize = 4096;
@@ -16,7 +16,7 @@ const SUMS: usize = 4096;
 #[derive(Debug)]
 pub(super) struct GpuVariation(pub(super) Arc<FactoredLayout>);
 
-impl CubeKernel for GpuVariation {
+impl Operation<CubeBackend> for GpuVariation {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let tables = &inputs[0];
         let sums = empty(tables, [SUMS]);

@@ -10,9 +10,7 @@ use crate::parts::zeros;
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
-pub(super) struct VariationKernel {
-    pub(super) layout: Arc<FactoredLayout>,
-}
+pub(super) struct VariationKernel(pub(super) Arc<FactoredLayout>);
 
 /// Computes Σ (a − b)² in 16 running sums, which fill a vector.
 #[inline(always)]
@@ -93,7 +91,7 @@ impl Job for DifferenceGradient<'_> {
 
 impl Kernel for VariationKernel {
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
-        let levels = &self.layout.levels;
+        let levels = &self.0.levels;
         let part = |index: usize| {
             let level = &levels[index / 3];
             let plane = &inputs[0][level.plane(index % 3)..][..level.plane_len()];
@@ -109,8 +107,8 @@ impl Kernel for VariationKernel {
     fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let tables = pass.inputs[0];
         let mut gradient = zeros(tables.len());
-        self.layout.split_tables(&mut gradient).into_par_iter().enumerate().for_each(|(index, out)| {
-            let (level, p) = (&self.layout.levels[index / 6], index % 6);
+        self.0.split_tables(&mut gradient).into_par_iter().enumerate().for_each(|(index, out)| {
+            let (level, p) = (&self.0.levels[index / 6], index % 6);
             if p < 3 {
                 let plane = &tables[level.plane(p)..][..level.plane_len()];
                 let factor = 2.0 * weight(level.resolution) * pass.grad[0];
