@@ -25,9 +25,9 @@ pub trait Kernel: Debug + Send + Sync + 'static {
     /// [`Self::saved_len`] values, at first those of an earlier pass.
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32>;
 
-    /// Computes the vector–Jacobian product: for each input that is `wanted`, the gradient of `⟨grad, output⟩` with respect
-    /// to that input.
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>>;
+    /// Computes the vector–Jacobian product: the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and
+    /// perhaps to others.
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>>;
 }
 
 /// Arguments of a backward pass.
@@ -41,6 +41,8 @@ pub struct Pass<'a> {
     pub saved: &'a [f32],
     /// Gradient with respect to the output.
     pub grad: &'a [f32],
+    /// Whether the gradient with respect to each input is used.
+    pub wanted: &'a [bool],
 }
 
 /// Evaluates `kernel(inputs)` as a tensor of `shape`.
@@ -104,8 +106,10 @@ impl<K: Kernel> Operation<Flex> for HostOperation<K> {
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
         let slices = slices(pass.inputs);
-        let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
-        let results = self.kernel.backward(host_pass, pass.wanted).into_iter().zip(pass.inputs);
-        results.map(|(result, input)| result.map(|values| host(values, input.shape().to_vec()))).collect()
+        let (output, grad) = (slice(pass.output), slice(pass.grad));
+        let gradients =
+            self.kernel.backward(Pass { inputs: &slices, output, saved: pass.kept, grad, wanted: pass.wanted });
+        let shaped = |(gradient, input): (Option<Vec<f32>>, &Host)| Some(host(gradient?, input.shape().to_vec()));
+        gradients.into_iter().zip(pass.inputs).map(shaped).collect()
     }
 }

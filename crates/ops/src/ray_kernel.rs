@@ -107,10 +107,10 @@ impl<K: RayKernel<N>, const N: usize> Kernel for AlongRays<K, N> {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let (segments, widths) = (&self.segments, self.kernel.widths());
         let gradient = |(input, wanted): (&&[f32], &bool)| wanted.then(|| vec![0.0; input.len()]);
-        let mut gradients: Vec<Option<Vec<f32>>> = pass.inputs.iter().zip(wanted).map(gradient).collect();
+        let mut gradients: Vec<Option<Vec<f32>>> = pass.inputs.iter().zip(pass.wanted).map(gradient).collect();
         let mut parts: Vec<[Option<&mut [f32]>; N]> = segments.groups().map(|_| [const { None }; N]).collect();
         for (i, gradient) in gradients.iter_mut().enumerate() {
             let split = gradient.iter_mut().flat_map(|gradient| segments.split_mut(gradient, widths[i]));

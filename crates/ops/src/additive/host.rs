@@ -41,7 +41,7 @@ impl Kernel for AdditiveKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let tau = pass.inputs[0];
         let mut dtau = vec![0.0; tau.len()];
         self.each_ray(tau, &mut dtau, |tau, dtau, first| {

@@ -359,17 +359,17 @@ impl Kernel for RoundedMlpKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let parameters = self.parameters(pass.inputs);
         let layers = self.layers(parameters, true);
         let samples = pass.grad.len() / self.width();
         let per_group = samples.div_ceil(BLOCK).div_ceil(GROUPS).max(1) * BLOCK;
         let grads = pass.grad.par_chunks(self.width() * per_group).enumerate();
         let groups: Vec<Gradients> = grads
-            .map(|(group, grad)| self.backward_group(&layers, pass.inputs, group * per_group, grad, wanted[0]))
+            .map(|(group, grad)| self.backward_group(&layers, pass.inputs, group * per_group, grad, pass.wanted[0]))
             .collect();
-        let dencoded =
-            wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
+        let dencoded = pass.wanted[0]
+            .then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
         let mut sums: Vec<Vec<f32>> = parameters.iter().map(|parameter| vec![0.0; parameter.len()]).collect();
         for (index, stage) in self.stages.iter().enumerate().skip(1) {
             let inputs = self.inputs(index);

@@ -60,8 +60,8 @@ impl Kernel for BilinearKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        if !wanted[0] {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
+        if !pass.wanted[0] {
             return vec![None];
         }
         let (channels, grad) = (self.channels, pass.grad);

@@ -67,9 +67,10 @@ impl FactoredKernel {
         gradient
     }
 
-    /// Computes the gradients of tables, weights and positions that are `wanted`.
-    pub(super) fn gradients(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    /// Computes the gradients of tables, weights and positions that are wanted.
+    pub(super) fn gradients(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let &[tables, weights, positions, ..] = pass.inputs else { unreachable!("three inputs at least") };
+        let wanted = pass.wanted;
         let layout = &self.layout;
         // The first feature whose gradient is needed: frequencies depend on positions alone.
         let first = if wanted[2] { 0 } else { self.before_tables() };

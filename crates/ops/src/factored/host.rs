@@ -48,8 +48,8 @@ impl Kernel for FactoredKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        self.gradients(pass, wanted)
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
+        self.gradients(pass)
     }
 }
 

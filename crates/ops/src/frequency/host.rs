@@ -85,7 +85,7 @@ impl Kernel for EncodingKernel {
 
     /// Computes Σ 2ˡ(g_sin cos 2ˡx − g_cos sin 2ˡx), the gradient with respect to x, and −½ Σ 4ˡ(g_sin sin 2ˡx + g_cos cos 2ˡx),
     /// the gradient with respect to σ².
-    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let first = self.first_wave();
         let dpoints = self.each_coordinate(&pass, |row, axis| {
             let own = if self.integrated { 0.0 } else { f64::from(pass.grad[row + axis]) };

@@ -280,16 +280,16 @@ impl Kernel for MlpKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
         let transposed = self.transposed(pass.inputs);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
         let groups: Vec<GroupGradients> = grads
             .zip(pass.saved.par_chunks(self.activations * per_group))
-            .map(|(grad, saved)| self.backward_group(&transposed, saved, grad, wanted[0]))
+            .map(|(grad, saved)| self.backward_group(&transposed, saved, grad, pass.wanted[0]))
             .collect();
-        let dencoded =
-            wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
+        let dencoded = pass.wanted[0]
+            .then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
         let mut sums = self.zeros();
         for part in groups {
             for (sum, part) in sums.iter_mut().flatten().zip(part.dparameters.iter().flatten()) {

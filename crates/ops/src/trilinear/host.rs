@@ -115,11 +115,11 @@ impl Kernel for TrilinearKernel {
         out
     }
 
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let &[table, places] = pass.inputs else { unreachable!("trilinear reading has two inputs") };
         let (dtable, dplaces) = rayon::join(
-            || wanted[0].then(|| self.table_gradient(places, pass.grad)),
-            || wanted[1].then(|| self.place_gradient(table, places, pass.grad)),
+            || pass.wanted[0].then(|| self.table_gradient(places, pass.grad)),
+            || pass.wanted[1].then(|| self.place_gradient(table, places, pass.grad)),
         );
         vec![dtable, dplaces]
     }

@@ -18,7 +18,7 @@ impl Kernel for UnitBoxKernel {
         positions.map(|&position| share_of_box(position, self.bounds)).collect::<Vec<_>>().into_flattened()
     }
 
-    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let [low, high] = self.bounds;
         let shares = pass.output.as_chunks::<3>().0.par_iter().zip(pass.grad.as_chunks::<3>().0).with_min_len(CHUNK);
         let gradient = |(share, grad): (&[f32; 3], &[f32; 3])| {

@@ -104,7 +104,7 @@ impl Kernel for VariationKernel {
         vec![parts.iter().sum::<f64>() as f32]
     }
 
-    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
         let tables = pass.inputs[0];
         let mut gradient = zeros(tables.len());
         self.0.split_tables(&mut gradient).into_par_iter().enumerate().for_each(|(index, out)| {
