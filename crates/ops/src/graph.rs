@@ -1,6 +1,6 @@
 //! Operations with a backward pass of their own, and how they are recorded in the autodiff graph.
 //!
-//! Each kernel of GPUs is an [`Operation`] of its backend; a host [`Kernel`](crate::kernel::Kernel) becomes one by `apply`.
+//! Each kernel of GPUs is an [`Operation`] of its backend; a host [`Kernel`](crate::host::Kernel) becomes one by `apply`.
 //! [`evaluate`] runs an operation on the device of its inputs, and records it if any of them needs a gradient.
 
 use std::fmt::Debug;

@@ -47,8 +47,6 @@ pub mod composite;
 #[cfg(feature = "cube")]
 mod cube;
 mod dispatch;
-#[cfg(feature = "flex")]
-mod distribution;
 pub mod divergence;
 pub mod entropy;
 pub mod factored;
@@ -57,24 +55,14 @@ pub mod frustum;
 #[cfg(any(feature = "flex", feature = "cube"))]
 mod graph;
 #[cfg(feature = "flex")]
-mod kernel;
-#[cfg(feature = "flex")]
-mod matmul;
+mod host;
 pub mod means;
 pub mod mlp;
-pub mod numeric;
-#[cfg(feature = "flex")]
-mod parts;
+mod plain;
 pub mod random;
-#[cfg(feature = "flex")]
-mod ray_kernel;
 pub mod rotation;
 pub mod sampling;
-#[cfg(feature = "flex")]
-mod scratch;
 mod segments;
-#[cfg(feature = "flex")]
-mod simd;
 mod traffic;
 pub mod trilinear;
 pub mod unit_box;

@@ -9,7 +9,7 @@ mod encodings;
 pub mod factored;
 
 pub use encodings::{frustum_moments, waves, waves_gradient};
-use infonerf_ops::composite::MIN_ALPHA_SUM;
+use infonerf_ops::entropy::MIN_ALPHA_SUM;
 
 /// Computes α = 1 − e^−τ.
 pub fn alpha(tau: f64) -> f64 {

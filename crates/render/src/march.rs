@@ -10,7 +10,8 @@ use std::iter::repeat_n;
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::{HostField, Segments, numeric, to_host, upload};
+use infonerf_ops::composite::alpha;
+use infonerf_ops::{HostField, Segments, to_host, upload};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
@@ -178,7 +179,7 @@ impl MarchedRay {
     /// Composites a sample of optical depth `tau` at distance `t` behind what is there.
     fn add(&mut self, compositing: Compositing, tau: f32, t: f32, color: [f32; 3]) {
         let w = match compositing {
-            Compositing::Exponential => self.trans * numeric::alpha(tau),
+            Compositing::Exponential => self.trans * alpha(tau),
             Compositing::Additive => tau.min(self.trans),
         };
         self.rgb += w * Vec3::from(color);

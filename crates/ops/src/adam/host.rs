@@ -5,7 +5,7 @@ use burn::backend::tensor::FloatTensor;
 use rayon::prelude::*;
 
 use super::{AdamOps, AdamStep};
-use crate::simd::{self, Job};
+use crate::host::simd::{self, Job};
 
 const CHUNK: usize = 1 << 14;
 

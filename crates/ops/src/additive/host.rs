@@ -1,6 +1,6 @@
 use rayon::prelude::*;
 
-use crate::kernel::{Kernel, Pass};
+use crate::host::{Kernel, Pass};
 use crate::segments::Segments;
 
 /// Input: τ. Output: τ′ of each sample, `[M]`.

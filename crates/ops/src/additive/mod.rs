@@ -47,7 +47,7 @@ pub fn additive_depth(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
         &tau.device();
         host => {
             let kernel = host::AdditiveKernel { segments: segments.clone() };
-            crate::kernel::apply(kernel, tau.dims(), [tau.into_dispatch()])
+            crate::host::apply(kernel, tau.dims(), [tau.into_dispatch()])
         },
         plain => plain(tau, segments),
     }

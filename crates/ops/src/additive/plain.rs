@@ -1,6 +1,6 @@
 use burn::tensor::{FloatDType, Tensor};
 
-use crate::composite::{Padding, exclusive_sum, working_dtype};
+use crate::plain::{Padding, exclusive_sum, working_dtype};
 use crate::segments::Segments;
 use crate::traffic::upload;
 

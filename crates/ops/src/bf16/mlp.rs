@@ -9,10 +9,9 @@ use rayon::prelude::*;
 use super::stages::{MlpStage, NetworkInput, Piece, padded, pieces};
 use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
-use crate::kernel::{Kernel, Pass};
+use crate::host::simd::{self, Job};
+use crate::host::{GROUPS, Kernel, Pass};
 use crate::mlp::{RadianceMlp, first_layer};
-use crate::parts::GROUPS;
-use crate::simd::{self, Job};
 
 const BLOCK: usize = 256;
 

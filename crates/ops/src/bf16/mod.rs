@@ -16,7 +16,7 @@ pub(crate) use mlp::RoundedMlpKernel;
 
 use std::sync::OnceLock;
 
-use crate::simd::{self, Job};
+use crate::host::simd::{self, Job};
 
 /// Number that divides all sizes of matrices.
 pub(crate) const SIZE_MULTIPLE: usize = 32;

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::Taps;
-use crate::kernel::{Kernel, Pass};
+use crate::host::{Kernel, Pass};
 
 const CHUNK: usize = 256;
 

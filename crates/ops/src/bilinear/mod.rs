@@ -61,7 +61,7 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
         host => {
             let [rows, channels] = table.dims();
             let kernel = host::BilinearKernel { taps: taps.clone(), rows, channels };
-            crate::kernel::apply(kernel, [taps.0.len(), channels], [table.into_dispatch()])
+            crate::host::apply(kernel, [taps.0.len(), channels], [table.into_dispatch()])
         },
         plain => plain(table, taps),
     }

@@ -1,5 +1,5 @@
-use crate::numeric::SampleOpacity;
-use crate::ray_kernel::{Group, RayKernel};
+use crate::host::numeric::SampleOpacity;
+use crate::host::rays::{Group, RayKernel};
 
 /// Inputs: τ and values. Output: the integrated values and Σw of each ray, `[R, C + 1]`.
 #[derive(Debug)]

@@ -9,16 +9,9 @@ mod plain;
 use burn::tensor::Tensor;
 
 pub use self::plain::plain;
-pub(crate) use self::plain::{Padding, exclusive_sum, plain_alpha, working_dtype};
 use crate::dispatch::dispatch;
 use crate::segments::Segments;
 use crate::traffic::upload;
-
-/// Min Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
-///
-/// Gradients of entropy and divergence scale with 1/(ε Σα). With ε ≥ 1e-12 and upstream gradients up to 1e6, this bound
-/// keeps them within `f32`.
-pub const MIN_ALPHA_SUM: f32 = 1e-20;
 
 /// The result of [`composite`], one row per ray.
 #[derive(Clone, Debug)]
@@ -51,7 +44,7 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Comp
         host => {
             let (kernel, shape) = (host::CompositeKernel { channels }, [segments.rays(), channels + 1]);
             let inputs = [tau.into_dispatch(), values.into_dispatch()];
-            let packed = crate::ray_kernel::apply(kernel, segments, shape, inputs);
+            let packed = crate::host::rays::apply(kernel, segments, shape, inputs);
             Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
         },
         cube if samples > 0 => {
@@ -113,13 +106,18 @@ pub fn composite_over(
     }
 }
 
+/// Computes the opacity α = 1 − e^−τ of a sample without cancellation.
+pub fn alpha(tau: f32) -> f32 {
+    -(-tau).exp_m1()
+}
+
 /// Computes the compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.
 pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
     let mut weights = vec![0.0; tau.len()];
     for range in segments.ranges() {
         let mut depth = 0f64;
         for i in range {
-            weights[i] = (-depth).exp() as f32 * crate::numeric::alpha(tau[i]);
+            weights[i] = (-depth).exp() as f32 * alpha(tau[i]);
             depth += f64::from(tau[i]);
         }
     }

@@ -1,12 +1,8 @@
-//! Compositing from plain tensor operations, and functions that other such bodies along rays share.
-
-#[cfg(feature = "ndarray")]
-use burn::backend::DispatchDevice;
-use burn::tensor::{Bool, Device, FloatDType, Int, Tensor};
+use burn::tensor::{FloatDType, Tensor};
 
 use super::Composite;
+use crate::plain::{Padding, alpha, exclusive_sum, working_dtype};
 use crate::segments::Segments;
-use crate::traffic::upload;
 
 /// Computes [`composite`](super::composite()) from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
@@ -19,66 +15,11 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composit
     }
     let padding = Padding::new(segments, &device);
     let tau = padding.apply(tau.cast(dtype));
-    let alpha = plain_alpha(tau.clone());
+    let opacity = alpha(tau.clone());
     // Σw = 1 − e^(−Σ τ): the gradient of this form is the transmittance of the ray, not a difference of sums.
-    let acc = plain_alpha(tau.clone().sum_dim(1));
-    let weights = exclusive_sum(tau).neg().exp() * alpha;
+    let acc = alpha(tau.clone().sum_dim(1));
+    let weights = exclusive_sum(tau).neg().exp() * opacity;
     let values = values.cast(dtype).select(0, padding.indices.clone()).reshape([rays, longest, channels]);
     let values = (values * weights.unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim::<2>(1);
     Composite { values: values.cast(FloatDType::F32), acc: acc.squeeze_dim::<1>(1).cast(FloatDType::F32) }
-}
-
-/// Gather from packed samples `[M]` to rays padded with empty samples `[R, longest]`.
-pub(crate) struct Padding {
-    indices: Tensor<1, Int>,
-    empty: Tensor<2, Bool>,
-}
-
-impl Padding {
-    pub(crate) fn new(segments: &Segments, device: &Device) -> Self {
-        let shape @ [rays, longest] = [segments.rays(), segments.longest()];
-        let (mut indices, mut empty) = (vec![0; rays * longest], vec![true; rays * longest]);
-        for (ray, range) in segments.ranges().enumerate() {
-            for (slot, sample) in range.enumerate() {
-                indices[ray * longest + slot] = sample as i32;
-                empty[ray * longest + slot] = false;
-            }
-        }
-        Self { indices: upload(indices, [rays * longest], device), empty: upload(empty, shape, device) }
-    }
-
-    pub(crate) fn apply(&self, packed: Tensor<1>) -> Tensor<2> {
-        let [rays, longest] = self.empty.dims();
-        packed.select(0, self.indices.clone()).reshape([rays, longest]).mask_fill(self.empty.clone(), 0.0)
-    }
-}
-
-/// Computes Σ_{j<i} xⱼ along each row by shifting it. Subtracting xᵢ from Σ_{j≤i} xⱼ would lose the sum before a huge xᵢ.
-pub(crate) fn exclusive_sum(rows: Tensor<2>) -> Tensor<2> {
-    let [_, columns] = rows.dims();
-    if columns < 2 {
-        return rows.zeros_like();
-    }
-    let nothing = rows.clone().narrow(1, 0, 1).zeros_like();
-    Tensor::cat(vec![nothing, rows.narrow(1, 0, columns - 1)], 1).cumsum(1)
-}
-
-/// Returns the float type of plain tensor operations: `f64` on `ndarray`, as sums over a ray would lose digits in `f32`.
-pub(crate) fn working_dtype(device: &Device) -> FloatDType {
-    match device.clone().inner().as_dispatch() {
-        #[cfg(feature = "ndarray")]
-        DispatchDevice::NdArray(_) => FloatDType::F64,
-        _ => FloatDType::F32,
-    }
-}
-
-/// Computes α = 1 − e^−τ: by its series below 0.1, where the difference would cancel.
-pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
-    let small = tau.clone().lower_elem(0.1);
-    // Both branches are computed, so the series gets clamped inputs.
-    let t = tau.clone().clamp(0.0, 0.1);
-    // 1 − t/2 + t²/6 − …: nine terms are exact in `f64`.
-    let horner =
-        (1..=9).rev().fold(t.zeros_like() + 1.0, |sum: Tensor<D>, n| sum * t.clone() / -(n as f64 + 1.0) + 1.0);
-    (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
 }

@@ -4,9 +4,9 @@ use burn::cubecl::{self, prelude::*};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::composite::MIN_ALPHA_SUM;
 use crate::cube::rays::{alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{Operation, Pass, arg, empty, empty_like, launch};
+use crate::entropy::MIN_ALPHA_SUM;
 use crate::segments::Segments;
 
 #[derive(Debug)]

@@ -32,7 +32,7 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
         &tau.device();
         host => {
             let kernel = host::DivergenceKernel { epsilon };
-            crate::ray_kernel::apply(kernel, segments, [segments.rays()], [tau, near].map(Tensor::into_dispatch))
+            crate::host::rays::apply(kernel, segments, [segments.rays()], [tau, near].map(Tensor::into_dispatch))
         },
         cube if segments.samples() > 0 => {
             let kernel = gpu::GpuDivergence { segments: segments.clone(), epsilon };

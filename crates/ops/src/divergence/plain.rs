@@ -1,6 +1,7 @@
 use burn::tensor::{FloatDType, Tensor};
 
-use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
+use crate::entropy::MIN_ALPHA_SUM;
+use crate::plain::{Padding, alpha, working_dtype};
 use crate::segments::Segments;
 
 /// Computes [`ray_divergence`](super::ray_divergence) from plain tensor operations, on any backend.
@@ -11,7 +12,7 @@ pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32)
     }
     let padding = Padding::new(segments, &device);
     let density = |tau: Tensor<1>| {
-        let alpha = plain_alpha(padding.apply(tau.cast(working_dtype(&device))));
+        let alpha = alpha(padding.apply(tau.cast(working_dtype(&device))));
         let sum = alpha.clone().sum_dim(1);
         let missed = sum.clone().lower_elem(MIN_ALPHA_SUM);
         (alpha / sum.mask_fill(missed.clone(), 1.0), missed)

@@ -5,7 +5,7 @@ use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::composite::MIN_ALPHA_SUM;
+use super::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
 use crate::cube::{Operation, Pass, apply, empty, empty_like, launch};
 use crate::segments::Segments;

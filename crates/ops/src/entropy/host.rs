@@ -1,6 +1,6 @@
-use crate::distribution::Distributions;
-use crate::numeric::SampleOpacity;
-use crate::ray_kernel::{Group, RayKernel};
+use crate::host::distribution::Distributions;
+use crate::host::numeric::SampleOpacity;
+use crate::host::rays::{Group, RayKernel};
 
 /// Number of outputs per ray: entropy in bits, and Σα.
 pub(super) const COLUMNS: usize = 2;

@@ -12,6 +12,12 @@ pub use self::plain::plain;
 use crate::dispatch::dispatch;
 use crate::segments::Segments;
 
+/// Min Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
+///
+/// Gradients of entropy and divergence scale with 1/(ε Σα). With ε ≥ 1e-12 and upstream gradients up to 1e6, this bound
+/// keeps them within `f32`.
+pub const MIN_ALPHA_SUM: f32 = 1e-20;
+
 /// The result of [`ray_entropy`], one value per ray.
 #[derive(Clone, Debug)]
 pub struct RayEntropy {
@@ -53,7 +59,7 @@ pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntr
         &tau.device();
         host => {
             let (kernel, shape) = (host::EntropyKernel { epsilon }, [segments.rays(), host::COLUMNS]);
-            let packed = crate::ray_kernel::apply(kernel, segments, shape, [tau.into_dispatch()]);
+            let packed = crate::host::rays::apply(kernel, segments, shape, [tau.into_dispatch()]);
             let column = |i: usize| packed.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
             RayEntropy { bits: column(0), alpha_sum: column(1) }
         },

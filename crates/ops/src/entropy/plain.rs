@@ -1,7 +1,7 @@
 use burn::tensor::{FloatDType, Int, Tensor};
 
-use super::RayEntropy;
-use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
+use super::{MIN_ALPHA_SUM, RayEntropy};
+use crate::plain::{Padding, alpha, working_dtype};
 use crate::segments::Segments;
 
 /// Computes [`ray_entropy`](super::ray_entropy) from plain tensor operations, on any backend.
@@ -11,13 +11,13 @@ pub fn plain(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntropy {
         let zeros = Tensor::<1>::zeros([segments.rays()], &device);
         return RayEntropy { bits: zeros.clone(), alpha_sum: zeros };
     }
-    let alpha = plain_alpha(Padding::new(segments, &device).apply(tau.cast(working_dtype(&device))));
+    let alpha = alpha(Padding::new(segments, &device).apply(tau.cast(working_dtype(&device))));
     let alpha_sum = alpha.clone().sum_dim(1).squeeze_dim::<1>(1).cast(FloatDType::F32);
-    RayEntropy { bits: plain_bits(alpha, epsilon).cast(FloatDType::F32), alpha_sum }
+    RayEntropy { bits: bits(alpha, epsilon).cast(FloatDType::F32), alpha_sum }
 }
 
 /// Computes −Σ p log₂(p + ε) with p = α/Σα, 0 where Σα is below [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
-fn plain_bits(alpha: Tensor<2>, epsilon: f32) -> Tensor<1> {
+fn bits(alpha: Tensor<2>, epsilon: f32) -> Tensor<1> {
     let sum = alpha.clone().sum_dim(1);
     let missed = sum.clone().lower_elem(MIN_ALPHA_SUM);
     let sum = sum.mask_fill(missed.clone(), 1.0);

@@ -7,11 +7,10 @@ use super::encode::{self, Block, plane_gradient, position_gradient, with_channel
 use super::host::{FactoredKernel, activations};
 use super::layout::{FactoredLayout, Layer, Level, OUTPUTS, PLANES};
 use super::negligible;
-use crate::kernel::Pass;
-use crate::numeric::SampleOpacity;
-use crate::parts::{GROUPS, zeros};
-use crate::scratch::Scratch;
-use crate::simd::{self, Job};
+use crate::host::buffers::{Scratch, zeros};
+use crate::host::numeric::SampleOpacity;
+use crate::host::simd::{self, Job};
+use crate::host::{GROUPS, Pass};
 
 impl FactoredKernel {
     /// Returns the number of features in front of those that tables hold.

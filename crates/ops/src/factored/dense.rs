@@ -3,7 +3,7 @@
 //! A matrix has a row per sample, padded to whole vectors; the padding of a layer's output is 0.
 
 use super::layout::Layer;
-use crate::matmul::{COLUMNS, InitialSum, Matrix, product};
+use crate::host::matmul::{COLUMNS, InitialSum, Matrix, product};
 
 pub(super) const BLOCK: usize = 240;
 

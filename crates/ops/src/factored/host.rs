@@ -9,11 +9,10 @@ use super::dense::{self, BLOCK, padded};
 use super::encode::{self, level_features, with_channels};
 use super::layout::{FactoredLayout, OUTPUTS, RAW};
 use super::{HostField, Query};
-use crate::kernel::{Kernel, Pass};
-use crate::numeric::{sigmoid, softplus};
-use crate::parts::each_with_buffer;
-use crate::scratch::Scratch;
-use crate::simd::{self, Job};
+use crate::host::buffers::{Scratch, each_with_buffer};
+use crate::host::numeric::{sigmoid, softplus};
+use crate::host::simd::{self, Job};
+use crate::host::{Kernel, Pass};
 
 #[derive(Debug)]
 pub(super) struct FactoredKernel {

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::kernel::{Kernel, Pass};
+use crate::host::{Kernel, Pass};
 
 const CHUNK: usize = 256;
 

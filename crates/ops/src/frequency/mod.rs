@@ -7,8 +7,8 @@ mod host;
 
 use burn::tensor::{FloatDType, Tensor};
 
-use crate::composite::working_dtype;
 use crate::dispatch::dispatch;
+use crate::plain::working_dtype;
 
 /// Encodes points with sines and cosines of doubling frequency.
 ///
@@ -48,7 +48,7 @@ fn encode(points: Tensor<2>, variances: Option<Tensor<2>>, window: Vec<f32>) -> 
             let ([rows, dims], integrated) = (points.dims(), variances.is_some());
             let kernel = host::EncodingKernel { dims, window, integrated };
             let shape = [rows, kernel.width()];
-            crate::kernel::apply(kernel, shape, std::iter::once(points).chain(variances).map(Tensor::into_dispatch))
+            crate::host::apply(kernel, shape, std::iter::once(points).chain(variances).map(Tensor::into_dispatch))
         },
         cube if points.dims()[0] > 0 => {
             let kernel = gpu::GpuEncoding { window, integrated: variances.is_some() };

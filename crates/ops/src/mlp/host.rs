@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
-use crate::kernel::{Kernel, Pass};
-use crate::matmul::{InitialSum, Matrix, product};
-use crate::parts::{GROUPS, each_with_buffer};
+use crate::host::buffers::each_with_buffer;
+use crate::host::matmul::{InitialSum, Matrix, product};
+use crate::host::{GROUPS, Kernel, Pass};
 
 /// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
 const BLOCK: usize = 256;

@@ -48,13 +48,13 @@ pub fn radiance_mlp(
 
 /// Applies a kernel of x, the encoded direction of each ray if the network has colour, and weights and biases of each layer.
 #[cfg(feature = "flex")]
-fn on_host(kernel: impl crate::kernel::Kernel, encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
+fn on_host(kernel: impl crate::host::Kernel, encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     let shape = [encoded.dims()[0], if network.color.is_some() { 4 } else { 1 }];
     let directions = network.color.as_ref().map(|branch| branch.encoded_directions());
     let parameters =
         network.layers().flat_map(|layer| [layer.weight.clone().into_dispatch(), layer.bias.clone().into_dispatch()]);
     let inputs = std::iter::once(encoded).chain(directions).map(Tensor::into_dispatch).chain(parameters);
-    crate::kernel::apply(kernel, shape, inputs)
+    crate::host::apply(kernel, shape, inputs)
 }
 
 /// Splits rows of density and, in `[M, 4]` instead of `[M, 1]`, colour.

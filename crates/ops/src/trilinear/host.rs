@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{PaddingMode, Voxels};
-use crate::kernel::{Kernel, Pass};
+use crate::host::{Kernel, Pass};
 
 const CHUNK: usize = 1024;
 

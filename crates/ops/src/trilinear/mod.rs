@@ -65,7 +65,7 @@ pub fn trilinear(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<
         host => {
             let channels = table.dims()[1];
             let shape = [places.dims()[0], channels];
-            crate::kernel::apply(host::TrilinearKernel { voxels, channels }, shape, [table, places].map(Tensor::into_dispatch))
+            crate::host::apply(host::TrilinearKernel { voxels, channels }, shape, [table, places].map(Tensor::into_dispatch))
         },
         plain => plain(table, places, voxels),
     }

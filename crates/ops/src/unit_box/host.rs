@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::share_of_box;
-use crate::kernel::{Kernel, Pass};
+use crate::host::{Kernel, Pass};
 
 const CHUNK: usize = 1 << 12;
 

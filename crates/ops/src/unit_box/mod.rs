@@ -13,7 +13,7 @@ use crate::traffic::upload;
 pub fn unit_box(positions: Tensor<2>, bounds: [[f32; 3]; 2]) -> Tensor<2> {
     dispatch! {
         &positions.device();
-        host => crate::kernel::apply(host::UnitBoxKernel { bounds }, positions.dims(), [positions.into_dispatch()]),
+        host => crate::host::apply(host::UnitBoxKernel { bounds }, positions.dims(), [positions.into_dispatch()]),
         plain => {
             let [low, high] = bounds;
             let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::{FactoredLayout, weight};
-use crate::kernel::{Kernel, Pass};
-use crate::parts::zeros;
-use crate::simd::{self, Job};
+use crate::host::buffers::zeros;
+use crate::host::simd::{self, Job};
+use crate::host::{Kernel, Pass};
 
 #[derive(Debug)]
 pub(super) struct VariationKernel(pub(super) Arc<FactoredLayout>);

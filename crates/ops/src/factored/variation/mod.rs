@@ -22,7 +22,7 @@ pub fn plane_variation(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tenso
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     dispatch! {
         &tables.device();
-        host => crate::kernel::apply(host::VariationKernel(layout.clone()), [1], [tables.into_dispatch()]),
+        host => crate::host::apply(host::VariationKernel(layout.clone()), [1], [tables.into_dispatch()]),
         cube => crate::cube::apply(gpu::GpuVariation(layout.clone()), [tables.into_dispatch()]),
         plain => plain(tables, layout),
     }

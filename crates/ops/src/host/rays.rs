@@ -7,9 +7,9 @@ use burn::backend::DispatchTensor;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 
-use crate::kernel::{self, Kernel, Pass};
+use super::simd::{self, Job};
+use super::{Kernel, Pass};
 use crate::segments::Segments;
-use crate::simd::{self, Job};
 
 /// Number of rays of a group, which is one task of a kernel: enough samples to fill vectors, few enough to stay in cache.
 pub(crate) const GROUP: usize = 64;
@@ -79,7 +79,7 @@ pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
     inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
     let columns = shape[1..].iter().product();
-    kernel::apply(AlongRays { kernel, segments: segments.clone(), columns }, shape, inputs)
+    super::apply(AlongRays { kernel, segments: segments.clone(), columns }, shape, inputs)
 }
 
 #[derive(Debug)]

@@ -1,7 +1,10 @@
-//! Buffers that are reused: for the system to map and clear new pages takes longer than to fill a buffer.
+//! Buffers that are reused, and arrays that several threads fill: for the system to map and clear new pages takes longer than to
+//! fill a buffer.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use rayon::prelude::*;
 
 /// Slice of `f32` whose memory returns to a pool when it is dropped. It holds the values of earlier users, or zeros.
 #[derive(Debug, Default)]
@@ -53,5 +56,28 @@ impl Drop for Scratch {
             let smallest = pool.iter().enumerate().min_by_key(|(_, buffer)| buffer.len()).map(|(index, _)| index);
             pool.remove(smallest.unwrap_or(0));
         }
+    }
+}
+
+/// Returns `len` zeros. All threads write them, each block with one `memset`.
+pub(crate) fn zeros(len: usize) -> Vec<f32> {
+    const BLOCK: usize = 1 << 12;
+    let blocks: Vec<_> = (0..len.div_ceil(BLOCK)).into_par_iter().with_min_len(16).map(|_| [0.0; BLOCK]).collect();
+    let mut zeros = blocks.into_flattened();
+    zeros.truncate(len);
+    zeros
+}
+
+/// Calls `job` with each of `blocks` and a buffer of `length` values: a part of `saved` if a backward pass will read the
+/// values, else a buffer that a thread reuses.
+pub(crate) fn each_with_buffer<B: IndexedParallelIterator>(
+    blocks: B,
+    length: usize,
+    saved: Option<&mut [f32]>,
+    job: impl Fn(B::Item, &mut [f32]) + Send + Sync,
+) {
+    match saved {
+        Some(saved) => blocks.zip(saved.par_chunks_mut(length)).for_each(|(block, buffer)| job(block, buffer)),
+        None => blocks.for_each_init(|| vec![0.0; length], |buffer, block| job(block, buffer)),
     }
 }

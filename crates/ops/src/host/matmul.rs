@@ -1,6 +1,6 @@
 //! Products of matrices within slices. A product runs in one thread, in tiles of the result that stay in registers.
 
-use crate::simd::{self, Job};
+use super::simd::{self, Job};
 
 /// Layout of a matrix in a slice: element (r, c) at `start` + r·`row` + c·`column`.
 #[derive(Clone, Copy, Debug)]

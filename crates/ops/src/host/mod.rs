@@ -1,7 +1,14 @@
-//! Host kernels: functions of slices that become differentiable operations of the `flex` backend.
+//! Base of the kernels for CPUs: functions of slices that become differentiable operations of the `flex` backend.
 //!
-//! A new operation implements [`Kernel`] and calls `apply`; dispatch, graph registration and gradient bookkeeping happen
-//! in `graph.rs`.
+//! A new operation implements [`Kernel`] and calls [`apply`], or [`rays::RayKernel`] and [`rays::apply`] if each of its rows of
+//! output depends on the samples of one ray. Inner loops are a [`simd::Job`], which is compiled for several instruction sets.
+
+pub(crate) mod buffers;
+pub(crate) mod distribution;
+pub(crate) mod matmul;
+pub(crate) mod numeric;
+pub(crate) mod rays;
+pub(crate) mod simd;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -11,8 +18,11 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{DispatchTensor, Flex, TensorMetadata};
 use burn::tensor::{DType, FloatDType, Tensor, TensorData};
 
+use self::buffers::Scratch;
 use crate::graph::{self, AnyKernel, KernelBackend, Operation};
-use crate::scratch::Scratch;
+
+/// Number of partial sums of the gradients of a network: fixed, so that the result does not depend on the number of threads.
+pub(crate) const GROUPS: usize = 16;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
 pub trait Kernel: Debug + Send + Sync + 'static {
@@ -62,7 +72,7 @@ struct HostOperation<K> {
 
 type Host = FloatTensor<Flex>;
 
-fn host(values: Vec<f32>, shape: Vec<usize>) -> Host {
+fn tensor(values: Vec<f32>, shape: Vec<usize>) -> Host {
     Host::from_data(TensorData::new(values, shape))
 }
 
@@ -94,14 +104,14 @@ impl KernelBackend for Flex {
 impl<K: Kernel> Operation<Flex> for HostOperation<K> {
     fn forward(&self, inputs: &[Host]) -> Host {
         let slices = slices(inputs);
-        host(self.kernel.forward(&slices, None), self.shape.clone())
+        tensor(self.kernel.forward(&slices, None), self.shape.clone())
     }
 
     fn forward_keeping(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
         let slices = slices(inputs);
         let mut saved = Scratch::of_len(self.kernel.saved_len(&slices));
         let output = self.kernel.forward(&slices, Some(&mut saved));
-        (host(output, self.shape.clone()), Arc::new(saved))
+        (tensor(output, self.shape.clone()), Arc::new(saved))
     }
 
     fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
@@ -109,7 +119,7 @@ impl<K: Kernel> Operation<Flex> for HostOperation<K> {
         let (output, grad) = (slice(pass.output), slice(pass.grad));
         let gradients =
             self.kernel.backward(Pass { inputs: &slices, output, saved: pass.kept, grad, wanted: pass.wanted });
-        let shaped = |(gradient, input): (Option<Vec<f32>>, &Host)| Some(host(gradient?, input.shape().to_vec()));
+        let shaped = |(gradient, input): (Option<Vec<f32>>, &Host)| Some(tensor(gradient?, input.shape().to_vec()));
         gradients.into_iter().zip(pass.inputs).map(shaped).collect()
     }
 }

@@ -6,9 +6,9 @@
 
 use std::ops::Range;
 
-use crate::composite::MIN_ALPHA_SUM;
-use crate::numeric::{SampleOpacity, ln, log_ratio};
-use crate::ray_kernel::Group;
+use super::numeric::{SampleOpacity, ln, log_ratio};
+use super::rays::Group;
+use crate::entropy::MIN_ALPHA_SUM;
 
 /// Distributions p = α/Σα of the rays of a group.
 pub(crate) struct Distributions<'a> {
