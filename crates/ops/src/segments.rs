@@ -77,7 +77,7 @@ impl Segments {
         dispatch! {
             &rows.device();
             cube if self.samples() > 0 => {
-                crate::cube::apply(crate::cube::Spread(self.clone()), [rows.into_dispatch()])
+                crate::cube::apply(crate::cube::rays::Spread(self.clone()), [rows.into_dispatch()])
             },
             plain => {
                 let owners = upload(self.host_owners(), [self.samples()], &rows.device());

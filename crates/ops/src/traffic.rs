@@ -49,7 +49,7 @@ pub fn upload_together<const N: usize>(
 ) -> [Tensor<1>; N] {
     dispatch! {
         device;
-        cube => crate::cube::together(arrays, segments, device),
+        cube => crate::cube::buffers::upload_together(arrays, segments, device),
         plain => arrays.map(|array| {
             let count = array.len();
             upload(array, [count], device)

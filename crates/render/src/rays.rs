@@ -99,9 +99,7 @@ impl RayBatch {
     pub(crate) fn streams(&self, rays: impl Iterator<Item = usize>, fine: bool) -> Option<Streams> {
         let noise = self.jitter?;
         let noise = if fine { noise.child(RandomStream::FineSamples) } else { noise };
-        let bits = Streams::bits(rays.map(|ray| noise.stream(ray)));
-        let count = bits.len();
-        Some(Streams(upload(bits, [count], &self.radii.device())))
+        Some(Streams::new(rays.map(|ray| noise.stream(ray)), &self.radii.device()))
     }
 
     /// Returns the origins and directions in no graph, `[R, 3]` each.

@@ -79,7 +79,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             compare.within(DISTANCE, &format!("samples {rule:?}, {kind}"), |device| {
                 let ends = from_host(&ends, 2, device);
                 let tau = Tensor::from_floats(tau.as_slice(), device);
-                let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), device));
+                let streams = Streams::new(streams.iter().copied(), device);
                 let jitter = Some(&streams).filter(|_| jittered);
                 let t = stratified(ends.clone(), [RAYS, SAMPLES], rule, jitter);
                 let fine = match rule {
@@ -144,8 +144,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             };
             let on_gpu = || {
                 let [origins, directions] = [&origins, &directions].map(|values| from_host(values, 3, &plain));
-                let bits = Streams::bits(streams.iter().copied());
-                let jitter = jittered.then(|| Streams(Tensor::from_floats(bits.as_slice(), &plain)));
+                let jitter = jittered.then(|| Streams::new(streams.iter().copied(), &plain));
                 let density = Tensor::from_floats(density.as_slice(), &plain);
                 let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
                 Some((MarchedRays { origins, directions, ends: from_host(&ends, 2, &plain), jitter }, Some(cells)))

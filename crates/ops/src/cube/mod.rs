@@ -13,11 +13,9 @@ macro_rules! launch {
 }
 pub(crate) use launch;
 
-pub(crate) mod outputs;
-mod random;
+pub(crate) mod buffers;
+pub(crate) mod random;
 pub(crate) mod rays;
-mod sampling;
-mod together;
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,10 +29,6 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
-
-pub(crate) use rays::{PointsOnRays, Spread, alpha_of, ln_1p};
-pub(crate) use sampling::{importance, intervals, march, resample, stratified};
-pub(crate) use together::together;
 
 pub(crate) use crate::graph::Operation;
 use crate::graph::{self, AnyKernel, KernelBackend};

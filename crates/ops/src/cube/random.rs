@@ -4,9 +4,9 @@ use burn::cubecl::{self, prelude::*};
 
 /// Integer of 64 bits in two halves, as WGSL may lack integers of that size.
 #[derive(CubeType, Clone, Copy)]
-pub(super) struct Bits {
-    pub(super) high: u32,
-    pub(super) low: u32,
+pub(crate) struct Bits {
+    pub(crate) high: u32,
+    pub(crate) low: u32,
 }
 
 /// Computes a + b modulo 2⁶⁴.
@@ -44,6 +44,6 @@ fn number(key: &Bits, item: u32, index: u32) -> Bits {
 
 /// Returns the first 24 bits of [`number`] as a value in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
-pub(super) fn uniform(key: &Bits, item: u32, index: u32) -> f32 {
+pub(crate) fn uniform(key: &Bits, item: u32, index: u32) -> f32 {
     f32::cast_from(number(key, item, index).high >> 8u32) / 16_777_216.0f32
 }

@@ -10,7 +10,8 @@ use burn_cubecl::tensor::CubeTensor;
 use super::product::product;
 use super::tall::{sum_rows, transposed_product};
 use super::{Activation, Precision};
-use crate::cube::{Operation, Pass, alpha_of, empty, empty_like, launch, ln_1p};
+use crate::cube::rays::{alpha_of, ln_1p};
+use crate::cube::{Operation, Pass, empty, empty_like, launch};
 
 /// Number of threads that share the sums of a bias's gradient: what fills a large GPU.
 const THREADS: usize = 1 << 18;

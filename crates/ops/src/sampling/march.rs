@@ -61,7 +61,7 @@ pub fn march(
     dispatch! {
         device;
         cube if count > 0 => match on_gpu() {
-            Some((rays, cells)) => crate::cube::march(&rays, cells.as_ref(), march),
+            Some((rays, cells)) => super::gpu::march(&rays, cells.as_ref(), march),
             None => on_host(),
         },
         plain => on_host(),

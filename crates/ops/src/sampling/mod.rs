@@ -4,6 +4,8 @@
 //! ray on the host, which serve devices other than GPUs.
 
 pub mod distances;
+#[cfg(feature = "cube")]
+mod gpu;
 pub mod march;
 mod pack;
 
@@ -56,13 +58,15 @@ impl LastInterval {
 /// Random numbers of rays, on their device: the low and high half of each stream's key, and its item, which is below 2³², as
 /// the bits of integers, `[3 H]`.
 #[derive(Clone, Debug)]
-pub struct Streams(pub Tensor<1>);
+pub struct Streams(Tensor<1>);
 
 impl Streams {
-    /// Returns the values of the tensor that holds `streams`.
-    pub fn bits(streams: impl IntoIterator<Item = Stream>) -> Vec<f32> {
+    /// Uploads the stream of each ray.
+    pub fn new(streams: impl IntoIterator<Item = Stream>, device: &Device) -> Self {
         let of = |Stream { key, item }: Stream| [key as u32, (key >> 32) as u32, item as u32].map(f32::from_bits);
-        streams.into_iter().flat_map(of).collect()
+        let bits: Vec<f32> = streams.into_iter().flat_map(of).collect();
+        let count = bits.len();
+        Self(upload(bits, [count], device))
     }
 
     fn on_host(&self) -> Vec<Stream> {
@@ -82,7 +86,7 @@ impl Streams {
 pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &ends.device();
-        cube => crate::cube::stratified(ends, [rays, rule.columns(count)], rule, jitter),
+        cube => gpu::stratified(ends, [rays, rule.columns(count)], rule, jitter),
         plain => {
             let device = ends.device();
             let ends = to_host(ends);
@@ -101,7 +105,7 @@ pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, 
 pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &t.device();
-        cube => crate::cube::importance(t, tau, count, jitter),
+        cube => gpu::importance(t, tau, count, jitter),
         plain => drawn_on_host(t, tau, jitter, |t, weights, stream| distances::importance(t, weights, count, stream)),
     }
 }
@@ -114,7 +118,7 @@ pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&
     };
     dispatch! {
         &edges.device();
-        cube => crate::cube::resample(edges, tau, count, jitter),
+        cube => gpu::resample(edges, tau, count, jitter),
         plain => drawn_on_host(edges, tau, jitter, one),
     }
 }
@@ -139,7 +143,7 @@ fn drawn_on_host(
 pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
         &t.device();
-        cube => crate::cube::intervals(t, ends, rule, last),
+        cube => gpu::intervals(t, ends, rule, last),
         plain => {
             let ([_, columns], device) = (t.dims(), t.device());
             let (t, ends) = (to_host(t), to_host(ends));
@@ -157,7 +161,7 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
         &t.device();
         cube if segments.samples() > 0 => {
             let [origins, directions] = [origins, directions].map(Tensor::into_dispatch);
-            let kernel = crate::cube::PointsOnRays(segments.clone());
+            let kernel = crate::cube::rays::PointsOnRays(segments.clone());
             crate::cube::apply(kernel, [origins, directions, t.detach().into_dispatch()])
         },
         plain => segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1),
@@ -186,8 +190,6 @@ mod tests {
     fn uploaded_streams_keep_their_bits() {
         let streams =
             [Stream { key: u64::MAX - 7, item: 3 }, Stream { key: 0x7fa0_0001_ff80_0001, item: u32::MAX as usize }];
-        let bits = Streams::bits(streams);
-        let count = bits.len();
-        assert_eq!(Streams(upload(bits, [count], &Device::flex())).on_host(), streams);
+        assert_eq!(Streams::new(streams, &Device::flex()).on_host(), streams);
     }
 }

@@ -1,22 +1,23 @@
 //! Marching along rays on the device: one thread per ray, which walks twice, to count its samples and to write them.
 
 use burn::cubecl::{self, prelude::*};
-use burn::tensor::{self, DType, Shape};
+use burn::tensor::{self, Shape};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::outputs::Outputs;
+use super::{integers, streams_or};
+use crate::cube::buffers::Outputs;
 use crate::cube::random::{Bits, uniform};
-use crate::cube::{Operation, apply, empty};
+use crate::cube::{Operation, apply, empty, launch, uploaded};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::segments::Segments;
 use crate::traffic::to_host;
 
-pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
+pub(in crate::sampling) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
-    let jitter = super::streams_or(rays.jitter.as_ref(), &geometry);
+    let jitter = streams_or(rays.jitter.as_ref(), &geometry);
     let density = cells.map_or_else(|| geometry.clone().flatten(0, 1), |cells| cells.density.clone());
     let ([x, y, z], [per_x, per_y, per_z], resolution) =
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
@@ -32,11 +33,11 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
         let positions = tensor::Tensor::empty([0, 3], &geometry.device());
         return PackedSamples { segments, distance: none.clone(), delta: none, positions, on_host: None };
     }
-    let outputs = Outputs::new([[samples, 1], [samples, 1], [samples, 3]].map(Shape::new));
+    let outputs = Outputs::new([Shape::new([samples]), Shape::new([samples]), Shape::new([samples, 3])]);
     let writing = Walk { written: Some((segments.clone(), outputs.clone())), ..walk };
     let buffer: tensor::Tensor<1> = apply(writing, inputs);
-    let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1));
-    let positions = outputs.output::<2>(&buffer, 2);
+    let [distance, delta] = [0, 1].map(|index| outputs.output(&buffer, index));
+    let positions = outputs.output(&buffer, 2);
     PackedSamples { segments, distance, delta, positions, on_host: None }
 }
 
@@ -55,7 +56,7 @@ impl Operation<CubeBackend> for Walk {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
         let (count, jittered, has_cells) = (rays.meta.shape()[0], self.jittered, self.has_cells);
-        let (streams, settings) = (integers(streams), crate::cube::uploaded(&self.settings, rays));
+        let (streams, settings) = (integers(streams), uploaded(&self.settings, rays));
         let Some((segments, outputs)) = &self.written else {
             let counts = empty(rays, [count]);
             launch!(count::launch, count; rays, &streams, density, &settings, &counts; jittered, has_cells);
@@ -71,11 +72,6 @@ impl Operation<CubeBackend> for Walk {
         );
         buffer
     }
-}
-
-/// Returns the tensor with its bits read as integers.
-pub(super) fn integers(tensor: &CubeTensor) -> CubeTensor {
-    CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
 
 #[derive(CubeType, Clone, Copy)]

@@ -3,17 +3,16 @@
 mod kernels;
 mod march;
 
-use burn::tensor::{Shape, Tensor};
+use burn::tensor::{DType, Shape, Tensor};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-pub(crate) use march::march;
+pub(super) use self::march::march;
+use super::{LastInterval, SampleRule, Streams};
+use crate::cube::buffers::Outputs;
+use crate::cube::{Operation, apply, empty, launch};
 
-use super::outputs::Outputs;
-use super::{Operation, apply, empty};
-use crate::sampling::{LastInterval, SampleRule, Streams};
-
-pub(crate) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
+pub(super) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
     apply(
         Sampling::Stratified { shape, rule, jitter: jitter.is_some() },
@@ -21,19 +20,19 @@ pub(crate) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, j
     )
 }
 
-pub(crate) fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+pub(super) fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &t);
     let inputs = [t.into_dispatch(), tau.detach().into_dispatch(), streams.into_dispatch()];
     apply(Sampling::Importance { count, jitter: jitter.is_some() }, inputs)
 }
 
-pub(crate) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+pub(super) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &edges);
     let inputs = [edges.into_dispatch(), tau.detach().into_dispatch(), streams.into_dispatch()];
     apply(Sampling::Resample { count, jitter: jitter.is_some() }, inputs)
 }
 
-pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
+pub(super) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     let [rays, columns] = t.dims();
     let samples = rays * if rule == SampleRule::Edges { columns - 1 } else { columns };
     let outputs = Outputs::new([0, 1].map(|_| Shape::new([samples])));
@@ -45,6 +44,11 @@ pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: L
 /// Returns the random numbers, or `other` in their place if there are none.
 fn streams_or(jitter: Option<&Streams>, other: &Tensor<2>) -> Tensor<1> {
     jitter.map_or_else(|| other.clone().flatten(0, 1), |streams| streams.0.clone())
+}
+
+/// Returns the tensor with its bits read as integers.
+fn integers(tensor: &CubeTensor) -> CubeTensor {
+    CubeTensor { dtype: DType::U32, ..tensor.clone() }
 }
 
 /// Operations that place samples; none has a gradient.
@@ -60,7 +64,7 @@ impl Operation<CubeBackend> for Sampling {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let first = &inputs[0];
         let rays = first.meta.shape()[0];
-        let streams = || march::integers(inputs.last().expect("streams are last"));
+        let streams = || integers(inputs.last().expect("streams are last"));
         match self {
             Self::Stratified { shape, rule, jitter } => {
                 let (out, in_middle) = (empty(first, *shape), *rule == SampleRule::Mid);
