@@ -51,9 +51,9 @@ fn measure(bench: &Bench, plan: &RunPlan, [warmup, steps]: [usize; 2]) -> Result
     let mut trainer = bench.trainer(&plan)?;
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
-    let before = trainer.profile().traffic();
+    let before = Traffic::now();
     let mut seconds = step_seconds(&mut trainer, steps)?;
-    let traffic = trainer.profile().traffic() - before;
+    let traffic = Traffic::now() - before;
     let last_step = trainer.progress().step;
     trainer.synchronize_phases();
     let before = trainer.profile().clone();

@@ -1,6 +1,6 @@
 //! Transfers between the host and devices, and counts of them. A GPU waits for transfers in both directions.
 
-use std::ops::{Add, Sub};
+use std::ops::Sub;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use burn::tensor::kind::Basic;
@@ -126,31 +126,19 @@ impl Traffic {
             bytes(self.read_bytes)
         )
     }
-
-    fn zip(self, other: Self, with: fn(u64, u64) -> u64) -> Self {
-        Self {
-            uploads: with(self.uploads, other.uploads),
-            uploaded_bytes: with(self.uploaded_bytes, other.uploaded_bytes),
-            reads: with(self.reads, other.reads),
-            read_bytes: with(self.read_bytes, other.read_bytes),
-            launches: with(self.launches, other.launches),
-        }
-    }
-}
-
-impl Add for Traffic {
-    type Output = Self;
-
-    fn add(self, more: Self) -> Self {
-        self.zip(more, u64::add)
-    }
 }
 
 impl Sub for Traffic {
     type Output = Self;
 
     fn sub(self, earlier: Self) -> Self {
-        self.zip(earlier, u64::sub)
+        Self {
+            uploads: self.uploads - earlier.uploads,
+            uploaded_bytes: self.uploaded_bytes - earlier.uploaded_bytes,
+            reads: self.reads - earlier.reads,
+            read_bytes: self.read_bytes - earlier.read_bytes,
+            launches: self.launches - earlier.launches,
+        }
     }
 }
 

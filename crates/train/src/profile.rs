@@ -1,7 +1,6 @@
 use std::time::{Duration, Instant};
 
 use burn::tensor::Device;
-use infonerf_ops::Traffic;
 
 /// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,14 +40,13 @@ impl Phase {
     }
 }
 
-/// Wall-clock time spent in each phase, and the traffic between the host and the device.
+/// Wall-clock time spent in each phase.
 ///
 /// A GPU works asynchronously: unless it is waited for, its time is booked under the phase that first reads its results.
 #[derive(Clone, Debug, Default)]
 pub struct Profile {
     spent: [Duration; Phase::ALL.len()],
     waits_for: Option<Device>,
-    traffic: Traffic,
 }
 
 impl Profile {
@@ -76,14 +74,5 @@ impl Profile {
     /// Returns the time booked under `phase`.
     pub fn spent(&self, phase: Phase) -> Duration {
         self.spent[phase as usize]
-    }
-
-    pub(crate) fn count_since(&mut self, before: Traffic) {
-        self.traffic = self.traffic + (Traffic::now() - before);
-    }
-
-    /// Returns the traffic between host and device in all steps, of the whole process: fields trained meanwhile count as well.
-    pub fn traffic(&self) -> Traffic {
-        self.traffic
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use burn::tensor::Tensor;
 use infonerf_field::Field;
 use infonerf_loss::{LossValues, Renders};
-use infonerf_ops::{Traffic, to_host_together};
+use infonerf_ops::to_host_together;
 use infonerf_schedule::Moment;
 
 use super::{Outcome, Trainer};
@@ -99,7 +99,7 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// As [`Self::step`].
     pub fn catch_up(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        let (before, start) = (Traffic::now(), Instant::now());
+        let start = Instant::now();
         let mut pending = std::mem::take(&mut self.pending);
         if StepLosses::read(pending.iter_mut().map(|step| &mut step.losses)) {
             // The time of the work that the device had left counts as training.
@@ -107,7 +107,6 @@ impl<F: Field> Trainer<F> {
             self.progress.seconds += waited;
             pending.last_mut().expect("is read").seconds[0] += waited;
         }
-        self.profile.count_since(before);
         let rays: usize = pending.iter().map(|step| step.rays).sum();
         let rays_per_second = rays as f64 / pending.iter().map(|step| step.seconds[0]).sum::<f64>();
         for PendingStep { at, losses, lr, evaluated, seconds, .. } in pending {

@@ -8,7 +8,6 @@ use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
 use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
-use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
 use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RenderRequest};
@@ -54,7 +53,6 @@ impl<F: Field> Trainer<F> {
         if self.has_collapsed() || self.is_over() {
             return false;
         }
-        let before = Traffic::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
         let start = Instant::now();
@@ -71,7 +69,6 @@ impl<F: Field> Trainer<F> {
         let pending = self.optimize(total, losses, (samples, rays), at);
         self.pending.push(pending);
         self.read_if_due();
-        self.profile.count_since(before);
         true
     }
 
