@@ -1,26 +1,19 @@
 //! Kernels of ray entropy: one thread per ray.
 
 use burn::cubecl::{self, prelude::*};
-use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::MIN_ALPHA_SUM;
 use crate::cube::rays::{RayMass, alpha_of, first_sample, ln_1p, mass_of};
-use crate::cube::{Operation, Pass, apply, empty, empty_like, launch};
+use crate::cube::{Operation, Pass, empty, empty_like, launch};
 use crate::segments::Segments;
-
-/// Computes the results of [`ray_entropy`](super::ray_entropy): bits and Σα, `[R]` each.
-pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
-    let packed: tensor::Tensor<2> = apply(GpuEntropy { segments: segments.clone(), epsilon }, [tau.into_dispatch()]);
-    [0, 1].map(|index| packed.clone().narrow(1, index, 1).squeeze_dim(1))
-}
 
 /// Operation whose output is a row of bits and Σα per ray, `[R, 2]`.
 #[derive(Debug)]
-struct GpuEntropy {
-    segments: Segments,
-    epsilon: f32,
+pub(super) struct GpuEntropy {
+    pub(super) segments: Segments,
+    pub(super) epsilon: f32,
 }
 
 impl Operation<CubeBackend> for GpuEntropy {

@@ -27,6 +27,15 @@ pub struct RayEntropy {
     pub alpha_sum: Tensor<1>,
 }
 
+impl RayEntropy {
+    /// Splits the result of a kernel, `[R, 2]`.
+    #[cfg(any(feature = "flex", feature = "cube"))]
+    fn from_columns(columns: Tensor<2>) -> Self {
+        let column = |index: usize| columns.clone().narrow(1, index, 1).squeeze_dim(1);
+        Self { bits: column(0), alpha_sum: column(1) }
+    }
+}
+
 /// Computes the entropy of each ray's distribution `pᵢ = αᵢ/Σα` (InfoNeRF, Eq. 4), differentiable in `tau`. A ray whose
 /// opacities sum to nothing has entropy 0 and no gradient; thin fog has the same entropy as thick fog.
 ///
@@ -59,13 +68,11 @@ pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> RayEntr
         &tau.device();
         host => {
             let (kernel, shape) = (host::EntropyKernel { epsilon }, [segments.rays(), host::COLUMNS]);
-            let packed = crate::host::rays::apply(kernel, segments, shape, [tau.into_dispatch()]);
-            let column = |i: usize| packed.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
-            RayEntropy { bits: column(0), alpha_sum: column(1) }
+            RayEntropy::from_columns(crate::host::rays::apply(kernel, segments, shape, [tau.into_dispatch()]))
         },
         cube if segments.samples() > 0 => {
-            let [bits, alpha_sum] = gpu::entropy(tau, segments, epsilon);
-            RayEntropy { bits, alpha_sum }
+            let kernel = gpu::GpuEntropy { segments: segments.clone(), epsilon };
+            RayEntropy::from_columns(crate::cube::apply(kernel, [tau.into_dispatch()]))
         },
         plain => plain(tau, segments, epsilon),
     }
