@@ -3,12 +3,11 @@
 //! Each kernel of GPUs is an [`Operation`] of its backend; a host [`Kernel`](crate::host::Kernel) becomes one by `apply`.
 //! [`evaluate`] runs an operation on the device of its inputs, and records it if any of them needs a gradient.
 
+use std::any::Any;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-#[cfg(feature = "flex")]
-use burn::backend::Flex;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -18,8 +17,6 @@ use burn::backend::{
     ExtensionType, backend_extension,
 };
 use burn::tensor::Tensor;
-#[cfg(feature = "cube")]
-use burn_cubecl::CubeBackend;
 
 /// Input tensors of an operation, at least one.
 #[derive(Debug)]
@@ -61,9 +58,6 @@ pub(crate) trait KernelBackend: Backend {
     /// Values that a forward pass keeps for the backward pass.
     type Kept: Clone + Debug + Default + Send + 'static;
 
-    /// Returns the operation that `kernel` holds for this backend.
-    fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>>;
-
     /// Converts a tensor to the layout that kernels index: `f32`, row-major and dense.
     fn prepare(tensor: FloatTensor<Self>) -> FloatTensor<Self>;
 }
@@ -94,29 +88,29 @@ pub(crate) struct BackwardPass<'a, B: KernelBackend> {
     pub(crate) wanted: &'a [bool],
 }
 
-/// Kernel of one backend, as passed through Burn's dispatch to that backend.
-#[derive(Clone, Debug)]
-pub(crate) enum AnyKernel {
-    #[cfg(feature = "flex")]
-    Host(Arc<dyn Operation<Flex>>),
-    #[cfg(feature = "cube")]
-    Cube(Arc<dyn Operation<CubeBackend>>),
+/// [`Operation`] of one backend, `Arc<dyn Operation<B>>`, as passed through Burn's dispatch to that backend.
+type AnyOperation = Arc<dyn Any + Send + Sync>;
+
+/// Returns the operation of the backend to which tensors were dispatched.
+fn operation_of<B: KernelBackend>(operation: &AnyOperation) -> Arc<dyn Operation<B>> {
+    let operation = operation.downcast_ref::<Arc<dyn Operation<B>>>();
+    operation.expect("an operation runs on the backend of its inputs").clone()
 }
 
 #[backend_extension(Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), Autodiff)]
 trait KernelOps: Backend {
-    fn run(#[extension_type] inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self>;
+    fn run(#[extension_type] inputs: Inputs<Self>, operation: AnyOperation) -> FloatTensor<Self>;
 }
 
 impl<B: KernelBackend> KernelOps for B {
-    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
+    fn run(inputs: Inputs<Self>, operation: AnyOperation) -> FloatTensor<Self> {
         let inputs: Vec<FloatTensor<B>> = inputs.0.into_iter().map(B::prepare).collect();
-        B::operation(kernel).forward(&inputs)
+        operation_of::<B>(&operation).forward(&inputs)
     }
 }
 
 impl<B: KernelBackend, C: CheckpointStrategy> KernelOps for Autodiff<B, C> {
-    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
+    fn run(inputs: Inputs<Self>, operation: AnyOperation) -> FloatTensor<Self> {
         let record = match inputs.0.len() {
             1 => record::<B, C, 1>,
             2 => record::<B, C, 2>,
@@ -125,16 +119,16 @@ impl<B: KernelBackend, C: CheckpointStrategy> KernelOps for Autodiff<B, C> {
             33..=256 => record::<B, C, 256>,
             count => unreachable!("no operation has {count} inputs"),
         };
-        record(B::operation(kernel), inputs.0)
+        record(operation_of::<B>(&operation), inputs.0)
     }
 }
 
-/// Runs a kernel on its `inputs` as a differentiable operation whose output has rank `D`.
-pub(crate) fn evaluate<const D: usize>(
-    kernel: AnyKernel,
+/// Runs an operation of backend `B` on its `inputs`. The output has rank `D`.
+pub(crate) fn evaluate<B: KernelBackend, const D: usize>(
+    operation: Arc<dyn Operation<B>>,
     inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
-    Tensor::from_dispatch(<Dispatch as KernelOps>::run(Inputs(inputs.into_iter().collect()), kernel))
+    Tensor::from_dispatch(<Dispatch as KernelOps>::run(Inputs(inputs.into_iter().collect()), Arc::new(operation)))
 }
 
 /// Records an operation of at most `N` inputs. The first input fills unused places, and receives no gradient through them.

@@ -45,15 +45,6 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> F
 
 type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<FactoredLayout>, Query) -> (Tensor<1>, Option<Tensor<2>>);
 
-fn plain(
-    tables: Tensor<1>,
-    weights: Tensor<1>,
-    layout: &Arc<FactoredLayout>,
-    query: Query,
-) -> (Tensor<1>, Option<Tensor<2>>) {
-    factored::plain(tables, weights, layout, &query)
-}
-
 /// Returns the value, and the gradients of ⟨u, value⟩, each element of u times its `scale`.
 fn run(case: &FactoredCase, device: &Device, body: FieldBody, scale: impl Fn(usize) -> f32) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
@@ -79,7 +70,7 @@ fn values_and_gradients_match_the_oracle() {
         let gradients = oracle::gradient(tables, weights, positions, &case.layout, &case.query, &u);
         let exact: Vec<Vec<f32>> = std::iter::once(value).chain(gradients).map(|values| narrow(&values)).collect();
         let bodies: [(Device, FieldBody); 3] =
-            [(Device::flex(), factored_field), (Device::flex(), plain), (Device::ndarray(), plain)];
+            [(Device::flex(), factored_field), (Device::flex(), factored::plain), (Device::ndarray(), factored::plain)];
         for (index, (device, body)) in bodies.into_iter().enumerate() {
             for ((got, exact), what) in run(&case, &device, body, |_| 1.0).iter().zip(&exact).zip(RESULTS) {
                 assert_close(got, exact, &format!("{samples} samples, {channels} channels, {what}, body {index}"));
@@ -111,12 +102,14 @@ fn negligible_gradients_alone_are_left_out() {
 fn variation_matches_the_oracle() {
     let case = case(1, true, false, 4);
     let (exact, exact_gradient) = oracle::variation(&wide(&case.inputs[0]), &case.layout);
-    for (device, host) in [(Device::flex(), true), (Device::flex(), false), (Device::ndarray(), false)] {
+    let bodies: [(Device, fn(Tensor<1>, &Arc<FactoredLayout>) -> Tensor<1>); 3] = [
+        (Device::flex(), plane_variation),
+        (Device::flex(), factored::plain_variation),
+        (Device::ndarray(), factored::plain_variation),
+    ];
+    for (device, body) in bodies {
         let tables = vector(&case.inputs[0], &device.autodiff()).require_grad();
-        let sum = match host {
-            true => plane_variation(tables.clone(), &case.layout),
-            false => factored::plain_variation(tables.clone(), &case.layout),
-        };
+        let sum = body(tables.clone(), &case.layout);
         let gradient = tables.grad(&sum.backward()).unwrap();
         assert_close(&to_host(sum), &[exact as f32], "variation");
         assert_close(&to_host(gradient), &narrow(&exact_gradient), "gradient of the variation");

@@ -74,7 +74,17 @@ impl Optimizer for Adam {
             None => AdaptiveMomentumState::new(0, grad.zeros_like(), grad.zeros_like()),
         };
         let time = state.time + 1;
-        let (tensor, m, v) = update(self.at(lr, time), tensor, grad, state.moment_1, state.moment_2);
+        let (step, m, v) = (self.at(lr, time), state.moment_1, state.moment_2);
+        let [tensor, m, v] = dispatch! {
+            &tensor.device();
+            host => fused(step, [tensor, grad, m, v]),
+            cube => fused(step, [tensor, grad, m, v]),
+            plain => {
+                let m = m * step.beta1 + grad.clone() * (1.0 - step.beta1);
+                let v = v * step.beta2 + grad.square() * (1.0 - step.beta2);
+                [tensor - m.clone() * step.rate / (v.clone().sqrt() + step.epsilon), m, v]
+            },
+        };
         (tensor, Some(AdamState::new(AdaptiveMomentumState::new(time, m, v))))
     }
 
@@ -113,27 +123,12 @@ fn is_set(flag: Tensor<1>) -> bool {
     flag.into_scalar::<f32>() != 0.0
 }
 
-type Update<const D: usize> = (Tensor<D>, Tensor<D>, Tensor<D>);
-
-fn update<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
-    dispatch! {
-        &x.device();
-        host => fused(step, x, g, m, v),
-        cube => fused(step, x, g, m, v),
-        plain => {
-            let m = m * step.beta1 + g.clone() * (1.0 - step.beta1);
-            let v = v * step.beta2 + g.square() * (1.0 - step.beta2);
-            (x - m.clone() * step.rate / (v.clone().sqrt() + step.epsilon), m, v)
-        },
-    }
-}
-
-/// Updates all values in one pass, by a kernel of the host or of a GPU.
+/// Updates x, given g, m and v, in one pass by a kernel of the host or of a GPU: the new x, m and v.
 #[cfg(any(feature = "flex", feature = "cube"))]
-fn fused<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
-    let [x, g, m, v] = [x, g, m, v].map(Tensor::into_dispatch);
+fn fused<const D: usize>(step: AdamStep, tensors: [Tensor<D>; 4]) -> [Tensor<D>; 3] {
+    let [x, g, m, v] = tensors.map(Tensor::into_dispatch);
     let (x, m, v) = <burn::backend::Dispatch as AdamOps>::adam(x, g, m, v, step);
-    (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
+    [x, m, v].map(Tensor::from_dispatch)
 }
 
 #[cfg(any(feature = "flex", feature = "cube"))]

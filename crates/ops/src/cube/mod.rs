@@ -31,21 +31,13 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use crate::graph::Operation;
-use crate::graph::{self, AnyKernel, KernelBackend};
+use crate::graph::{self, KernelBackend};
 use crate::traffic::count_upload;
 
 pub(crate) type Pass<'a> = graph::BackwardPass<'a, CubeBackend>;
 
 impl KernelBackend for CubeBackend {
     type Kept = ();
-
-    fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>> {
-        match kernel {
-            AnyKernel::Cube(kernel) => kernel,
-            #[cfg(feature = "flex")]
-            AnyKernel::Host(kernel) => unreachable!("{kernel:?} is no kernel of a GPU"),
-        }
-    }
 
     fn prepare(tensor: CubeTensor) -> CubeTensor {
         into_contiguous(tensor)
@@ -57,7 +49,7 @@ pub(crate) fn apply<const D: usize>(
     kernel: impl Operation<CubeBackend> + 'static,
     inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
-    graph::evaluate(AnyKernel::Cube(Arc::new(kernel)), inputs)
+    graph::evaluate::<CubeBackend, D>(Arc::new(kernel), inputs)
 }
 
 /// Returns the dense primitive of a GPU tensor that is in no autodiff graph.

@@ -90,7 +90,7 @@ pub fn factored_field(
         cube if query.samples() > 0 => {
             plain::density_and_color(gpu::features(tables, layout, &query), weights, layout, &query)
         },
-        plain => plain(tables, weights, layout, &query),
+        plain => plain(tables, weights, layout, query),
     }
 }
 

@@ -1,5 +1,7 @@
 //! The factored field by plain tensor operations, on any backend.
 
+use std::sync::Arc;
+
 use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Int, Tensor};
 
@@ -11,16 +13,16 @@ use crate::mlp::{Activation, Dense, Precision, dense};
 pub fn plain(
     tables: Tensor<1>,
     weights: Tensor<1>,
-    layout: &FactoredLayout,
-    query: &Query,
+    layout: &Arc<FactoredLayout>,
+    query: Query,
 ) -> (Tensor<1>, Option<Tensor<2>>) {
-    let mut features = vec![frequencies(query)];
+    let mut features = vec![frequencies(&query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
             features.push(plane_by_line(&tables, level, p, axes, &query.positions) * weight);
         }
     }
-    density_and_color(Tensor::cat(features, 1), weights, layout, query)
+    density_and_color(Tensor::cat(features, 1), weights, layout, &query)
 }
 
 /// Computes density, `[M]`, and colour, `[M, 3]`, from the MLP's input, `[M, layout.features()]`.

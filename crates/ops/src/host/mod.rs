@@ -19,7 +19,7 @@ use burn::backend::{DispatchTensor, Flex, TensorMetadata};
 use burn::tensor::{DType, FloatDType, Tensor, TensorData};
 
 use self::buffers::Scratch;
-use crate::graph::{self, AnyKernel, KernelBackend, Operation};
+use crate::graph::{self, KernelBackend, Operation};
 
 /// Number of partial sums of the gradients of a network: fixed, so that the result does not depend on the number of threads.
 pub(crate) const GROUPS: usize = 16;
@@ -61,7 +61,7 @@ pub(crate) fn apply<const D: usize>(
     shape: [usize; D],
     inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
-    graph::evaluate(AnyKernel::Host(Arc::new(HostOperation { kernel, shape: shape.to_vec() })), inputs)
+    graph::evaluate::<Flex, D>(Arc::new(HostOperation { kernel, shape: shape.to_vec() }), inputs)
 }
 
 #[derive(Debug)]
@@ -86,14 +86,6 @@ fn slices(tensors: &[Host]) -> Vec<&[f32]> {
 
 impl KernelBackend for Flex {
     type Kept = Arc<Scratch>;
-
-    fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>> {
-        match kernel {
-            AnyKernel::Host(kernel) => kernel,
-            #[cfg(feature = "cube")]
-            AnyKernel::Cube(kernel) => unreachable!("{kernel:?} is no kernel of the host"),
-        }
-    }
 
     fn prepare(tensor: Host) -> Host {
         let tensor = if tensor.dtype() == DType::F32 { tensor } else { Self::float_cast(tensor, FloatDType::F32) };

@@ -33,7 +33,7 @@ fn weight(resolution: usize) -> f32 {
 }
 
 /// Computes [`plane_variation`] by plain tensor operations, on any backend.
-pub fn plain(tables: Tensor<1>, layout: &FactoredLayout) -> Tensor<1> {
+pub fn plain(tables: Tensor<1>, layout: &Arc<FactoredLayout>) -> Tensor<1> {
     let mut sum = Tensor::zeros([1], &tables.device());
     for level in &layout.levels {
         let (r, c) = (level.resolution, level.channels);
