@@ -5,8 +5,8 @@
 //!
 //! | body | device | purpose |
 //! |---|---|---|
-//! | host kernel (`Kernel`, `host.rs`) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | CubeCL kernel (`gpu.rs`, with the feature `cube`) | GPUs | few launches |
+//! | host kernel (`host.rs`, on the base in `host/`) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
+//! | CubeCL kernel (`gpu.rs`, on the base in `cube/`, with the feature `cube`) | GPUs | few launches |
 //! | plain tensors (`plain`) | every backend | portability, and a reference for the kernels |
 //!
 //! The public function of each operation picks the body by the device of its tensors.

@@ -57,7 +57,7 @@ impl Segments {
         self.offsets[self.rays()] as usize
     }
 
-    /// Returns the samples of ray `r`.
+    /// Returns the samples of a ray.
     pub fn range(&self, ray: usize) -> Range<usize> {
         self.offsets[ray] as usize..self.offsets[ray + 1] as usize
     }
@@ -72,7 +72,7 @@ impl Segments {
         self.ranges().map(|range| range.len()).max().unwrap_or(0)
     }
 
-    /// Repeats the row of each ray, `[R, C]`, for each of its samples, `[M, C]`. Differentiable.
+    /// Repeats the row of each ray, `[R, C]`, for each of its samples, `[M, C]`. Differentiable in `rows`.
     pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
         dispatch! {
             &rows.device();

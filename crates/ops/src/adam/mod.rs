@@ -16,7 +16,8 @@ use burn::tensor::{Device, Tensor};
 
 use crate::dispatch::dispatch;
 
-/// Adam without weight decay. PyTorch's defaults: β = (0.9, 0.999), ε = 1e-8.
+/// Adam without weight decay: m ← β₁ m + (1 − β₁) g, v ← β₂ v + (1 − β₂) g² and x ← x − lr · m̂/(√v̂ + ε) with m̂ = m/(1 − β₁ᵗ) and
+/// v̂ = v/(1 − β₂ᵗ) at step t. The defaults are PyTorch's: β = (0.9, 0.999), ε = 1e-8.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Decay of the first moment, β₁.

@@ -17,11 +17,10 @@ use crate::segments::Segments;
 /// optical depths themselves until their sum reaches 1. Compositing has `wᵢ = (1 − Aᵢ)(1 − e^−τ′ᵢ)`, so the same weights
 /// follow from
 ///
-/// `τ′ᵢ = −ln(1 − τᵢ/(1 − Aᵢ))`,
+/// `τ′ᵢ = −ln(1 − τᵢ/(1 − Aᵢ))`.
 ///
-/// τ′ is infinite for the sample that fills the ray, and 0 for the samples behind it. Operations on optical depths, such
-/// as entropy and importance sampling, thus also serve the additive march. The gradient is 0 for the sample that fills
-/// the ray and for the samples behind it, as in PyTorch's `clamp`.
+/// τ′ is infinite for the sample that fills the ray, and 0 for the samples behind it; the gradient is 0 for all of these, as in
+/// PyTorch's `clamp`. Operations on optical depths, such as entropy and importance sampling, thus also serve the additive march.
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, packed `[M]`.
 ///

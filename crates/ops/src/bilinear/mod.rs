@@ -51,7 +51,8 @@ impl Taps {
     }
 }
 
-/// Computes `out[n] = Σₖ weights[n][k] · table[rows[n][k]]`: `[P, C]` → `[N, C]`, differentiable in the table.
+/// Computes Σₖ wₖ rₖ of the four weights wₖ and rows rₖ of the table of each of N taps: `[rows, C]` → `[N, C]`. Differentiable in the
+/// table.
 ///
 /// # Panics
 /// If a tap lies beyond the table.

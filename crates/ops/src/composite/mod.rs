@@ -22,16 +22,15 @@ pub struct Composite {
     pub acc: Tensor<1>,
 }
 
-/// Composites packed samples.
-///
-/// wᵢ = Tᵢ αᵢ with Tᵢ = exp(−Σ_{j<i} τⱼ) and αᵢ = −expm1(−τᵢ) (InfoNeRF, Eq. 1, in optical depth).
+/// Composites packed samples: Σ wᵢ vᵢ, `[R, C]`, and Σ wᵢ, `[R]`, of each ray, with wᵢ = Tᵢ αᵢ, Tᵢ = exp(−Σ_{j<i} τⱼ) and
+/// αᵢ = 1 − e^−τᵢ (InfoNeRF, Eq. 1, in optical depth).
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
-/// - `values`: quantities to integrate (colour, distance, features), `[M, C]`.
+/// - `values`: quantities v to integrate (colour, distance, features), `[M, C]`.
 ///
-/// Differentiable in both, and in the intervals δ if `tau` is computed from them as `sigma * delta`.
-///
-/// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
+/// Differentiable in both, and in the intervals δ if `tau` is computed from them as `sigma * delta`. An empty ray gives zeros.
+/// Values and gradients are finite for every τ in [0, ∞]: α is computed without cancellation, and no gradient is a difference of
+/// sums, so those behind an opaque sample keep their digits.
 ///
 /// # Panics
 /// If the shapes do not match `segments`.
@@ -66,8 +65,8 @@ pub struct CompositeOver {
     pub acc: Tensor<1>,
 }
 
-/// Composites the colours of packed samples, `[M, 3]`, over a background, and their `distances`, `[M]`, which have no
-/// gradient. Weights are those of [`composite`].
+/// Composites colours c, `[M, 3]`, over a background b, and distances t, `[M]`: Σ wᵢ cᵢ + (1 − Σ wᵢ) b, Σ wᵢ tᵢ in scene units, and
+/// Σ wᵢ of each ray, with the weights of [`composite`]. Differentiable in `tau` and `color`. On GPUs it is one kernel.
 ///
 /// # Panics
 /// If the shapes do not match `segments`.

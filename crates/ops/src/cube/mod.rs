@@ -27,7 +27,7 @@ use burn::cubecl::prelude::*;
 use burn::tensor::{DType, Shape, Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
-use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
+use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use crate::graph::Operation;
@@ -80,13 +80,6 @@ pub(crate) fn empty<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
 /// Allocates dense memory of the shape of `like`, uninitialized.
 pub(crate) fn empty_like(like: &CubeTensor) -> CubeTensor {
     empty(like, like.meta.shape().clone())
-}
-
-pub(crate) fn zeros<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
-    let shape = shape.into();
-    // A single row is never padded.
-    let row = zeros_client(like.client.clone(), like.device.clone(), [shape.num_elements()].into(), DType::F32);
-    burn_cubecl::ops::reshape(row, shape)
 }
 
 /// Uploads values to the device of `like`, followed by a zero, since a buffer cannot be empty. The last few uploads are cached,

@@ -12,15 +12,14 @@ pub use self::plain::plain;
 use crate::dispatch::dispatch;
 use crate::segments::Segments;
 
-/// Computes KL(P(r) ‖ P(r̃)) of paired rays in nats (InfoNeRF, Eq. 9), `[R]`.
+/// Computes KL(P(r) ‖ P(r̃)) = Σ pᵢ [ln(pᵢ + ε) − ln(qᵢ + ε)] of paired rays in nats (InfoNeRF, Eq. 9), `[R]`, with p = α/Σα of `tau`
+/// and q = α/Σα of `near`.
 ///
-/// KL = Σ pᵢ [ln(pᵢ + ε) − ln(qᵢ + ε)] with p = α/Σα of `tau` and q = α/Σα of `near`; samples are paired by index.
-/// `epsilon` > 0 bounds the divergence of disjoint rays at −ln ε nats (the released code has 1e-10). A pair in which
-/// either ray hits nothing (Σα < 1e-20) gives 0 with zero gradient.
+/// - `tau`, `near`: optical depths τ = σδ ≥ 0, both `[M]`, packed by the same `segments`; samples are paired by index.
+/// - `epsilon` > 0 bounds the divergence of disjoint rays at −ln ε nats (the released code has 1e-10).
 ///
-/// - `tau`, `near`: optical depths, both `[M]`, packed by the same `segments`.
-///
-/// For the reverse direction of the released code swap the arguments.
+/// Differentiable in both. A pair in which either ray has Σα below [`MIN_ALPHA_SUM`](crate::entropy::MIN_ALPHA_SUM) gives 0 with zero
+/// gradient. For the reverse direction of the released code swap the arguments.
 ///
 /// # Panics
 /// If the shapes do not match `segments`, or `epsilon` is not positive.

@@ -21,9 +21,9 @@ pub const MIN_ALPHA_SUM: f32 = 1e-20;
 /// The result of [`ray_entropy`], one value per ray.
 #[derive(Clone, Debug)]
 pub struct RayEntropy {
-    /// `H = −Σ p log₂(p + ε)` in bits (InfoNeRF, Eq. 5), `[R]`.
+    /// H = −Σ p log₂(p + ε) in bits (InfoNeRF, Eq. 5), `[R]`.
     pub bits: Tensor<1>,
-    /// Cumulative ray density `Q = Σα` (InfoNeRF, Eq. 7), `[R]`.
+    /// Cumulative ray density Q = Σα (InfoNeRF, Eq. 7), `[R]`.
     pub alpha_sum: Tensor<1>,
 }
 
@@ -36,15 +36,14 @@ impl RayEntropy {
     }
 }
 
-/// Computes the entropy of each ray's distribution `pᵢ = αᵢ/Σα` (InfoNeRF, Eq. 4), differentiable in `tau`. A ray whose
-/// opacities sum to nothing has entropy 0 and no gradient; thin fog has the same entropy as thick fog.
+/// Computes the entropy H = −Σ pᵢ log₂(pᵢ + ε) of each ray in bits, with pᵢ = αᵢ/Σα (InfoNeRF, Eq. 4–5), and Σα (Eq. 7), `[R]` each.
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, packed `[M]`.
 /// - `epsilon` ≥ 0 is added inside the logarithm (the released code has 1e-10).
 ///
-/// The gradients are `∂H/∂τᵢ = e^−τᵢ/Σα · (gᵢ − Σ pⱼ gⱼ)/ln 2` with `gᵢ = −ln(pᵢ + ε) − pᵢ/(pᵢ + ε)`.
-///
-/// Values and gradients are finite for every τ in [0, ∞].
+/// Differentiable in `tau`: ∂H/∂τᵢ = e^−τᵢ/Σα · (gᵢ − Σ pⱼ gⱼ)/ln 2 with gᵢ = −ln(pᵢ + ε) − pᵢ/(pᵢ + ε). Values and gradients are
+/// finite for every τ in [0, ∞]. A ray with Σα below [`MIN_ALPHA_SUM`] has entropy 0 and no gradient. As p is normalised, thin fog
+/// has the same entropy as thick fog; Σα tells them apart.
 ///
 /// # Panics
 /// If the shape does not match `segments`.

@@ -61,11 +61,13 @@ impl Query {
 
 /// Evaluates the field at the points of `query`: density σ, `[M]`, and red, green and blue, `[M, 3]`, if `query.color`.
 ///
-/// With f_i = planeᵢ(u) ⊙ lineᵢ(u) of each level and z the output of the MLP: σ = s·ln(1 + e^(z₀ + b)), and colour is
-/// 1/(1 + e^−(z_c + v_c·d)) with nine further outputs v if colour depends on the view direction d.
+/// With z the MLP's output for the features plane(u) ⊙ line(u) of all levels and the frequencies of u: σ = s·ln(1 + e^(z₀ + b)), and
+/// colour is 1/(1 + e^−(z + v·d)), where v are nine further outputs if colour depends on the view direction d.
 ///
-/// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP. The result is
-/// differentiable in both, and in `query.positions` if these require a gradient (0 along an axis on which a position lies
+/// - `tables` `[layout.table_len()]`: planes and lines.
+/// - `weights` `[layout.weight_len()]`: the MLP.
+///
+/// Differentiable in both, and in `query.positions` if these require a gradient (0 along an axis on which a position lies
 /// beyond the outermost texels' centres). σ has the unit of `layout.density_scale`, 1/length.
 ///
 /// # Panics

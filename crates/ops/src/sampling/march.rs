@@ -12,7 +12,7 @@ use crate::dispatch::dispatch;
 /// Steps along rays, and the depth at which they end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarchSettings {
-    /// Maximal length of a step.
+    /// Maximal length of a step, in the unit of near and far.
     pub step: f32,
     /// Optical depth, computed from the grid's densities, behind which there are no more samples.
     pub hidden_depth: f32,
@@ -34,7 +34,7 @@ pub struct MarchedRays {
 /// Densities of the cells of a box, on a GPU.
 #[derive(Clone, Debug)]
 pub struct Cells {
-    /// Density of each cell, x fastest, `[n³]`; −1 marks an empty cell. No sample outside the box is skipped.
+    /// Density of each cell in 1/scene unit, x fastest, `[n³]`; −1 marks an empty cell. No sample outside the box is skipped.
     pub density: Tensor<1>,
     /// Number n of cells along each axis.
     pub resolution: usize,

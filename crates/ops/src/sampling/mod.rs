@@ -78,10 +78,10 @@ impl Streams {
     }
 }
 
-/// Places `count` samples in [near, far] of each of `rays` rays, as [`distances::stratified`]: `[H, N]`, N being
+/// Places `count` samples in [near, far] of each of `rays` rays, by the rule of [`distances::stratified`]: `[H, N]`, N being
 /// [`SampleRule::columns`].
 ///
-/// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if all rays have the same.
+/// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if all rays have the same. Distances have their unit.
 /// - `jitter`: random numbers; without them samples are evenly spaced.
 pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
@@ -99,7 +99,7 @@ pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, 
 }
 
 /// Draws `count` distances of each ray from the weights of the samples at `t`, `[H, N]`, whose optical depths are `tau`,
-/// `[H N]`, and merges them with `t`, as [`distances::importance`]: `[H, N + count]`, without a gradient.
+/// `[H N]`, and merges them with `t`, by [`distances::importance`]: `[H, N + count]`, sorted, without a gradient.
 ///
 /// A GPU sums the weights of a ray in `f32`, the host in `f64`.
 pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
@@ -111,7 +111,7 @@ pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&St
 }
 
 /// Draws the edges of `count` intervals of each ray from the blurred weights of the intervals between `edges`, `[H, N + 1]`,
-/// whose optical depths are `tau`, `[H N]`, as [`distances::resample`]: `[H, count + 1]`, without a gradient.
+/// whose optical depths are `tau`, `[H N]`, by [`distances::resample`]: `[H, count + 1]`, sorted, without a gradient.
 pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let one = |edges: &[f32], weights: &[f32], stream| {
         distances::resample(edges, &distances::blurred(weights), count, stream)
@@ -138,7 +138,7 @@ fn drawn_on_host(
     })
 }
 
-/// Returns the distance of each sample that `t`, `[H, N]`, places, and the length of its interval, as
+/// Returns the distance of each sample that `t`, `[H, N]`, places, and the length of its interval, by
 /// [`distances::intervals`]: `[M]` each. The `ends` are those given to [`stratified`].
 pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
@@ -168,7 +168,7 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
     }
 }
 
-/// Uploads a row of numbers for each ray, given its place and its stream.
+/// Uploads a row of values for each ray, given its place and its stream.
 fn rows(
     count: usize,
     device: &Device,

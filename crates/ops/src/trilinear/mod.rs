@@ -35,7 +35,8 @@ impl Voxels {
     }
 }
 
-/// Interpolates `table` at `places`, `[P, C]`; differentiable in both (PyTorch: `grid_sample` with `align_corners=True`).
+/// Interpolates `table` at `places`, `[P, C]`: the sum of the eight voxels around a place, each times Π (1 − |distance|) over the three
+/// axes. Differentiable in both (PyTorch: `grid_sample` with `align_corners=True`).
 ///
 /// - `table`: a value of C channels for each voxel, `[rows, C]`.
 /// - `places`: x, y, z in voxels, `[P, 3]`: (0, 0, 0) is the centre of the first voxel. Place `p` reads the grid `p mod
@@ -63,9 +64,8 @@ pub fn trilinear(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<
     dispatch! {
         &table.device();
         host => {
-            let channels = table.dims()[1];
-            let shape = [places.dims()[0], channels];
-            crate::host::apply(host::TrilinearKernel { voxels, channels }, shape, [table, places].map(Tensor::into_dispatch))
+            let (kernel, count) = (host::TrilinearKernel { voxels, channels: table.dims()[1] }, places.dims()[0]);
+            crate::host::apply(kernel, [count, table.dims()[1]], [table, places].map(Tensor::into_dispatch))
         },
         plain => plain(table, places, voxels),
     }

@@ -6,12 +6,13 @@ use std::sync::Arc;
 
 use burn::cubecl::features::AtomicUsage;
 use burn::cubecl::ir::{FloatKind, Type};
-use burn::tensor::Tensor;
+use burn::tensor::{DType, Tensor};
 use burn_cubecl::CubeBackend;
+use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{FactoredLayout, PLANES, Query};
-use crate::cube::{Operation, Pass, apply, empty, empty_like, launch, uploaded, zeros};
+use crate::cube::{Operation, Pass, apply, empty, empty_like, launch, uploaded};
 use kernels::{CompareExchange, Native};
 
 /// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
@@ -50,7 +51,9 @@ impl Operation<CubeBackend> for FeatureKernel {
                 true => kernels::table_gradient::launch::<Native>,
                 false => kernels::table_gradient::launch::<CompareExchange>,
             };
-            let dtables = zeros(tables, tables.meta.shape().clone());
+            // Tables are a single row, which is never padded.
+            let shape = tables.meta.shape().clone();
+            let dtables = zeros_client(tables.client.clone(), tables.device.clone(), shape, DType::F32);
             launch!(
                 launch, samples * PLANES.len();
                 tables, positions, &weights, pass.grad, &dtables;
