@@ -10,7 +10,7 @@ use super::stages::{MlpStage, NetworkInput, Piece, padded, pieces};
 use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
 use crate::host::simd::{self, Job};
-use crate::host::{GROUPS, Kernel, Pass};
+use crate::host::{Kernel, PARTIAL_SUMS, Pass};
 use crate::mlp::{RadianceMlp, first_layer};
 
 const BLOCK: usize = 256;
@@ -362,7 +362,7 @@ impl Kernel for RoundedMlpKernel {
         let parameters = self.parameters(pass.inputs);
         let layers = self.layers(parameters, true);
         let samples = pass.grad.len() / self.width();
-        let per_group = samples.div_ceil(BLOCK).div_ceil(GROUPS).max(1) * BLOCK;
+        let per_group = samples.div_ceil(BLOCK).div_ceil(PARTIAL_SUMS).max(1) * BLOCK;
         let grads = pass.grad.par_chunks(self.width() * per_group).enumerate();
         let groups: Vec<Gradients> = grads
             .map(|(group, grad)| self.backward_group(&layers, pass.inputs, group * per_group, grad, pass.wanted[0]))

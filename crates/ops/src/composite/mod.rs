@@ -29,8 +29,8 @@ pub struct Composite {
 /// - `values`: quantities v to integrate (colour, distance, features), `[M, C]`.
 ///
 /// Differentiable in both, and in the intervals δ if `tau` is computed from them as `sigma * delta`. An empty ray gives zeros.
-/// Values and gradients are finite for every τ in [0, ∞]: α is computed without cancellation, and no gradient is a difference of
-/// sums, so those behind an opaque sample keep their digits.
+/// Values and gradients are finite for every τ in [0, ∞]. Kernels compute no gradient as a difference of sums, so that small ones
+/// behind an opaque sample keep their digits.
 ///
 /// # Panics
 /// If the shapes do not match `segments`.

@@ -10,7 +10,7 @@ use super::negligible;
 use crate::host::buffers::{Scratch, zeros};
 use crate::host::numeric::SampleOpacity;
 use crate::host::simd::{self, Job};
-use crate::host::{GROUPS, Pass};
+use crate::host::{PARTIAL_SUMS, Pass};
 
 impl FactoredKernel {
     /// Returns the number of features in front of those that tables hold.
@@ -79,7 +79,7 @@ impl FactoredKernel {
         let kept = self.kept(pass);
         let position = |s: &usize| &positions[3 * s..3 * s + 3];
         let blocks: Vec<Block> = kept.par_chunks(BLOCK).map(|rows| encode::block(rows.iter().map(position))).collect();
-        let per_group = blocks.len().div_ceil(GROUPS).max(1);
+        let per_group = blocks.len().div_ceil(PARTIAL_SUMS).max(1);
 
         // The MLP, block by block; the gradient of the features of tables is kept for all samples.
         let of_tables = self.of_tables() * BLOCK;

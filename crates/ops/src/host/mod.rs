@@ -22,7 +22,7 @@ use self::buffers::Scratch;
 use crate::graph::{self, KernelBackend, Operation};
 
 /// Number of partial sums of the gradients of a network: fixed, so that the result does not depend on the number of threads.
-pub(crate) const GROUPS: usize = 16;
+pub(crate) const PARTIAL_SUMS: usize = 16;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
 pub trait Kernel: Debug + Send + Sync + 'static {

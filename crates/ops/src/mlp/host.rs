@@ -6,7 +6,7 @@ use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
 use crate::host::buffers::each_with_buffer;
 use crate::host::matmul::{InitialSum, Matrix, product};
-use crate::host::{GROUPS, Kernel, Pass};
+use crate::host::{Kernel, PARTIAL_SUMS, Pass};
 
 /// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
 const BLOCK: usize = 256;
@@ -281,7 +281,7 @@ impl Kernel for MlpKernel {
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
-        let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
+        let per_group = (pass.saved.len() / self.activations).div_ceil(PARTIAL_SUMS).max(1);
         let transposed = self.transposed(pass.inputs);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
         let groups: Vec<GroupGradients> = grads
