@@ -1,8 +1,7 @@
-use infonerf_ops::sampling::LastInterval;
+use infonerf_ops::sampling::{LastInterval, Placement};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::placement::Placement;
 use crate::warp::SpaceChoice;
 
 /// Config of rendering: sampling of rays, compositing, and skipping.

@@ -162,6 +162,7 @@ pub(crate) mod tests {
     use burn::tensor::{Device, Tensor, TensorData};
     use glam::{DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
+    use infonerf_ops::sampling::Placement;
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;
 
@@ -170,7 +171,6 @@ pub(crate) mod tests {
     use crate::model::Model;
     use crate::noise::{Noise, RandomStream};
     use crate::occupancy::OccupancyGrid;
-    use crate::placement::Placement;
 
     /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {

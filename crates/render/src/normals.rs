@@ -61,13 +61,13 @@ impl<F: Field> Field for Normals<F> {
 #[cfg(test)]
 mod tests {
     use glam::{DMat4, DVec3};
+    use infonerf_ops::sampling::Placement;
     use infonerf_ops::upload;
     use infonerf_scene::{Backdrop, Scene, Similarity};
 
     use super::*;
     use crate::image::tests::config;
     use crate::model::ModelFrame;
-    use crate::placement::Placement;
     use crate::warp::SpaceChoice;
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).

@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::Points;
 use infonerf_ops::sampling::march::{MarchSettings, MarchedRays, march};
-use infonerf_ops::sampling::{importance, intervals, resample, stratified};
+use infonerf_ops::sampling::{Placement, importance, intervals, resample, stratified};
 use infonerf_ops::{Segments, to_host, upload};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
@@ -47,7 +47,7 @@ impl Renderer {
     pub fn step_length(&self, at: Moment) -> f32 {
         let c = &self.config;
         let samples = c.samples.at(at) as f32;
-        let coarse = if c.is_hierarchical() && c.placement.spans_intervals() { 0.0 } else { samples };
+        let coarse = if c.is_hierarchical() && c.placement == Placement::Interval { 0.0 } else { samples };
         self.longest / (coarse + c.fine_samples as f32)
     }
 
@@ -99,7 +99,7 @@ impl Renderer {
         let ends = rays.ends_of_hits();
         let count = self.config.samples.at(at).round() as usize;
         let (size, jitter) = ([ends.dims()[0], count], rays.streams(rays.hits(), false));
-        Coordinates { t: stratified(ends.clone(), size, self.config.placement.rule(), jitter.as_ref()), ends }
+        Coordinates { t: stratified(ends.clone(), size, self.config.placement, jitter.as_ref()), ends }
     }
 
     /// Draws the coordinates of the fine pass from the weights of the coarse one, whose samples have optical depths `tau`,
@@ -112,25 +112,26 @@ impl Renderer {
         tau: &Tensor<1>,
     ) -> Coordinates {
         let Coordinates { t, ends } = coarse.clone();
+        let spans = self.config.placement == Placement::Interval;
         let tau = match kept {
             None => with_autodiff_of(tau, &t.device()),
             Some(kept) => {
                 let [hits, columns] = t.dims();
-                let candidates = hits * (columns - usize::from(self.config.placement.spans_intervals()));
+                let candidates = hits * (columns - usize::from(spans));
                 let mut all = vec![0.0; candidates];
                 kept.iter().zip(to_host(tau.clone())).for_each(|(&index, tau)| all[index] = tau);
                 upload(all, [candidates], &t.device())
             }
         };
         let jitter = rays.streams(rays.hits(), true);
-        let draw = if self.config.placement.spans_intervals() { resample } else { importance };
+        let draw = if spans { resample } else { importance };
         Coordinates { t: draw(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
     }
 
     /// Places the samples of a pass for a field on `device`, without those that are skipped.
     pub(crate) fn place(&self, rays: &RayBatch, pass: &Coordinates, skip: Skip<'_>, device: &Device) -> PlacedSamples {
         let Coordinates { t, ends } = pass.clone();
-        let [coordinate, delta] = intervals(t, ends, self.config.placement.rule(), self.config.last_interval);
+        let [coordinate, delta] = intervals(t, ends, self.config.placement, self.config.last_interval);
         let distance = self.warp.distances(coordinate);
         let hits: Vec<usize> = rays.hits().collect();
         let per_ray = distance.dims()[0] / hits.len();
@@ -189,7 +190,7 @@ impl Renderer {
         mut keep: impl FnMut(I, (f32, f32)),
     ) {
         let mut depth = 0.0;
-        let spans = self.config.placement.spans_intervals();
+        let spans = self.config.placement == Placement::Interval;
         for (index, (t, delta)) in samples {
             if let Some(grid) = skip.grid {
                 let density = match spans {
@@ -217,7 +218,6 @@ mod tests {
     use crate::config::RenderConfig;
     use crate::image::tests::config;
     use crate::noise::{Noise, RandomStream};
-    use crate::placement::Placement;
     use crate::warp::SpaceChoice;
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };

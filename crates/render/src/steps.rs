@@ -152,11 +152,11 @@ impl Iterator for UniformSteps<'_> {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_ops::sampling::Placement;
     use infonerf_scene::Scene;
 
     use super::*;
     use crate::image::tests::config;
-    use crate::placement::Placement;
 
     /// Compares the steps through a grid of 2³ cells with all steps, of which those in empty cells are left out.
     #[test]

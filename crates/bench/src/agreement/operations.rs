@@ -11,7 +11,7 @@ use infonerf_ops::means::{mask_above, mean_squared_difference, weighted_sum};
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::march::{Cells, MarchSettings, MarchedRays, march};
 use infonerf_ops::sampling::{
-    LastInterval, PackedSamples, RaySamples, SampleRule, Streams, importance, intervals, points_on_rays, resample,
+    LastInterval, PackedSamples, Placement, RaySamples, Streams, importance, intervals, points_on_rays, resample,
     stratified,
 };
 use infonerf_ops::{
@@ -73,7 +73,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
     // No sample is opaque: behind one, a bin's probability is 1e-5 up to rounding, where NeRF's rule is discontinuous.
     let tau: Vec<f32> = uniform(rng, RAYS * SAMPLES, -14.0, -3.0).into_iter().map(f32::exp).collect();
-    for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
+    for rule in Placement::ALL {
         for jittered in [true, false] {
             let kind = if jittered { "jittered" } else { "even" };
             compare.within(DISTANCE, &format!("samples {rule:?}, {kind}"), |device| {
@@ -83,7 +83,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 let jitter = Some(&streams).filter(|_| jittered);
                 let t = stratified(ends.clone(), [RAYS, SAMPLES], rule, jitter);
                 let fine = match rule {
-                    SampleRule::Edges => resample(t.clone(), tau, FINE, jitter),
+                    Placement::Interval => resample(t.clone(), tau, FINE, jitter),
                     _ => importance(t.clone(), tau, FINE, jitter),
                 };
                 let [distance, length] = intervals(t.clone(), ends, rule, LastInterval::Finite);

@@ -1,19 +1,19 @@
 //! Distances of samples along a ray, as pure functions.
 
-use super::{LastInterval, SampleRule};
+use super::{LastInterval, Placement};
 use crate::random::Stream;
 
 /// Places `count` distances in [near, far]: with jitter one at random in each stratum, else evenly spaced.
 ///
-/// [`SampleRule::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints to its neighbours.
-/// [`SampleRule::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
-/// [`SampleRule::Edges`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
-pub fn stratified(near: f32, far: f32, count: usize, rule: SampleRule, jitter: Option<Stream>) -> Vec<f32> {
+/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints to its neighbours.
+/// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
+/// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
+pub fn stratified(near: f32, far: f32, count: usize, rule: Placement, jitter: Option<Stream>) -> Vec<f32> {
     let at = |u: f32| near * (1.0 - u) + far * u;
     let draw = |i: usize| jitter.map(|stream| stream.uniform(i));
     match rule {
-        SampleRule::Left | SampleRule::Edges => {
-            let count = if rule == SampleRule::Edges { count + 1 } else { count };
+        Placement::Left | Placement::Interval => {
+            let count = if rule == Placement::Interval { count + 1 } else { count };
             let even = |i: usize| at(i as f32 / (count - 1) as f32);
             let place = |i: usize| match draw(i) {
                 None => even(i),
@@ -25,19 +25,19 @@ pub fn stratified(near: f32, far: f32, count: usize, rule: SampleRule, jitter: O
             };
             (0..count).map(place).collect()
         }
-        SampleRule::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
+        Placement::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
     }
 }
 
 /// Returns `(distance, interval length)` of the samples of one ray with sorted distances `t`.
 ///
-/// [`SampleRule::Left`]: from the sample to the next; the last one by `last`. [`SampleRule::Mid`]: between the midpoints
-/// to both neighbours, the first from `near` and the last to `far`. [`SampleRule::Edges`]: distances are edges, one more
+/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: between the midpoints
+/// to both neighbours, the first from `near` and the last to `far`. [`Placement::Interval`]: distances are edges, one more
 /// than samples.
-pub fn intervals(t: &[f32], near: f32, far: f32, rule: SampleRule, last: LastInterval) -> Vec<(f32, f32)> {
+pub fn intervals(t: &[f32], near: f32, far: f32, rule: Placement, last: LastInterval) -> Vec<(f32, f32)> {
     let n = t.len();
     match rule {
-        SampleRule::Left => (0..n)
+        Placement::Left => (0..n)
             .map(|i| match (t.get(i + 1), last.length()) {
                 (Some(next), _) => (t[i], next - t[i]),
                 (None, Some(length)) => (t[i], length),
@@ -45,7 +45,7 @@ pub fn intervals(t: &[f32], near: f32, far: f32, rule: SampleRule, last: LastInt
                 (None, None) => (t[i], far - t[i]),
             })
             .collect(),
-        SampleRule::Mid => {
+        Placement::Mid => {
             let edge = |i: usize| match i {
                 0 => near,
                 i if i == n => far,
@@ -53,7 +53,7 @@ pub fn intervals(t: &[f32], near: f32, far: f32, rule: SampleRule, last: LastInt
             };
             (0..n).map(|i| (t[i], (edge(i + 1) - edge(i)).max(0.0))).collect()
         }
-        SampleRule::Edges => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
+        Placement::Interval => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
     }
 }
 
@@ -137,16 +137,16 @@ mod tests {
 
     #[test]
     fn even_samples_of_both_rules() {
-        assert_eq!(stratified(2.0, 6.0, 5, SampleRule::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
-        assert_eq!(stratified(2.0, 6.0, 4, SampleRule::Mid, None), [2.5, 3.5, 4.5, 5.5]);
-        assert_eq!(stratified(2.0, 6.0, 4, SampleRule::Edges, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
+        assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
         let t = [2.0, 3.0, 5.0];
-        let left = |last| intervals(&t, 2.0, 6.0, SampleRule::Left, last);
+        let left = |last| intervals(&t, 2.0, 6.0, Placement::Left, last);
         assert_eq!(left(LastInterval::Finite), [(2.0, 1.0), (3.0, 2.0), (5.0, 2.0)]);
         assert_eq!(left(LastInterval::Infinite), [(2.0, 1.0), (3.0, 2.0), (5.0, 1e10)]);
         let finite = |rule| intervals(&t, 1.0, 6.0, rule, LastInterval::Finite);
-        assert_eq!(finite(SampleRule::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
-        assert_eq!(finite(SampleRule::Edges), [(2.5, 1.0), (4.0, 2.0)]);
+        assert_eq!(finite(Placement::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
+        assert_eq!(finite(Placement::Interval), [(2.5, 1.0), (4.0, 2.0)]);
     }
 
     /// Compares with values computed by `tests/fixtures/mip_forward.py`.
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn importance_goes_where_the_weight_is() {
-        let t = stratified(2.0, 6.0, 64, SampleRule::Left, None);
+        let t = stratified(2.0, 6.0, 64, Placement::Left, None);
         let mut weights = vec![0.0; 64];
         weights[40] = 1.0;
         let drawn = importance(&t, &weights, 100, None);
@@ -192,10 +192,10 @@ mod tests {
         ) {
             let far = near + length;
             let jitter = Some(Stream { key: seed, item: 3 });
-            for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
+            for rule in Placement::ALL {
                 let t = stratified(near, far, count, rule, jitter);
                 let drawn = match rule {
-                    SampleRule::Edges => resample(&t, &weights[..count], fine, jitter),
+                    Placement::Interval => resample(&t, &weights[..count], fine, jitter),
                     _ => importance(&t, &weights[..count], fine, jitter),
                 };
                 for t in [&t, &drawn] {
@@ -203,7 +203,7 @@ mod tests {
                     prop_assert!(t.iter().all(|t| *t >= near - 1e-4 && *t <= far + 1e-4));
                 }
                 let samples = intervals(&drawn, near, far, rule, LastInterval::Finite);
-                let expected = if rule == SampleRule::Edges { fine } else { count + fine };
+                let expected = if rule == Placement::Interval { fine } else { count + fine };
                 prop_assert_eq!(samples.len(), expected);
                 prop_assert!(samples.iter().all(|(_, delta)| *delta >= 0.0));
             }

@@ -20,25 +20,30 @@ use crate::random::Stream;
 use crate::segments::Segments;
 use crate::traffic::{to_host, upload, upload_together};
 
-/// Rule by which samples divide the interval of a ray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SampleRule {
-    /// Samples at the near end of their intervals (NeRF): interval i reaches from sample i to sample i + 1.
+/// Position of a sample within its interval.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// At the near end, as in NeRF: stratified distances, and interval i reaches from sample i to sample i + 1.
     Left,
-    /// Samples in the middle of their intervals.
+    /// In the middle. A single pass has steps of one length for all rays.
     Mid,
-    /// Whole intervals, given by their edges, which are one more than intervals (mip-NeRF).
-    Edges,
+    /// Over the whole interval (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine pass has `fine_samples`
+    /// intervals of its own, drawn from blurred weights and not merged with the coarse ones.
+    Interval,
 }
 
-impl SampleRule {
+impl Placement {
+    /// Every placement.
+    pub const ALL: [Self; 3] = [Self::Left, Self::Mid, Self::Interval];
+
     /// Returns the number of values that place `samples` samples of a ray: `samples` distances, or `samples + 1` edges.
     pub fn columns(self, samples: usize) -> usize {
-        samples + usize::from(self == Self::Edges)
+        samples + usize::from(self == Self::Interval)
     }
 }
 
-/// Length of the last interval of a ray under [`SampleRule::Left`]; under other rules it ends where the ray does.
+/// Length of the last interval of a ray under [`Placement::Left`]; under others it ends where the ray does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LastInterval {
@@ -79,11 +84,11 @@ impl Streams {
 }
 
 /// Places `count` samples in [near, far] of each of `rays` rays, by the rule of [`distances::stratified`]: `[H, N]`, N being
-/// [`SampleRule::columns`].
+/// [`Placement::columns`].
 ///
 /// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if all rays have the same. Distances have their unit.
 /// - `jitter`: random numbers; without them samples are evenly spaced.
-pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
+pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: Placement, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &ends.device();
         cube => gpu::stratified(ends, [rays, rule.columns(count)], rule, jitter),
@@ -140,7 +145,7 @@ fn drawn_on_host(
 
 /// Returns the distance of each sample that `t`, `[H, N]`, places, and the length of its interval, by
 /// [`distances::intervals`]: `[M]` each. The `ends` are those given to [`stratified`].
-pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
+pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: Placement, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
         &t.device();
         cube => gpu::intervals(t, ends, rule, last),

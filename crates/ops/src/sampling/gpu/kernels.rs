@@ -4,7 +4,7 @@ use burn::cubecl::{self, prelude::*};
 
 use crate::cube::random::{self, Bits};
 use crate::cube::rays::alpha_of;
-use crate::sampling::SampleRule;
+use crate::sampling::Placement;
 
 /// Returns number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
@@ -240,7 +240,7 @@ pub(super) fn resample_draw(
 }
 
 /// Computes the distance of each sample and the length of its interval ([`intervals`](crate::sampling::intervals)). The last
-/// interval under [`SampleRule::Left`] has length `last`, or that of the one before if `last` is 0.
+/// interval under [`Placement::Left`] has length `last`, or that of the one before if `last` is 0.
 #[cube(launch)]
 pub(super) fn intervals(
     t: &Tensor<f32>,
@@ -248,7 +248,7 @@ pub(super) fn intervals(
     distance: &mut Tensor<f32>,
     length: &mut Tensor<f32>,
     last: f32,
-    #[comptime] rule: SampleRule,
+    #[comptime] rule: Placement,
 ) {
     let at = ABSOLUTE_POS;
     if at >= length.len() {
@@ -259,7 +259,7 @@ pub(super) fn intervals(
     let mut place = t[at];
     let mut own = last;
     match comptime!(rule) {
-        SampleRule::Left => {
+        Placement::Left => {
             if i + 1 < count {
                 own = t[at + 1] - t[at];
             } else if last == 0.0f32 {
@@ -270,7 +270,7 @@ pub(super) fn intervals(
                 }
             }
         }
-        SampleRule::Mid => {
+        Placement::Mid => {
             let mut lower = end(ends, row, 0);
             if i > 0 {
                 lower = 0.5f32 * (t[at - 1] + t[at]);
@@ -281,7 +281,7 @@ pub(super) fn intervals(
             }
             own = f32::max(upper - lower, 0.0f32);
         }
-        SampleRule::Edges => {
+        Placement::Interval => {
             let edge = at / (count - 1) * count + at % (count - 1);
             place = 0.5f32 * (t[edge] + t[edge + 1]);
             own = t[edge + 1] - t[edge];

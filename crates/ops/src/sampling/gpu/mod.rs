@@ -8,11 +8,11 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(super) use self::march::march;
-use super::{LastInterval, SampleRule, Streams};
+use super::{LastInterval, Placement, Streams};
 use crate::cube::buffers::Outputs;
 use crate::cube::{Operation, apply, empty, launch};
 
-pub(super) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
+pub(super) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: Placement, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
     apply(
         Sampling::Stratified { shape, rule, jitter: jitter.is_some() },
@@ -32,9 +32,9 @@ pub(super) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: O
     apply(Sampling::Resample { count, jitter: jitter.is_some() }, inputs)
 }
 
-pub(super) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
+pub(super) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: Placement, last: LastInterval) -> [Tensor<1>; 2] {
     let [rays, columns] = t.dims();
-    let samples = rays * if rule == SampleRule::Edges { columns - 1 } else { columns };
+    let samples = rays * if rule == Placement::Interval { columns - 1 } else { columns };
     let outputs = Outputs::new([0, 1].map(|_| Shape::new([samples])));
     let inputs = [t, ends].map(Tensor::into_dispatch);
     let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), rule, last }, inputs);
@@ -54,10 +54,10 @@ fn integers(tensor: &CubeTensor) -> CubeTensor {
 /// Operations that place samples; none has a gradient.
 #[derive(Debug)]
 enum Sampling {
-    Stratified { shape: [usize; 2], rule: SampleRule, jitter: bool },
+    Stratified { shape: [usize; 2], rule: Placement, jitter: bool },
     Importance { count: usize, jitter: bool },
     Resample { count: usize, jitter: bool },
-    Intervals { outputs: Outputs<2>, rule: SampleRule, last: LastInterval },
+    Intervals { outputs: Outputs<2>, rule: Placement, last: LastInterval },
 }
 
 impl Operation<CubeBackend> for Sampling {
@@ -67,7 +67,7 @@ impl Operation<CubeBackend> for Sampling {
         let streams = || integers(inputs.last().expect("streams are last"));
         match self {
             Self::Stratified { shape, rule, jitter } => {
-                let (out, in_middle) = (empty(first, *shape), *rule == SampleRule::Mid);
+                let (out, in_middle) = (empty(first, *shape), *rule == Placement::Mid);
                 launch!(kernels::stratified::launch, shape[0] * shape[1]; first, &streams(), &out; in_middle, *jitter);
                 out
             }
