@@ -11,7 +11,7 @@ use infonerf_field::{FieldSpec, RadianceField};
 use infonerf_render::RandomStream::{FineSamples, Neighbours, Samples, SeenRays, UnseenRays};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_tests::{fixture, floats, hashed, parameters_of, space, whole, wholes, with_parameters};
-use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Trainer};
+use infonerf_train::{Config, Event, Pixels, Preset, StepBatch, Trainer};
 use safetensors::SafeTensors;
 use serde_json::Value;
 
@@ -129,7 +129,8 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
         .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
     StepBatch {
         scene: 0,
-        seen: SeenPixels { pixels: seen, rgb: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect() },
+        seen,
+        colors: numbers.iter().map(|&n| scene.train[view].image.rgb[n]).collect(),
         unseen: Some(pixels(whole(&step["pose"]), &step["unseen"]).0),
         rotation: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
     }

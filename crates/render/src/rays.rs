@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
 use infonerf_ops::sampling::{Streams, points_on_rays};
 use infonerf_ops::{is_gpu, upload, upload_together};
-use infonerf_scene::{PixelAt, Ray};
+use infonerf_scene::Ray;
 
 use crate::noise::{Noise, RandomStream};
 use crate::output::{Samples, with_autodiff_of};
@@ -26,7 +26,6 @@ pub struct RayBatch {
     directions: Tensor<2>,
     /// Radius of each ray's cone at distance 1, `[R]`.
     radii: Tensor<1>,
-    pixels: Option<Vec<PixelAt>>,
     /// Random numbers of the batch; `None` for samples that are evenly spaced.
     pub(crate) jitter: Option<Noise>,
     pub(crate) is_tracked: bool,
@@ -44,23 +43,13 @@ impl RayBatch {
         let [origins, directions, radii] = upload_together(arrays, &[], &device);
         let [origins, directions] = [origins, directions].map(|values| values.reshape([rays.len(), 3]));
         let (on_host, ends) = (rays.into(), ends.into());
-        Self { on_host, ends, origins, directions, radii, pixels: None, jitter: None, is_tracked: false }
+        Self { on_host, ends, origins, directions, radii, jitter: None, is_tracked: false }
     }
 
     /// Returns the batch with samples jittered by `noise`, of which ray `r` uses item `r`. Without it samples are evenly spaced.
     #[must_use]
     pub fn jittered(self, noise: Noise) -> Self {
         Self { jitter: Some(noise), ..self }
-    }
-
-    /// Returns the batch with the pixel of each ray.
-    ///
-    /// # Panics
-    /// If rays and pixels differ in number.
-    #[must_use]
-    pub fn with_pixels(self, pixels: Vec<PixelAt>) -> Self {
-        assert_eq!(pixels.len(), self.len(), "a pixel of each ray");
-        Self { pixels: Some(pixels), ..self }
     }
 
     /// Returns the batch with `origins` and `directions`, `[R, 3]`, of the same values in an autodiff graph.
@@ -77,11 +66,6 @@ impl RayBatch {
     /// Whether there are no rays.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
-    }
-
-    /// Returns the pixel of each ray; `None` if rays are of no pixels.
-    pub fn pixels(&self) -> Option<&[PixelAt]> {
-        self.pixels.as_deref()
     }
 
     pub(crate) fn hits(&self) -> impl Iterator<Item = usize> + Clone + '_ {

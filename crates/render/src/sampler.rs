@@ -212,7 +212,7 @@ impl Renderer {
 mod tests {
     use glam::Vec3;
     use infonerf_ops::from_host;
-    use infonerf_scene::{PixelAt, Range, Scene, Space};
+    use infonerf_scene::{Range, Scene, Space};
 
     use super::*;
     use crate::config::RenderConfig;
@@ -287,13 +287,11 @@ mod tests {
         }
     }
 
-    /// Checks that points keep the gradient with respect to tracked rays, and that a batch keeps its pixels.
+    /// Checks that points keep the gradient with respect to tracked rays.
     #[test]
     fn points_follow_tracked_rays() {
         let renderer = Renderer::new(&config(Placement::Mid), &scene());
         let (device, rays) = (Device::flex().autodiff(), rays(&renderer));
-        let pixels: Vec<PixelAt> = (0..3).map(|view| PixelAt { view, x: 0.5, y: 1.5 }).collect();
-        assert_eq!(rays.clone().with_pixels(pixels.clone()).pixels(), Some(pixels.as_slice()));
         let tracked = rays.geometry().map(|rows| from_host(&to_host(rows), 3, &device).require_grad());
         let pass = renderer.first_coordinates(&rays, Moment::START);
         let placed = renderer.place(&rays.tracked(tracked.clone()), &pass, NOTHING, &device);

@@ -21,18 +21,18 @@ pub type MemberStep = (Vec<Event>, Result<Outcome, TrainError>);
 /// fields add up to the time of the run. The values of a field do not depend on the others.
 pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<MemberStep> {
     let start = Instant::now();
-    let taken: Vec<_> = match trainers {
+    let steps: Vec<_> = match trainers {
         // A single trainer stays in this thread, as a device may tie its work to the calling thread.
-        [only] => vec![only.advance(None)],
-        _ => trainers.par_iter_mut().map(|trainer| trainer.advance(None)).collect(),
+        [only] => vec![only.take_step(None)],
+        _ => trainers.par_iter_mut().map(|trainer| trainer.take_step(None)).collect(),
     };
     let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
-    let count = |(trainer, taken): (&mut &mut Trainer<F>, bool)| {
+    let counted = trainers.iter_mut().zip(steps).map(|(trainer, step)| {
         let mut events = Vec::new();
-        let outcome = trainer.count_step(taken, share, &mut |event| events.push(event));
+        let outcome = trainer.count_step(step, share, &mut |event| events.push(event));
         (events, outcome)
-    };
-    trainers.iter_mut().zip(taken).map(count).collect()
+    });
+    counted.collect()
 }
 
 /// Returns the fields that have not collapsed, or all if all have, and the number of fields that are left out.

@@ -10,15 +10,6 @@ use infonerf_schedule::Moment;
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::{Pixels, central_half, crop, training_cameras};
 
-/// Pixels of training images and their colours.
-#[derive(Clone, Debug)]
-pub struct SeenPixels {
-    /// The pixels.
-    pub pixels: Pixels,
-    /// Colour of each pixel.
-    pub rgb: Vec<[f32; 3]>,
-}
-
 /// The training images of a scene at every size that a run uses.
 #[derive(Clone, Debug)]
 pub(crate) struct TrainingImages {
@@ -105,8 +96,8 @@ impl TrainingImages {
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
     }
 
-    /// Draws `rays` pixels for the step at `at`.
-    pub(crate) fn draw(&self, config: &TrainConfig, rays: usize, at: Moment, noise: Noise) -> SeenPixels {
+    /// Draws `rays` pixels for the step at `at`. Also returns the colour of each.
+    pub(crate) fn draw(&self, config: &TrainConfig, rays: usize, at: Moment, noise: Noise) -> (Pixels, Vec<[f32; 3]>) {
         let images = self.at(config, at);
         let indices = images.indices(config, rays, at.step, noise);
         let (stride, area) = (images.width as usize, images.area());
@@ -116,8 +107,7 @@ impl TrainingImages {
             PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
-        let rgb = indices.iter().map(|index| images.rgb[index / area][index % area]).collect();
-        SeenPixels { pixels, rgb }
+        (pixels, indices.iter().map(|index| images.rgb[index / area][index % area]).collect())
     }
 }
 
@@ -216,9 +206,9 @@ mod tests {
             for step in 0..60 {
                 let at = Moment { step, progress: if step % 2 == 0 { 0.0 } else { 1.0 } };
                 let noise = Noise::new(0, step as u64, RandomStream::SeenRays);
-                let seen = images.draw(&config, 20, at, noise);
-                let half = seen.pixels.width / 2.0;
-                for PixelAt { view, x, y } in seen.pixels.at {
+                let (seen, _) = images.draw(&config, 20, at, noise);
+                let half = seen.width / 2.0;
+                for PixelAt { view, x, y } in seen.at {
                     let corners = [(x - half, y - half), (x + half - 1.0, y + half - 1.0)];
                     assert!(corners.iter().all(|&(x, y)| valid(view, x as usize, y as usize)), "{view} {x} {y}");
                     assert!(view == 1 || step >= 30 || (4.0..12.0).contains(&x) && (4.0..12.0).contains(&y));
@@ -245,7 +235,7 @@ mod tests {
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
-            let seen = images.draw(&config, 8, at, noise).pixels;
+            let (seen, _) = images.draw(&config, 8, at, noise);
             let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
             for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
                 let ratio = ray.radius / centre;

@@ -10,7 +10,6 @@ use infonerf_schedule::Moment;
 
 use super::Trainer;
 use crate::config::{Config, NeighbourSampling};
-use crate::images::SeenPixels;
 use crate::pixels::{Pixels, UnseenViews, rotation};
 use crate::training_scene::TrainingScene;
 
@@ -20,7 +19,9 @@ pub struct StepBatch {
     /// Index of the scene.
     pub scene: usize,
     /// Pixels of training images.
-    pub seen: SeenPixels,
+    pub seen: Pixels,
+    /// Colour of each of these pixels.
+    pub colors: Vec<[f32; 3]>,
     /// Pixels of an unseen pose, if a term needs them.
     pub unseen: Option<Pixels>,
     /// The rotation that takes cameras to those of neighbouring rays.
@@ -42,9 +43,11 @@ impl<F: Field> Trainer<F> {
             let width = scene.images.at(train, at).pixel_width();
             views.pixels(unseen, width, at.step, noise(RandomStream::UnseenRays))
         };
+        let (seen, colors) = scene.images.draw(train, seen, at, noise(RandomStream::SeenRays));
         StepBatch {
             scene: index,
-            seen: scene.images.draw(train, seen, at, noise(RandomStream::SeenRays)),
+            seen,
+            colors,
             unseen: scene.objective.needs(at).contains(&Need::Unseen).then(draw_unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         }
@@ -98,11 +101,10 @@ impl StepBatch {
             rays: scene.renderer.rays(rays, &device).jittered(noise(stream).child(RandomStream::Samples)),
             partner: None,
         };
-        let given = &self.seen.pixels;
+        let given = &self.seen;
         let corrected = model.cameras.as_ref().map(|cameras| given.seen_by(cameras.apply(&given.cameras).into()));
         let pixels = corrected.as_ref().unwrap_or(given);
         let mut seen = group(Role::Seen, pixels.rays(), RandomStream::SeenRays);
-        seen.rays = seen.rays.with_pixels(given.at.clone());
         if let Some(cameras) = &model.cameras {
             seen.rays = seen.rays.tracked(cameras.rays(&given.cameras, &given.at));
         }
@@ -126,11 +128,10 @@ impl StepBatch {
 
     /// Returns the colours of the seen pixels, on the device of `model`.
     pub(super) fn target<F: Field>(&self, scene: &TrainingScene, model: &Model<F>) -> Target {
-        let SeenPixels { rgb, pixels, .. } = &self.seen;
         Target {
-            rgb: upload(rgb.as_flattened().to_vec(), [rgb.len(), 3], &model.fine.device()),
-            on_host: rgb.clone(),
-            pixels: pixels.at.clone(),
+            rgb: upload(self.colors.as_flattened().to_vec(), [self.colors.len(), 3], &model.fine.device()),
+            on_host: self.colors.clone(),
+            pixels: self.seen.at.clone(),
             background: scene.scene.background,
         }
     }

@@ -57,7 +57,7 @@ impl StepLosses {
 }
 
 /// A step that was taken, and is not reported yet.
-pub(super) struct PendingStep {
+pub(crate) struct PendingStep {
     pub(super) at: Moment,
     pub(super) losses: StepLosses,
     pub(super) lr: f64,
@@ -65,32 +65,33 @@ pub(super) struct PendingStep {
     pub(super) evaluated: f64,
     /// Flag on the device: 1 if the objective was finite in this and all pending steps before, else 0 and the model stays.
     pub(super) finite: Tensor<1>,
-    /// Seconds of this step, and of training so far, once they are counted.
+    /// Seconds of this step, and of training so far; 0 before they are counted.
     pub(super) seconds: [f64; 2],
 }
 
 impl<F: Field> Trainer<F> {
-    /// Counts the last step, if one was `taken`, as `seconds` of training, and reports what is known.
+    /// Counts `step`, if one was taken, as `seconds` of training, and reports what is known.
     pub(crate) fn count_step(
         &mut self,
-        taken: bool,
+        step: Option<PendingStep>,
         seconds: f64,
         report: &mut impl FnMut(Event),
     ) -> Result<Outcome, TrainError> {
-        if let Some(last) = self.pending.last_mut().filter(|_| taken) {
+        if let Some(step) = step {
             self.progress.seconds += seconds;
-            last.seconds = [seconds, self.progress.seconds];
-            if !last.losses.is_read() && !self.is_over() {
+            let is_read = step.losses.is_read();
+            self.pending.push(PendingStep { seconds: [seconds, self.progress.seconds], ..step });
+            if !is_read && !self.is_over() {
                 return Ok(Outcome::Running);
             }
         }
         self.catch_up(report)
     }
 
-    /// Reads the losses of all pending steps, if as many as [`Self::read_every`] are pending.
-    pub(super) fn read_if_due(&mut self) {
-        if self.pending.len() >= self.read_every {
-            StepLosses::read(self.pending.iter_mut().map(|step| &mut step.losses));
+    /// Reads the losses of all pending steps and of the `last` one, if they are as many as [`Self::read_every`].
+    pub(super) fn read_if_due(&mut self, last: &mut PendingStep) {
+        if self.pending.len() + 1 >= self.read_every {
+            StepLosses::read(self.pending.iter_mut().chain([last]).map(|step| &mut step.losses));
         }
     }
 

@@ -10,7 +10,7 @@ use infonerf_field::{Extent, Field};
 use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
 use infonerf_ops::adam::{finite_after, step_if};
 use infonerf_ops::means::mean_squared_difference;
-use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RenderRequest};
+use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RayBatch, RenderRequest};
 use infonerf_schedule::Moment;
 
 use super::batch::{RayGroup, Role, StepBatch};
@@ -31,8 +31,8 @@ impl<F: Field> Trainer<F> {
     /// If a loss of a step is not finite. The weights are then as they were before that step.
     pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let start = Instant::now();
-        let taken = self.advance(None);
-        self.count_step(taken, start.elapsed().as_secs_f64(), report)
+        let step = self.take_step(None);
+        self.count_step(step, start.elapsed().as_secs_f64(), report)
     }
 
     /// Takes one step on a batch that is given and not drawn. Samples along its rays are jittered by the run's seed and step.
@@ -44,14 +44,15 @@ impl<F: Field> Trainer<F> {
     /// If there is no such scene or camera, or no seen pixel.
     pub fn step_on(&mut self, batch: StepBatch, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let start = Instant::now();
-        let taken = self.advance(Some(batch));
-        self.count_step(taken, start.elapsed().as_secs_f64(), report)
+        let step = self.take_step(Some(batch));
+        self.count_step(step, start.elapsed().as_secs_f64(), report)
     }
 
-    /// Takes a step on `batch`, or on a drawn one, without counting its time. Returns false if training is over.
-    pub(crate) fn advance(&mut self, batch: Option<StepBatch>) -> bool {
+    /// Takes a step on `batch`, or on a drawn one. The step is to be given to [`Self::count_step`] with its time. `None` if
+    /// training is over.
+    pub(crate) fn take_step(&mut self, batch: Option<StepBatch>) -> Option<PendingStep> {
         if self.has_collapsed() || self.is_over() {
-            return false;
+            return None;
         }
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
@@ -59,17 +60,19 @@ impl<F: Field> Trainer<F> {
         let batch = batch.unwrap_or_else(|| self.draw(at));
         self.profile.book(Phase::Rays, start);
         let model = self.conditioned(&batch, at);
-        let (renders, samples, rays) = self.render(&batch, &model, at);
+        let (renders, StepCost { samples, rays }) = self.render(&batch, &model, at);
         let losses = self.evaluate(&batch, &model, &renders, at);
         let segments = renders.seen.fine.segments();
         self.progress.count(samples, segments.samples() as f64 / segments.rays() as f64);
         let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
         // Adam changes weights in place if nothing else holds them.
         drop((model, renders));
-        let pending = self.optimize(total, losses, (samples, rays), at);
-        self.pending.push(pending);
-        self.read_if_due();
-        true
+        let finite = self.optimize(total, at);
+        let evaluated = samples.evaluated as f64 / samples.total.max(1) as f64;
+        let lr = self.config.train.lr.at(at);
+        let mut step = PendingStep { at, losses, lr, rays, evaluated, finite, seconds: [0.0; 2] };
+        self.read_if_due(&mut step);
+        Some(step)
     }
 
     /// Returns the model of the step, conditioned on the images that its fields are given.
@@ -77,18 +80,18 @@ impl<F: Field> Trainer<F> {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
         let scene = &self.scenes[batch.scene];
-        let sources = scene.sources.draw(&self.config.train, batch.seen.pixels.view(), sources);
+        let sources = scene.sources.draw(&self.config.train, batch.seen.view(), sources);
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
-    /// Renders what the objective needs. Also returns the number of samples and of rays.
-    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, Counts, usize) {
+    /// Renders what the objective needs.
+    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, StepCost) {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let scene = &self.scenes[batch.scene];
         let needs = scene.objective.needs(at);
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
         let renderer = &scene.renderer;
-        let (mut samples, mut ray_count) = (Counts::default(), 0);
+        let mut cost = StepCost::default();
         let mut rendered: BTreeMap<Role, Passes> = BTreeMap::new();
         for RayGroup { role, rays, partner } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
             let mut passes = self.profile.time(role.phase(), || match partner {
@@ -100,10 +103,9 @@ impl<F: Field> Trainer<F> {
                     Passes { coarse: None, fine: renderer.along(&model.fine, &rendered[&partner].fine, &rays, at) }
                 }
             });
-            samples += passes.counts();
-            ray_count += rays.len();
-            if let Some((exposure, pixels)) = model.exposure.as_ref().zip(rays.pixels()) {
-                passes = passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
+            cost.add(&passes, &rays);
+            if let (Role::Seen, Some(exposure)) = (role, &model.exposure) {
+                passes = passes.exposed(exposure, &batch.seen.at.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
             }
             rendered.insert(role, passes);
         }
@@ -114,8 +116,7 @@ impl<F: Field> Trainer<F> {
             let rays = renderer.rays(rays, &self.device).jittered(noise.child(RandomStream::Samples));
             let request = RenderRequest { color: true, hidden: false };
             let passes = self.profile.time(Phase::Unseen, || renderer.render(model, &rays, request, occupancy, at));
-            samples += passes.counts();
-            ray_count += rays.len();
+            cost.add(&passes, &rays);
             let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
             UnseenImage { rgb: passes.fine.color.expect("colour was asked for"), size, view }
         });
@@ -137,7 +138,7 @@ impl<F: Field> Trainer<F> {
             picture,
             penalties: needs.iter().filter_map(penalty).collect(),
         };
-        (renders, samples, ray_count)
+        (renders, cost)
     }
 
     /// Evaluates the objective, with the prior of refined cameras.
@@ -151,9 +152,8 @@ impl<F: Field> Trainer<F> {
         losses
     }
 
-    /// Takes an Adam step on the objective, unless the objective is not finite.
-    fn optimize(&mut self, total: Tensor<1>, losses: StepLosses, cost: (Counts, usize), at: Moment) -> PendingStep {
-        let (samples, rays) = cost;
+    /// Takes an Adam step on the objective `total`, unless it is not finite. Returns the flag [`PendingStep::finite`].
+    fn optimize(&mut self, total: Tensor<1>, at: Moment) -> Tensor<1> {
         let finite = finite_after(self.pending.last().map(|step| step.finite.clone()), total.clone());
         let Self { profile, model, optimizer, .. } = self;
         // A step without due terms, or whose rays all pass through skipped space, has no gradient.
@@ -172,8 +172,7 @@ impl<F: Field> Trainer<F> {
         if WeightAverage::<F>::includes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
-        let evaluated = samples.evaluated as f64 / samples.total.max(1) as f64;
-        PendingStep { at, losses, lr: self.config.train.lr.at(at), rays, evaluated, finite, seconds: [0.0; 2] }
+        finite
     }
 
     pub(super) fn is_over(&self) -> bool {
@@ -200,6 +199,20 @@ impl<F: Field> Trainer<F> {
         let extent = Extent::Ball { variance: grid.cell_variance() };
         let sigma = |positions| densities(&field, positions, &extent, at);
         self.profile.time(Phase::Occupancy, || grid.update(noise, length, sigma));
+    }
+}
+
+/// Numbers of samples and rays of a step.
+#[derive(Clone, Copy, Debug, Default)]
+struct StepCost {
+    samples: Counts,
+    rays: usize,
+}
+
+impl StepCost {
+    fn add(&mut self, passes: &Passes, rays: &RayBatch) {
+        self.samples += passes.counts();
+        self.rays += rays.len();
     }
 }
 
