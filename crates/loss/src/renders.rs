@@ -152,10 +152,11 @@ impl Renders {
         seen.into_iter().chain(unseen)
     }
 
-    /// Computes the mean over all rays, given the sum over each bundle with its number of rays; 0 without rays.
-    pub fn mean(&self, sums: impl Iterator<Item = (Tensor<1>, usize)>) -> Tensor<1> {
-        match sums.reduce(|(sum, rays), (more, more_rays)| (sum + more, rays + more_rays)) {
-            Some((sum, rays)) => sum / rays.max(1) as f32,
+    /// Computes the mean over all rays of `values`, `[R]` for each bundle of rays; 0 without rays.
+    pub fn mean(&self, values: impl Iterator<Item = Tensor<1>>) -> Tensor<1> {
+        let sums = values.map(|of_rays| (of_rays.dims()[0], of_rays.sum()));
+        match sums.reduce(|(rays, sum), (more_rays, more)| (rays + more_rays, sum + more)) {
+            Some((rays, sum)) => sum / rays.max(1) as f32,
             None => self.zero(),
         }
     }

@@ -30,7 +30,7 @@ pub struct EntropyConfig {
 pub struct HitMask {
     /// Measure of a ray that is compared with the threshold.
     pub rule: HitRule,
-    /// Threshold of the measure, above which a ray hits something.
+    /// Threshold of the measure, above which a ray hits something; with 0 every ray that meets matter counts.
     pub threshold: f32,
 }
 
@@ -42,8 +42,6 @@ pub enum HitRule {
     Acc,
     /// Cumulative ray density Q = Σ α, as in the paper (Eq. 7).
     AlphaSum,
-    /// No measure: every ray counts.
-    All,
 }
 
 impl EntropyConfig {
@@ -57,7 +55,6 @@ impl EntropyConfig {
         let measure = match self.mask.rule {
             HitRule::Acc => output.acc.clone(),
             HitRule::AlphaSum => entropy.alpha_sum,
-            HitRule::All => return entropy.bits,
         };
         mask_above(entropy.bits, measure, self.mask.threshold)
     }
@@ -83,7 +80,7 @@ impl Term for EntropyConfig {
         let pairs = renders.pairs(self.rays_with_neighbours());
         let neighbours = pairs.filter(|_| self.neighbours).map(|(_, near)| near);
         let outputs = renders.outputs(self.rays).chain(neighbours);
-        renders.mean(outputs.map(|output| (self.of_rays(output).sum(), output.segments().rays())))
+        renders.mean(outputs.map(|output| self.of_rays(output)))
     }
 }
 
@@ -103,7 +100,7 @@ mod tests {
     #[test]
     fn masked_entropy_over_all_rays() {
         type Measure = fn(&[f64]) -> f64;
-        let rules: [(&str, Measure); 3] = [("acc", opacity), ("alpha-sum", alpha_sum), ("all", |_| f64::INFINITY)];
+        let rules: [(&str, Measure); 2] = [("acc", opacity), ("alpha-sum", alpha_sum)];
         for (rule, measure) in rules {
             for (rays, bundles) in [("seen", &[SEEN][..]), ("unseen", &[UNSEEN]), ("all", &[SEEN, UNSEEN])] {
                 // Between the opacities of the thin ray and of the others, and above Σα of one of them.

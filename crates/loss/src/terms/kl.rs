@@ -64,8 +64,7 @@ impl TermSpec for KlConfig {
 
 impl Term for KlConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let pairs = renders.pairs(self.rays);
-        renders.mean(pairs.map(|(output, near)| (self.of_rays(output, near).sum(), output.segments().rays())))
+        renders.mean(renders.pairs(self.rays).map(|(output, near)| self.of_rays(output, near)))
     }
 }
 

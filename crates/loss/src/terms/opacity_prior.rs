@@ -34,8 +34,7 @@ impl Term for OpacityPriorConfig {
         let at_ends = MARGIN.ln() + (1.0 + MARGIN).ln();
         renders.mean(renders.outputs(self.rays).map(|output| {
             let acc = output.acc.clone();
-            let prior = (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log() - at_ends;
-            (prior.sum(), output.segments().rays())
+            (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log() - at_ends
         }))
     }
 }
