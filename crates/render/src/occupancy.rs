@@ -15,7 +15,9 @@ use crate::noise::Noise;
 
 /// Maximal number of points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
+/// Number of points of a cell at which [`OccupancyGrid::refined`] evaluates the field.
 const PROBES: usize = 8;
+
 /// Occupancy grid: empty and occupied cells of the scene's box.
 ///
 /// A cell's density is a decaying maximum of the field's density at random points in it:

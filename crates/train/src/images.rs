@@ -56,17 +56,14 @@ impl ValidPixels {
                 view.valid.as_ref().is_none_or(|valid| square.all(|(x, y)| valid[(y * stride + x) as usize]))
             };
             let valid: Vec<_> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(is_valid).collect();
-            let index_of = |&(x, y): &(u32, u32)| (view_index as u32 * height + y) * width + x;
-            let inner = valid.iter().filter(|(x, y)| columns.contains(x) && rows.contains(y)).map(index_of);
-            let (before, all) = (central.len(), valid.iter().map(index_of));
-            whole.extend(all.clone());
-            central.extend(inner);
-            if central.len() == before {
-                central.extend(all);
-            }
-            if central.len() == before {
+            if valid.is_empty() {
                 return None;
             }
+            let index_of = |&(x, y): &(u32, u32)| (view_index as u32 * height + y) * width + x;
+            let is_central = |&(x, y): &(u32, u32)| columns.contains(&x) && rows.contains(&y);
+            let has_centre = valid.iter().any(is_central);
+            whole.extend(valid.iter().map(index_of));
+            central.extend(valid.iter().filter(|&pixel| !has_centre || is_central(pixel)).map(index_of));
         }
         Some(Self { whole, central })
     }

@@ -9,37 +9,30 @@ use rand::seq::index::sample;
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::generator;
 
-/// All training views of a scene as sources; empty if no field is conditioned on images.
-#[derive(Clone, Debug)]
-pub(crate) struct TrainingSources(pub(crate) Sources);
+/// Returns all training views of `scene` as sources; none if no field `sees` images.
+pub(crate) fn all_sources(scene: &Scene, sees: bool) -> Sources {
+    let views = scene.train.iter().filter(|_| sees).map(|view| source(view, scene.background)).collect();
+    Sources { views, middle: scene.space.bounds.centre().to_array() }
+}
 
-impl TrainingSources {
-    /// Copies the training views if a field `sees` images.
-    pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
-        let views = scene.train.iter().filter(|_| sees).map(|view| source(view, scene.background)).collect();
-        let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
-        Self(Sources { views, middle })
+/// Draws those of `all` sources that a field sees in a step whose pixels are of the view `target`.
+pub(crate) fn draw_sources(all: &Sources, config: &TrainConfig, target: usize, noise: Noise) -> Sources {
+    let views = &all.views;
+    if views.is_empty() {
+        return all.clone();
     }
-
-    /// Draws the views that a field sees in a step whose pixels are of the view `target`.
-    pub(crate) fn draw(&self, config: &TrainConfig, target: usize, noise: Noise) -> Sources {
-        let views = &self.0.views;
-        if views.is_empty() {
-            return self.0.clone();
-        }
-        let hidden = config.batch == Batch::HeldOut && views.len() > 1;
-        let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
-        let count = match config.sources {
-            0 => shown.len(),
-            most => 1 + noise.child(RandomStream::Count).below(0, 0, most.min(shown.len())),
-        };
-        let mut rng = generator(noise.child(RandomStream::View));
-        let chosen = match count == shown.len() {
-            true => shown,
-            false => sample(&mut rng, shown.len(), count).into_iter().map(|index| shown[index]).collect(),
-        };
-        Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..self.0 }
-    }
+    let hidden = config.batch == Batch::HeldOut && views.len() > 1;
+    let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
+    let count = match config.sources {
+        0 => shown.len(),
+        most => 1 + noise.child(RandomStream::Count).below(0, 0, most.min(shown.len())),
+    };
+    let mut rng = generator(noise.child(RandomStream::View));
+    let chosen = match count == shown.len() {
+        true => shown,
+        false => sample(&mut rng, shown.len(), count).into_iter().map(|index| shown[index]).collect(),
+    };
+    Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..*all }
 }
 
 /// Converts a view into a source, without distortion.
@@ -80,22 +73,20 @@ mod tests {
     use crate::config::{Config, Preset};
     use crate::testing::knot;
 
-    fn drawn(photographs: &TrainingSources, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
+    fn drawn(all: &Sources, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
-        let views = photographs.draw(&train, 1, Noise::new(0, step, RandomStream::Sources)).views;
-        let index =
-            |view: &SourceView| photographs.0.views.iter().position(|other| other.to_camera == view.to_camera).unwrap();
+        let views = draw_sources(all, &train, 1, Noise::new(0, step, RandomStream::Sources)).views;
+        let index = |view: &SourceView| all.views.iter().position(|other| other.to_camera == view.to_camera).unwrap();
         views.iter().map(index).collect()
     }
 
     #[test]
     fn the_target_is_held_out_where_another_is_left() {
-        let photographs = |count| TrainingSources::new(&knot(count, 4), true);
-        let four = photographs(4);
+        let [one, four] = [1, 4].map(|count| all_sources(&knot(count, 4), true));
         assert_eq!(drawn(&four, Batch::Pixels, 0, 0), [0, 1, 2, 3]);
         assert_eq!(drawn(&four, Batch::HeldOut, 0, 0), [0, 2, 3]);
-        assert_eq!(drawn(&photographs(1), Batch::HeldOut, 0, 0), [0]);
+        assert_eq!(drawn(&one, Batch::HeldOut, 0, 0), [0]);
         // One to two views are drawn, each at most once.
         let draws: Vec<Vec<usize>> = (0..100).map(|step| drawn(&four, Batch::HeldOut, 2, step)).collect();
         for count in [1, 2] {

@@ -1,6 +1,7 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
+use infonerf_field::Sources;
 use infonerf_loss::{Objective, TermSetup};
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
@@ -9,7 +10,7 @@ use crate::config::{Config, TrainConfig, checks};
 use crate::error::TrainError;
 use crate::images::TrainingImages;
 use crate::pixels::{UnseenViews, training_cameras};
-use crate::sources::TrainingSources;
+use crate::sources::all_sources;
 
 /// Scene with everything that training derives from it once.
 #[derive(Debug)]
@@ -19,7 +20,7 @@ pub(crate) struct TrainingScene {
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
     /// Training views for fields that are conditioned on images.
-    pub(crate) sources: TrainingSources,
+    pub(crate) sources: Sources,
     pub(crate) objective: Objective,
 }
 
@@ -32,7 +33,7 @@ impl TrainingScene {
             renderer: Renderer::new(&config.render, &scene),
             region: ViewRegion::new(&training_cameras(&scene)),
             images: TrainingImages::new(&scene, &config.train),
-            sources: TrainingSources::new(&scene, sees),
+            sources: all_sources(&scene, sees),
             objective,
             scene,
         })

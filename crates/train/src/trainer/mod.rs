@@ -226,7 +226,7 @@ impl<F: Field> Trainer<F> {
     /// Returns the model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean.clone().unwrap_or_else(|| self.model.valid());
-        model.conditioned(&self.scenes[0].sources.0, None)
+        model.conditioned(&self.scenes[0].sources, None)
     }
 
     /// Returns the renderer of the scene.
@@ -260,18 +260,15 @@ impl<F: Field> Trainer<F> {
     /// Returns the model from which pictures are rendered: the [snapshot](Self::snapshot), with a finer grid if
     /// `render.occupancy.refine` is above 1. That grid takes evaluations of the field: keep the result.
     pub fn trained(&self) -> TrainedModel<F> {
-        let TrainedModel { model, occupancy, at, frame, .. } = self.snapshot();
-        let factor = self.config.render.occupancy.refine;
-        let occupancy = occupancy.map(|grid| {
-            if factor == 1 {
-                return grid;
-            }
+        let mut trained = self.snapshot();
+        let (factor, at) = (self.config.render.occupancy.refine, trained.at);
+        if let Some(grid) = trained.occupancy.as_ref().filter(|_| factor > 1) {
             let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
-            let length = self.renderer().step_length(at);
-            grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
-        });
-        TrainedModel { model, occupancy, at, frame, residuals: None }
+            let sigma = |points| densities(&trained.model.fine, points, &extent, at);
+            trained.occupancy = Some(grid.refined(factor, noise, self.renderer().step_length(at), sigma));
+        }
+        trained
     }
 
     /// Returns [`Self::trained`] with the residuals of the training views, if `render.residuals` is on.
@@ -320,7 +317,7 @@ mod tests {
         for (preset, settings, copied) in cases {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.scenes[0].sources.0.views;
+            let copies = &trainer.scenes[0].sources.views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
             assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
         }

@@ -20,6 +20,7 @@ use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
 use crate::profile::Phase;
+use crate::sources::draw_sources;
 use crate::weight_averaging::WeightAverage;
 
 impl<F: Field> Trainer<F> {
@@ -80,7 +81,7 @@ impl<F: Field> Trainer<F> {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
         let scene = &self.scenes[batch.scene];
-        let sources = scene.sources.draw(&self.config.train, batch.seen.view(), sources);
+        let sources = draw_sources(&scene.sources, &self.config.train, batch.seen.view(), sources);
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
@@ -194,7 +195,7 @@ impl<F: Field> Trainer<F> {
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
         let scene = &self.scenes[0];
         let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
-        let field = self.model.fine.valid().conditioned(&scene.sources.0, None);
+        let field = self.model.fine.valid().conditioned(&scene.sources, None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         let sigma = |positions| densities(&field, positions, &extent, at);
