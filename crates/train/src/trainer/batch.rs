@@ -1,15 +1,15 @@
-//! Batches of steps: pixels, the groups of rays through them, and the colours that they show.
+//! Batches of steps: pixels, the rays through them, and the colours that they show.
 
 use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Need, Target};
 use infonerf_ops::upload;
 use infonerf_render::{Model, Noise, RandomStream, RayBatch};
-use infonerf_scene::ViewRegion;
+use infonerf_scene::{Ray, ViewRegion};
 use infonerf_schedule::Moment;
 
 use super::Trainer;
-use crate::config::{Config, NeighbourSampling};
+use crate::config::NeighbourConfig;
 use crate::pixels::{Pixels, UnseenViews, rotation};
 use crate::training_scene::TrainingScene;
 
@@ -67,63 +67,45 @@ impl<F: Field> Trainer<F> {
     }
 }
 
-/// Kind of a group of rays in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Role {
-    Seen,
-    Unseen,
-    SeenNeighbours,
-    UnseenNeighbours,
-}
-
-#[derive(Clone, Debug)]
-pub(super) struct RayGroup {
-    pub(super) role: Role,
-    pub(super) rays: RayBatch,
-    /// Group whose sample distances this group shares; `None` if it has samples of its own.
-    pub(super) partner: Option<Role>,
+/// Rays of a step: those of training images, and the others that the objective needs.
+pub(super) struct StepRays {
+    pub(super) seen: RayBatch,
+    pub(super) unseen: Option<RayBatch>,
+    pub(super) seen_neighbours: Option<RayBatch>,
+    pub(super) unseen_neighbours: Option<RayBatch>,
 }
 
 impl StepBatch {
-    /// Returns the rays of training images, and the other rays of the batch that are needed, in the order of rendering:
-    /// groups come after their partners. Rays of cameras that `model` corrects are in its autodiff graph.
-    pub(super) fn ray_groups<F: Field>(
+    /// Returns the rays of the batch that `needs` ask for. Rays of cameras that `model` corrects are in its autodiff graph.
+    pub(super) fn rays<F: Field>(
         &self,
-        config: &Config,
+        neighbours: &NeighbourConfig,
         scene: &TrainingScene,
         model: &Model<F>,
         needs: &[Need],
         noise: impl Fn(RandomStream) -> Noise,
-    ) -> Vec<RayGroup> {
+    ) -> StepRays {
         let device = model.fine.device();
-        let group = |role, rays, stream| RayGroup {
-            role,
-            rays: scene.renderer.rays(rays, &device).jittered(noise(stream).child(RandomStream::Samples)),
-            partner: None,
+        let jittered = |rays: Vec<Ray>, stream| {
+            scene.renderer.rays(rays, &device).jittered(noise(stream).child(RandomStream::Samples))
         };
         let given = &self.seen;
         let corrected = model.cameras.as_ref().map(|cameras| given.seen_by(cameras.apply(&given.cameras).into()));
         let pixels = corrected.as_ref().unwrap_or(given);
-        let mut seen = group(Role::Seen, pixels.rays(), RandomStream::SeenRays);
+        let mut seen = jittered(pixels.rays(), RandomStream::SeenRays);
         if let Some(cameras) = &model.cameras {
-            seen.rays = seen.rays.tracked(cameras.rays(&given.cameras, &given.at));
+            seen = seen.tracked(cameras.rays(&given.cameras, &given.at));
         }
-        let mut groups = vec![seen];
         let unseen = self.unseen.as_ref().filter(|_| needs.contains(&Need::Unseen));
-        groups.extend(unseen.map(|unseen| group(Role::Unseen, unseen.rays(), RandomStream::UnseenRays)));
-
-        let neighbours = &config.train.neighbours;
-        let near = [
-            (Need::SeenNeighbours, Role::SeenNeighbours, Role::Seen, Some(pixels)),
-            (Need::UnseenNeighbours, Role::UnseenNeighbours, Role::Unseen, unseen),
-        ];
-        for (need, role, partner, pixels) in near {
-            let Some(pixels) = pixels.filter(|_| needs.contains(&need)) else { continue };
-            let rays = pixels.neighbours(self.rotation, neighbours, &scene.region);
-            let partner = (neighbours.sampling == NeighbourSampling::Partner).then_some(partner);
-            groups.push(RayGroup { partner, ..group(role, rays, RandomStream::Neighbours) });
+        let near = |pixels: &Pixels| {
+            jittered(pixels.neighbours(self.rotation, neighbours, &scene.region), RandomStream::Neighbours)
+        };
+        StepRays {
+            seen,
+            unseen: unseen.map(|pixels| jittered(pixels.rays(), RandomStream::UnseenRays)),
+            seen_neighbours: needs.contains(&Need::SeenNeighbours).then(|| near(pixels)),
+            unseen_neighbours: unseen.filter(|_| needs.contains(&Need::UnseenNeighbours)).map(near),
         }
-        groups
     }
 
     /// Returns the colours of the seen pixels, on the device of `model`.

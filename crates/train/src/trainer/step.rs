@@ -1,6 +1,5 @@
 //! A step: draw, render, evaluate the objective, optimize.
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
@@ -10,12 +9,13 @@ use infonerf_field::{Extent, Field};
 use infonerf_loss::{LossValues, Need, Renders, UnseenImage};
 use infonerf_ops::adam::{finite_after, step_if};
 use infonerf_ops::means::mean_squared_difference;
-use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RayBatch, RenderRequest};
+use infonerf_render::{Counts, Exposure, Model, Noise, Passes, RandomStream, RayBatch, RenderOutput, RenderRequest};
 use infonerf_schedule::Moment;
 
-use super::batch::{RayGroup, Role, StepBatch};
+use super::batch::StepBatch;
 use super::report::{PendingStep, StepLosses};
 use super::{Outcome, Trainer, densities, occupancy_grid};
+use crate::config::NeighbourSampling;
 use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
@@ -88,57 +88,50 @@ impl<F: Field> Trainer<F> {
     /// Renders what the objective needs.
     fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, StepCost) {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
-        let scene = &self.scenes[batch.scene];
-        let needs = scene.objective.needs(at);
+        let (scene, train) = (&self.scenes[batch.scene], &self.config.train);
+        let (renderer, needs) = (&scene.renderer, scene.objective.needs(at));
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
-        let renderer = &scene.renderer;
-        let mut cost = StepCost::default();
-        let mut rendered: BTreeMap<Role, Passes> = BTreeMap::new();
-        for RayGroup { role, rays, partner } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
-            let mut passes = self.profile.time(role.phase(), || match partner {
-                None => {
-                    let color = role == Role::Seen && needs.contains(&Need::SeenColor);
-                    renderer.render(model, &rays, RenderRequest { color, hidden: false }, occupancy, at)
-                }
-                Some(partner) => {
-                    Passes { coarse: None, fine: renderer.along(&model.fine, &rendered[&partner].fine, &rays, at) }
-                }
+        let (profile, mut cost) = (&mut self.profile, StepCost::default());
+        // Samples lie at the distances of `partner`, the output of other rays, if it is given.
+        let mut render = |phase, rays: &RayBatch, color: bool, partner: Option<&RenderOutput>| {
+            let passes = profile.time(phase, || match partner {
+                None => renderer.render(model, rays, RenderRequest { color, hidden: false }, occupancy, at),
+                Some(partner) => Passes { coarse: None, fine: renderer.along(&model.fine, partner, rays, at) },
             });
-            cost.add(&passes, &rays);
-            if let (Role::Seen, Some(exposure)) = (role, &model.exposure) {
-                passes = passes.exposed(exposure, &batch.seen.at.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
-            }
-            rendered.insert(role, passes);
+            cost.add(&passes, rays);
+            passes
+        };
+        let rays = batch.rays(&train.neighbours, scene, model, &needs, noise);
+        let mut seen = render(Phase::Seen, &rays.seen, needs.contains(&Need::SeenColor), None);
+        if let Some(exposure) = &model.exposure {
+            seen = seen.exposed(exposure, &batch.seen.at.iter().map(|pixel| pixel.view).collect::<Vec<_>>());
         }
-        let picture = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
-        let picture = picture.map(|size| {
+        let unseen = rays.unseen.map(|rays| render(Phase::Unseen, &rays, false, None).fine);
+        let is_paired = train.neighbours.sampling == NeighbourSampling::Partner;
+        let mut near = |rays: RayBatch, partner: &RenderOutput| {
+            render(Phase::Neighbours, &rays, false, is_paired.then_some(partner)).fine
+        };
+        let seen_neighbours = rays.seen_neighbours.map(|rays| near(rays, &seen.fine));
+        let unseen_neighbours = rays.unseen_neighbours.zip(unseen.as_ref()).map(|(rays, unseen)| near(rays, unseen));
+        let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
+        let picture = size.map(|size| {
             let noise = noise(RandomStream::Picture);
-            let (rays, size) = scene.unseen(&self.config.train).picture(size, noise);
+            let (rays, size) = scene.unseen(train).picture(size, noise);
             let rays = renderer.rays(rays, &self.device).jittered(noise.child(RandomStream::Samples));
-            let request = RenderRequest { color: true, hidden: false };
-            let passes = self.profile.time(Phase::Unseen, || renderer.render(model, &rays, request, occupancy, at));
-            cost.add(&passes, &rays);
+            let color = render(Phase::Unseen, &rays, true, None).fine.color;
             let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
-            UnseenImage { rgb: passes.fine.color.expect("colour was asked for"), size, view }
+            UnseenImage { rgb: color.expect("colour was asked for"), size, view }
         });
+        let target = batch.target(scene, model);
+        let color = seen.fine.color.clone();
+        let squared_error = color.map(|color| mean_squared_difference(color, target.rgb.clone()));
         let penalty = |need: &Need| {
             let Need::Penalty(name) = *need else { return None };
             Some((name, model.fine.penalty(name)?))
         };
-        let seen = rendered.remove(&Role::Seen).expect("seen rays are always rendered");
-        let target = batch.target(scene, model);
-        let color = seen.fine.color.clone();
-        let mut fine = |role| rendered.remove(&role).map(|passes| passes.fine);
-        let renders = Renders {
-            squared_error: color.map(|color| mean_squared_difference(color, target.rgb.clone())),
-            seen,
-            target,
-            unseen: fine(Role::Unseen),
-            seen_neighbours: fine(Role::SeenNeighbours),
-            unseen_neighbours: fine(Role::UnseenNeighbours),
-            picture,
-            penalties: needs.iter().filter_map(penalty).collect(),
-        };
+        let penalties = needs.iter().filter_map(penalty).collect();
+        let renders =
+            Renders { seen, target, squared_error, unseen, seen_neighbours, unseen_neighbours, picture, penalties };
         (renders, cost)
     }
 
@@ -214,16 +207,6 @@ impl StepCost {
     fn add(&mut self, passes: &Passes, rays: &RayBatch) {
         self.samples += passes.counts();
         self.rays += rays.len();
-    }
-}
-
-impl Role {
-    fn phase(self) -> Phase {
-        match self {
-            Self::Seen => Phase::Seen,
-            Self::Unseen => Phase::Unseen,
-            Self::SeenNeighbours | Self::UnseenNeighbours => Phase::Neighbours,
-        }
     }
 }
 
