@@ -37,7 +37,8 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Memb
 
 /// Returns the fields that have not collapsed, or all if all have, and the number of fields that are left out.
 pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>>, usize) {
-    let (collapsed, good): (Vec<_>, Vec<_>) = trainers.into_iter().partition(Trainer::has_collapsed);
+    let (collapsed, good): (Vec<_>, Vec<_>) =
+        trainers.into_iter().partition(|trainer| trainer.progress().has_collapsed());
     if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }
 }
 

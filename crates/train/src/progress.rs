@@ -46,7 +46,8 @@ impl Progress {
         self.has_collapsed()
     }
 
-    pub(crate) fn has_collapsed(&self) -> bool {
+    /// Returns whether the field has collapsed. A run with fresh starts left then starts over.
+    pub fn has_collapsed(&self) -> bool {
         self.empty_steps >= COLLAPSE
     }
 

@@ -22,12 +22,6 @@ pub(crate) struct WeightAverage<F: Field> {
     pub(crate) count: usize,
 }
 
-impl<F: Field> Default for WeightAverage<F> {
-    fn default() -> Self {
-        Self { mean: None, count: 0 }
-    }
-}
-
 impl<F: Field> WeightAverage<F> {
     /// Returns whether a run that averages its last `share` includes the model after `step` steps, at the share `done`.
     pub(crate) fn includes(share: f64, step: usize, done: f64) -> bool {

@@ -14,7 +14,7 @@ fn residuals_bring_a_training_view_nearer_to_its_image() {
         let mut trainer = Trainer::new(&config, scene(), 0, None, &Device::flex()).unwrap();
         steps(&mut trainer, 200);
         let view = &trainer.scene().train[0];
-        let picture = render_image(trainer.renderer(), &[trainer.trained_with_residuals()], &view.camera);
+        let picture = render_image(trainer.renderer(), &[trainer.trained()], &view.camera);
         let hit = picture.depth.iter().map(|depth| depth.is_finite());
         let errors = picture.rgb.iter().zip(&view.image.rgb).zip(hit.clone()).filter(|(_, hit)| *hit);
         let squares: f32 = errors.flat_map(|((a, b), _)| a.iter().zip(b)).map(|(a, b)| (a - b).powi(2)).sum();

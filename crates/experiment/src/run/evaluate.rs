@@ -78,7 +78,7 @@ pub(super) fn evaluate(
         information_gain: information.map(|information| information.gain),
         cameras: pose_errors(trainers),
         peak_rss_bytes: None,
-        collapsed: trainers[0].has_collapsed() || faint,
+        collapsed: trainers[0].progress().has_collapsed() || faint,
         notes,
     }))
 }

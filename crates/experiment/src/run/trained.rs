@@ -27,7 +27,7 @@ pub struct Trained {
 
 impl Trained {
     pub(crate) fn new(plan: RunPlan, trainers: Vec<Trainer>, warnings: Vec<String>) -> Self {
-        let models = trainers.iter().map(Trainer::trained_with_residuals).collect();
+        let models = trainers.iter().map(Trainer::trained).collect();
         Self { plan, trainers, models, warnings }
     }
 
@@ -38,7 +38,7 @@ impl Trained {
     pub fn read(plan: RunPlan, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let scene = Arc::new(plan.load()?);
         let mut trained = Self::on_scene(plan, scene, folder, device)?;
-        let is_under_way = |trainer: &&Trainer| trainer.done() < 1.0 && !trainer.has_collapsed();
+        let is_under_way = |trainer: &&Trainer| trainer.done() < 1.0 && !trainer.progress().has_collapsed();
         if let Some(least) = trained.trainers.iter().filter(is_under_way).map(Trainer::done).reduce(f64::min) {
             let (folder, percent) = (folder.display(), 100.0 * least);
             trained.warnings.push(format!("{folder}: the run is unfinished: {percent:.1} % of its training is done"));

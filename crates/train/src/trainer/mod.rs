@@ -158,7 +158,7 @@ impl<F: Field> Trainer<F> {
             device,
             builder,
             pending: Vec::new(),
-            weight_average: WeightAverage::default(),
+            weight_average: WeightAverage { mean: None, count: 0 },
             progress: Progress::default(),
             profile: Profile::default(),
         })
@@ -193,11 +193,6 @@ impl<F: Field> Trainer<F> {
     /// Returns steps, time and samples so far.
     pub fn progress(&self) -> &Progress {
         &self.progress
-    }
-
-    /// Returns whether the field has collapsed with no fresh start left.
-    pub fn has_collapsed(&self) -> bool {
-        self.progress.has_collapsed()
     }
 
     /// Reads the losses of `steps` steps at once from here on, 1 or more. By default a CPU reads them in each step and a GPU,
@@ -258,7 +253,8 @@ impl<F: Field> Trainer<F> {
     }
 
     /// Returns the model from which pictures are rendered: the [snapshot](Self::snapshot), with a finer grid if
-    /// `render.occupancy.refine` is above 1. That grid takes evaluations of the field: keep the result.
+    /// `render.occupancy.refine` is above 1, and with the residuals of the training views if `render.residuals` is on. The
+    /// grid takes evaluations of the field: keep the result.
     pub fn trained(&self) -> TrainedModel<F> {
         let mut trained = self.snapshot();
         let (factor, at) = (self.config.render.occupancy.refine, trained.at);
@@ -268,13 +264,9 @@ impl<F: Field> Trainer<F> {
             let sigma = |points| densities(&trained.model.fine, points, &extent, at);
             trained.occupancy = Some(grid.refined(factor, noise, self.renderer().step_length(at), sigma));
         }
-        trained
-    }
-
-    /// Returns [`Self::trained`] with the residuals of the training views, if `render.residuals` is on.
-    pub fn trained_with_residuals(&self) -> TrainedModel<F> {
         let residuals = || Arc::new(Residuals::new(self.scene().clone(), self.cameras()));
-        TrainedModel { residuals: self.config.render.residuals.then(residuals), ..self.trained() }
+        trained.residuals = self.config.render.residuals.then(residuals);
+        trained
     }
 
     /// Returns the share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.

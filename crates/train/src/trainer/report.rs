@@ -134,6 +134,6 @@ impl<F: Field> Trainer<F> {
             }
         }
         let outcome = if self.is_over() { Outcome::Finished } else { Outcome::Running };
-        Ok(if self.has_collapsed() { Outcome::Collapsed } else { outcome })
+        Ok(if self.progress.has_collapsed() { Outcome::Collapsed } else { outcome })
     }
 }

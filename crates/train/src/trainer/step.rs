@@ -52,7 +52,7 @@ impl<F: Field> Trainer<F> {
     /// Takes a step on `batch`, or on a drawn one. The step is to be given to [`Self::count_step`] with its time. `None` if
     /// training is over.
     pub(crate) fn take_step(&mut self, batch: Option<StepBatch>) -> Option<PendingStep> {
-        if self.has_collapsed() || self.is_over() {
+        if self.progress.has_collapsed() || self.is_over() {
             return None;
         }
         let at = Moment { step: self.progress.step, progress: self.done() };
@@ -177,7 +177,7 @@ impl<F: Field> Trainer<F> {
         let restarts = self.progress.restarts + 1;
         let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
         self.model = self.builder.model(&self.config, self.scene(), seed, &self.device)?;
-        self.weight_average = WeightAverage::default();
+        self.weight_average = WeightAverage { mean: None, count: 0 };
         self.optimizer = optimizer(&self.config);
         self.occupancy = occupancy_grid(&self.config, self.scene());
         self.progress = self.progress.restarted();
