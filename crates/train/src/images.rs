@@ -181,7 +181,7 @@ mod tests {
 
     use super::*;
     use crate::config::{Config, Preset};
-    use crate::pixels::{UnseenViews, rotation};
+    use crate::pixels::{rotation, unseen_camera};
     use crate::testing::knot;
 
     /// Checks every kind of batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
@@ -225,8 +225,8 @@ mod tests {
         let images = TrainingImages::new(&scene, &config);
         let cameras = training_cameras(&scene);
         let region = ViewRegion::new(&cameras);
-        let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let noise = Noise::new(0, 0, RandomStream::SeenRays);
+        let camera = unseen_camera(&scene, &region, &config, noise);
         let centre = cameras[0].ray(8.0, 8.0).radius;
         // No image is 50 times smaller: the full size is used.
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
@@ -234,7 +234,8 @@ mod tests {
             assert_eq!(images.at(&config, at).pixel_width(), width);
             let (seen, _) = images.draw(&config, 8, at, noise);
             let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
-            for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
+            let unseen = Pixels::draw(camera.clone(), 8, width, &config, 0, noise);
+            for ray in [seen.rays(), near, unseen.rays()].concat() {
                 let ratio = ray.radius / centre;
                 assert!(ratio > 0.8 * width && ratio <= 1.0001 * width, "{ratio} at {progress}");
             }

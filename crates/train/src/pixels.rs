@@ -22,6 +22,25 @@ pub struct Pixels {
 }
 
 impl Pixels {
+    /// Draws `rays` pixels of `camera` in step `step`, each `width` pixels of the full size wide.
+    pub(crate) fn draw(
+        camera: Camera,
+        rays: usize,
+        width: f32,
+        config: &TrainConfig,
+        step: usize,
+        noise: Noise,
+    ) -> Self {
+        let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
+        let [(left, columns), (top, rows)] = [camera.width, camera.height].map(|size| crop(config, step, size));
+        let at = |i| {
+            let x = left as usize + column.below(i, 0, columns as usize);
+            let y = top as usize + row.below(i, 0, rows as usize);
+            PixelAt { view: 0, x: x as f32 + 0.5, y: y as f32 + 0.5 }
+        };
+        Self { at: (0..rays).map(at).collect(), cameras: [camera].into(), width }
+    }
+
     /// Returns the view of the first pixel, which is that of all pixels if a batch is of one image.
     pub(crate) fn view(&self) -> usize {
         self.at[0].view
@@ -67,45 +86,22 @@ pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
     near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
 
-/// Draws pixels and pictures of unseen poses.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct UnseenViews<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) region: &'a ViewRegion,
-    pub(crate) config: &'a TrainConfig,
+/// Draws an unseen pose, and returns its camera.
+pub(crate) fn unseen_camera(scene: &Scene, region: &ViewRegion, config: &TrainConfig, noise: Noise) -> Camera {
+    let noise = noise.child(RandomStream::Pose);
+    match config.unseen {
+        Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(noise))),
+        Unseen::Dataset => scene.all_train_cameras[noise.below(0, 0, scene.all_train_cameras.len())].clone(),
+    }
 }
 
-impl UnseenViews<'_> {
-    /// Draws `rays` pixels of one unseen pose in step `step`, each `width` pixels of the full size wide.
-    pub(crate) fn pixels(&self, rays: usize, width: f32, step: usize, noise: Noise) -> Pixels {
-        let camera = self.camera(noise.child(RandomStream::Pose));
-        let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
-        let [(left, columns), (top, rows)] = [camera.width, camera.height].map(|size| crop(self.config, step, size));
-        let at = |i| {
-            let x = left as usize + column.below(i, 0, columns as usize);
-            let y = top as usize + row.below(i, 0, rows as usize);
-            PixelAt { view: 0, x: x as f32 + 0.5, y: y as f32 + 0.5 }
-        };
-        Pixels { at: (0..rays).map(at).collect(), cameras: [camera].into(), width }
-    }
-
-    /// Draws an unseen pose and returns every ray of a small picture from it, with its height and width: the longer side has `size` pixels.
-    pub(crate) fn picture(&self, size: u32, noise: Noise) -> (Vec<Ray>, (usize, usize)) {
-        let camera = self.camera(noise.child(RandomStream::Pose));
-        let (width, height) = resized_dimensions(camera.width, camera.height, size);
-        let camera = camera.resized(width, height);
-        let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
-        let rays = (0..height).flat_map(row).map(|(x, y)| camera.ray(x, y)).collect();
-        (rays, (height as usize, width as usize))
-    }
-
-    fn camera(&self, noise: Noise) -> Camera {
-        let scene = self.scene;
-        match self.config.unseen {
-            Unseen::Sphere => scene.train[0].camera.with_pose(self.region.sample(&mut generator(noise))),
-            Unseen::Dataset => scene.all_train_cameras[noise.below(0, 0, scene.all_train_cameras.len())].clone(),
-        }
-    }
+/// Returns every ray of a small image from `camera`, with its height and width: the longer side has `size` pixels.
+pub(crate) fn image_rays(camera: &Camera, size: u32) -> (Vec<Ray>, (usize, usize)) {
+    let (width, height) = resized_dimensions(camera.width, camera.height, size);
+    let camera = camera.resized(width, height);
+    let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
+    let rays = (0..height).flat_map(row).map(|(x, y)| camera.ray(x, y)).collect();
+    (rays, (height as usize, width as usize))
 }
 
 pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
@@ -147,10 +143,10 @@ mod tests {
     fn unseen_rays_are_cropped_like_seen_ones() {
         let scene = knot(2, 16);
         let config = Config::of(Preset::Paper, ["train.precrop_steps=10"]).unwrap().train;
-        let region = ViewRegion::new(&training_cameras(&scene));
-        let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
+        let camera = &scene.train[0].camera;
         let within = |step: usize| {
-            let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, RandomStream::UnseenRays));
+            let noise = Noise::new(0, step as u64, RandomStream::UnseenRays);
+            let pixels = Pixels::draw(camera.clone(), 200, 1.0, &config, step, noise);
             pixels.at.iter().all(|at| (4.0..12.0).contains(&at.x) && (4.0..12.0).contains(&at.y))
         };
         assert!(within(9) && !within(10));

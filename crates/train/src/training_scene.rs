@@ -6,10 +6,10 @@ use infonerf_loss::{Objective, TermSetup};
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
 
-use crate::config::{Config, TrainConfig, checks};
+use crate::config::{Config, checks};
 use crate::error::TrainError;
 use crate::images::TrainingImages;
-use crate::pixels::{UnseenViews, training_cameras};
+use crate::pixels::training_cameras;
 use crate::sources::all_sources;
 
 /// Scene with everything that training derives from it once.
@@ -37,9 +37,5 @@ impl TrainingScene {
             objective,
             scene,
         })
-    }
-
-    pub(crate) fn unseen<'a>(&'a self, config: &'a TrainConfig) -> UnseenViews<'a> {
-        UnseenViews { scene: &self.scene, region: &self.region, config }
     }
 }

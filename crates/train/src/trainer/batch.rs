@@ -10,7 +10,7 @@ use infonerf_schedule::Moment;
 
 use super::Trainer;
 use crate::config::NeighbourConfig;
-use crate::pixels::{Pixels, UnseenViews, rotation};
+use crate::pixels::{Pixels, rotation, unseen_camera};
 use crate::training_scene::TrainingScene;
 
 /// Pixels and poses of a step. The trainer draws them, or is given them by [`Trainer::step_on`](crate::Trainer::step_on).
@@ -39,9 +39,9 @@ impl<F: Field> Trainer<F> {
         let draw_unseen = || {
             let cameras = self.model.cameras.as_ref();
             let learned = cameras.map(|cameras| ViewRegion::new(&cameras.apply(&scene.images.cameras)));
-            let views = UnseenViews { region: learned.as_ref().unwrap_or(&scene.region), ..scene.unseen(train) };
-            let width = scene.images.at(train, at).pixel_width();
-            views.pixels(unseen, width, at.step, noise(RandomStream::UnseenRays))
+            let (region, noise) = (learned.as_ref().unwrap_or(&scene.region), noise(RandomStream::UnseenRays));
+            let camera = unseen_camera(&scene.scene, region, train, noise);
+            Pixels::draw(camera, unseen, scene.images.at(train, at).pixel_width(), train, at.step, noise)
         };
         let (seen, colors) = scene.images.draw(train, seen, at, noise(RandomStream::SeenRays));
         StepBatch {

@@ -19,6 +19,7 @@ use crate::config::NeighbourSampling;
 use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{learning_rates, optimizer};
+use crate::pixels::{image_rays, unseen_camera};
 use crate::profile::Phase;
 use crate::sources::draw_sources;
 use crate::weight_averaging::WeightAverage;
@@ -116,7 +117,7 @@ impl<F: Field> Trainer<F> {
         let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         let picture = size.map(|size| {
             let noise = noise(RandomStream::Picture);
-            let (rays, size) = scene.unseen(train).picture(size, noise);
+            let (rays, size) = image_rays(&unseen_camera(&scene.scene, &scene.region, train, noise), size);
             let rays = renderer.rays(rays, &self.device).jittered(noise.child(RandomStream::Samples));
             let color = render(Phase::Unseen, &rays, true, None).fine.color;
             let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
