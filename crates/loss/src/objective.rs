@@ -96,12 +96,10 @@ impl LossConfig {
 }
 
 /// The active terms of a run, built for a scene.
-#[derive(Debug)]
 pub struct Objective {
     terms: Vec<BuiltTerm>,
 }
 
-#[derive(Debug)]
 struct BuiltTerm {
     name: &'static str,
     weight: Schedule,

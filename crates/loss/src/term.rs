@@ -1,4 +1,3 @@
-use std::fmt::Debug;
 use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
@@ -8,7 +7,7 @@ use infonerf_schedule::{Fault, Moment, Schedule};
 use crate::renders::{Need, Renders};
 
 /// A term of the objective, ready to be evaluated.
-pub trait Term: Debug + Send + Sync {
+pub trait Term: Send + Sync {
     /// Computes the unweighted value, a scalar `[1]`, differentiable in the field's parameters.
     fn value(&self, renders: &Renders) -> Tensor<1>;
 

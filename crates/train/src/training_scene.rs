@@ -13,7 +13,6 @@ use crate::pixels::training_cameras;
 use crate::sources::all_sources;
 
 /// Scene with everything that training derives from it once.
-#[derive(Debug)]
 pub(crate) struct TrainingScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) renderer: Renderer,

@@ -53,7 +53,6 @@ impl TermSpec for LatentConfig {
     }
 }
 
-#[derive(Debug)]
 struct PenaltyTerm {
     name: Penalty,
     factor: f32,

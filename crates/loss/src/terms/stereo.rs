@@ -51,7 +51,6 @@ impl TermSpec for StereoConfig {
     }
 }
 
-#[derive(Debug)]
 struct Stereo {
     scene: Scene,
     /// Nearest disparity and depth map of each view, made in the first step, so that the search counts as training time.
