@@ -109,9 +109,9 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
             true => rays.par_chunks(HOST_CHUNK).map(march).collect(),
             false => rays.chunks(CHUNK).map(march).collect(),
         };
-        for (marched, counts) in parts {
+        for (rays, counts) in parts {
             image.counts += counts;
-            marched.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
+            rays.into_iter().for_each(|ray| image.push(ray.rgb.to_array(), ray.depth, 1.0 - ray.trans));
         }
         return image.over_backdrop(renderer);
     }

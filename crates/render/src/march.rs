@@ -24,7 +24,7 @@ use crate::steps::UniformSteps;
 
 /// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MarchedRay {
+pub(crate) struct CompositedRay {
     pub(crate) rgb: Vec3,
     /// Σ w t.
     pub(crate) depth: f32,
@@ -36,7 +36,7 @@ pub(crate) struct MarchedRay {
 const ROUND: usize = 4;
 /// Optical depths of a step, in units of e/T, below which two steps share one sample, and four steps.
 const JOINED: [f32; 2] = [100.0, 10.0];
-/// Maximal number of rays of a [`MarchingRays`].
+/// Maximal number of rays of a [`RayPart`].
 const PART: usize = 1 << 10;
 
 /// Marches along `rays`, and returns each ray's colour on the background, distance and transmittance, and the numbers
@@ -49,9 +49,8 @@ pub(crate) fn march<F: Field>(
     trained: &TrainedModel<F>,
     host: Option<&HostField>,
     rays: &[Ray],
-) -> (Vec<MarchedRay>, Counts) {
-    let mut parts: Vec<MarchingRays<'_>> =
-        rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays)).collect();
+) -> (Vec<CompositedRay>, Counts) {
+    let mut parts: Vec<RayPart<'_>> = rays.par_chunks(PART).map(|rays| RayPart::new(renderer, trained, rays)).collect();
     match host {
         Some(host) => parts.par_iter_mut().for_each(|part| {
             while let Some(round) = part.next_round(1) {
@@ -77,8 +76,8 @@ pub(crate) fn march<F: Field>(
     let total = (rays.len() as f32 * renderer.longest / renderer.step_length(trained.at)) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
     let background = Vec3::from(renderer.background);
-    let behind = |ray: MarchedRay| MarchedRay { rgb: ray.rgb + ray.trans * background, ..ray };
-    (parts.into_iter().flat_map(|part| part.marched).map(behind).collect(), counts)
+    let behind = |ray: CompositedRay| CompositedRay { rgb: ray.rgb + ray.trans * background, ..ray };
+    (parts.into_iter().flat_map(|part| part.composited).map(behind).collect(), counts)
 }
 
 /// Evaluates σ, r, g, b of each sample of `rounds`.
@@ -104,11 +103,12 @@ fn evaluate<'a, F: Field>(
     values.map(|(sigma, &[r, g, b])| [sigma, r, g, b]).collect()
 }
 
-struct MarchingRays<'a> {
+/// At most [`PART`] rays of a picture, with the steps and the composited samples of each.
+struct RayPart<'a> {
     renderer: &'a Renderer,
     rays: &'a [Ray],
     steps: Vec<Option<UniformSteps<'a>>>,
-    marched: Vec<MarchedRay>,
+    composited: Vec<CompositedRay>,
     /// Indices of the rays that have not stopped.
     active: Vec<usize>,
     evaluated: u64,
@@ -126,14 +126,14 @@ struct MarchRound {
     positions: Vec<[f32; 3]>,
 }
 
-impl<'a> MarchingRays<'a> {
+impl<'a> RayPart<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
         let (step, grid) = (renderer.step_length(trained.at), trained.occupancy.as_ref());
         let steps =
             |ray: &Ray| renderer.interval(ray).map(|ends| UniformSteps::new(renderer, ray, ends, (step, 0.5), grid));
         let steps = rays.iter().map(steps).collect();
-        let marched = vec![MarchedRay { rgb: Vec3::ZERO, depth: 0.0, trans: 1.0 }; rays.len()];
-        Self { renderer, rays, steps, marched, active: (0..rays.len()).collect(), evaluated: 0 }
+        let composited = vec![CompositedRay { rgb: Vec3::ZERO, depth: 0.0, trans: 1.0 }; rays.len()];
+        Self { renderer, rays, steps, composited, active: (0..rays.len()).collect(), evaluated: 0 }
     }
 
     /// Returns the next `samples` samples of each ray that has not stopped; `None` if all have.
@@ -143,7 +143,7 @@ impl<'a> MarchingRays<'a> {
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
             let Some(steps) = &mut self.steps[index] else { return false };
-            steps.join(JOINED.map(|depth| depth * stop / self.marched[index].trans));
+            steps.join(JOINED.map(|depth| depth * stop / self.composited[index].trans));
             for step in steps.take(samples) {
                 round.t.push(step.t);
                 round.delta.push(step.delta);
@@ -166,7 +166,7 @@ impl<'a> MarchingRays<'a> {
         let mut samples = round.t.iter().zip(&round.delta).zip(values);
         let mut counts = round.counts.iter();
         self.active.retain(|&index| {
-            let ray = &mut self.marched[index];
+            let ray = &mut self.composited[index];
             for ((&t, delta), &[sigma, ref color @ ..]) in samples.by_ref().take(*counts.next().expect("one per ray")) {
                 ray.add(config.compositing, sigma * delta, t, *color);
             }
@@ -175,7 +175,7 @@ impl<'a> MarchingRays<'a> {
     }
 }
 
-impl MarchedRay {
+impl CompositedRay {
     /// Composites a sample of optical depth `tau` at distance `t` behind what is there.
     fn add(&mut self, compositing: Compositing, tau: f32, t: f32, color: [f32; 3]) {
         let w = match compositing {

@@ -40,7 +40,7 @@ pub enum RandomStream {
     Row,
     /// A number of items.
     Count,
-    /// Distances of samples along rays. The number 18 of earlier versions is kept, so that runs repeat their results.
+    /// Distances of samples along rays. The number 18 is fixed, as the results of runs depend on it.
     Samples = 18,
     /// Samples of a fine pass.
     FineSamples,

@@ -80,7 +80,7 @@ impl Renderer {
             self.evaluate(field, samples, points, request, background, at)
         };
         if self.config.marches() {
-            let placed = self.march(rays, skip, at, &model.fine.device());
+            let placed = self.place_uniform(rays, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, placed.samples, &placed.points) };
         }
         let is_hierarchical = self.config.is_hierarchical();

@@ -62,7 +62,7 @@ impl Renderer {
     }
 
     /// Places the samples of a single pass with steps of one length.
-    pub(crate) fn march(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
+    pub(crate) fn place_uniform(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
         let settings = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
         let packed = march(
             rays.len(),
@@ -317,8 +317,8 @@ mod tests {
             grid.restore(density, occupied, true).unwrap();
             let rays = rays(&renderer).jittered(noise());
             let (at, skip) = (Moment::START, Skip { grid: Some(&grid), hidden_depth: 2.0 });
-            let marched = renderer.march(&rays, skip, at, &device).samples;
-            let all = renderer.march(&rays, NOTHING, at, &device).samples;
+            let marched = renderer.place_uniform(&rays, skip, at, &device).samples;
+            let all = renderer.place_uniform(&rays, NOTHING, at, &device).samples;
             let mut want = Vec::new();
             for (index, ray) in rays.on_host.iter().enumerate() {
                 let Some(ends) = rays.ends[index] else { continue };

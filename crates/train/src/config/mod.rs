@@ -3,9 +3,9 @@
 mod cameras;
 pub mod checks;
 mod layers;
-mod protocol;
 mod read;
 mod train;
+mod views;
 
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
@@ -46,7 +46,7 @@ pub struct Config {
 pub struct SceneConfig {
     /// Training views, drawn by the run's seed: a table of a `kind` with its numbers, or as text `26,86,2,55` (or a list),
     /// `all`, `seed-4`, `farthest-4`, `narrow-4/30`, `wide-4` or the name of a published selection.
-    #[serde(deserialize_with = "protocol::views")]
+    #[serde(deserialize_with = "views::training_views")]
     pub views: ViewSelection,
     /// Longest side of the images in pixels; 0 for the size that they have (built-in scenes: 200).
     pub size: u32,
@@ -93,7 +93,7 @@ pub enum PixelPosition {
 pub struct EvalConfig {
     /// Test views: `all`, `split` (the format's own), `every-8`, `first-3`, `0,8,16` (or a list), `training`, or a published
     /// protocol of the scene's format.
-    #[serde(serialize_with = "protocol::as_text", deserialize_with = "protocol::test_views")]
+    #[serde(serialize_with = "views::as_text", deserialize_with = "views::test_views")]
     pub test: TestProtocol,
     /// Name of the protocol by which pictures are measured, one of [`infonerf_metrics::Protocol::NAMED`].
     pub protocol: String,

@@ -25,7 +25,7 @@ pub(super) fn as_text<S: Serializer>(value: &impl Display, serializer: S) -> Res
     serializer.collect_str(value)
 }
 
-pub(super) fn views<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ViewSelection, D::Error> {
+pub(super) fn training_views<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ViewSelection, D::Error> {
     match Value::deserialize(deserializer)? {
         table @ Value::Table(_) => ViewSelection::deserialize(table).map_err(de::Error::custom),
         text if text.as_str().is_some_and(|text| text.contains('@')) => {
