@@ -222,7 +222,7 @@ mod tests {
 
     /// Checks that terms are summed with the step's weights, and that a term of weight 0 is not evaluated.
     #[test]
-    fn the_total_is_the_weighted_sum_of_what_is_due() {
+    fn total_is_the_weighted_sum_of_due_terms() {
         let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
         let (scene, device) = (Scene::default(), Device::flex());
         let setup = TermSetup { scene: &scene, device: &device };

@@ -222,7 +222,8 @@ mod tests {
 
     #[test]
     fn means_leave_out_missing_and_infinite_values_with_a_note() {
-        let networks = Networks::none().with_distance("lpips-alex", Box::new(corner_distance));
+        let mut networks = Networks::none();
+        networks.distances.insert("lpips-alex", Box::new(corner_distance));
         let (dark, grey, bright) = (flat(0.0), flat(0.4), flat(1.0));
         let pairs = [Pair::new(&bright, &grey), Pair::new(&grey, &dark), Pair::new(&grey, &grey)];
         let measured = evaluate(&pairs, &networks, &Protocol::default()).unwrap();
@@ -251,7 +252,8 @@ mod tests {
 
     #[test]
     fn masked_metrics_use_the_masked_images() {
-        let networks = Networks::none().with_distance("lpips-vgg", Box::new(corner_distance));
+        let mut networks = Networks::none();
+        networks.distances.insert("lpips-vgg", Box::new(corner_distance));
         let (render, truth) = (flat(0.2), flat(0.5));
         let mask = Mask::new((0..144).map(|i| i > 0).collect(), 12, 12).unwrap();
         let depths = Some(Depths { render: &[1.0; 144], truth: &[3.0; 144] });

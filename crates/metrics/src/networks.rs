@@ -16,37 +16,18 @@ pub type FeatureExtractor = dyn Fn(&[&Picture]) -> Vec<Vec<f32>> + Send + Sync;
 /// has no value, and a note names the weights to fetch.
 #[derive(Default)]
 pub struct Networks {
-    distances: BTreeMap<&'static str, Box<PictureDistance>>,
-    extractors: BTreeMap<&'static str, Box<FeatureExtractor>>,
-    /// Names of missing weights by the network that needs them, where they are not the network's name.
-    missing: BTreeMap<&'static str, &'static str>,
+    /// Distances between two images.
+    pub distances: BTreeMap<&'static str, Box<PictureDistance>>,
+    /// Feature extractors.
+    pub extractors: BTreeMap<&'static str, Box<FeatureExtractor>>,
+    /// Names of missing weights by the network that lacks only these, such as the heads of LPIPS.
+    pub missing: BTreeMap<&'static str, &'static str>,
 }
 
 impl Networks {
     /// Returns an empty collection.
     pub fn none() -> Self {
         Self::default()
-    }
-
-    /// Adds or replaces the distance called `name`.
-    #[must_use]
-    pub fn with_distance(mut self, name: &'static str, network: Box<PictureDistance>) -> Self {
-        self.distances.insert(name, network);
-        self
-    }
-
-    /// Adds or replaces the feature extractor called `name`.
-    #[must_use]
-    pub fn with_extractor(mut self, name: &'static str, network: Box<FeatureExtractor>) -> Self {
-        self.extractors.insert(name, network);
-        self
-    }
-
-    /// Notes that `network` lacks only the weights called `weights`, such as the heads of LPIPS.
-    #[must_use]
-    pub fn with_missing(mut self, network: &'static str, weights: &'static str) -> Self {
-        self.missing.insert(network, weights);
-        self
     }
 
     /// Finds the distance called `network`.

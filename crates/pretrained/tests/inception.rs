@@ -38,7 +38,8 @@ fn features_agree_with_pytorch_on_every_device() {
 fn sets_of_views_have_a_fid_and_a_kid() {
     let inception = inception(InceptionConfig::NARROW, &Device::flex());
     let features = move |pictures: &[&Picture]| inception.features(pictures);
-    let networks = Networks::none().with_extractor(INCEPTION_NETWORK, Box::new(features));
+    let mut networks = Networks::none();
+    networks.extractors.insert(INCEPTION_NETWORK, Box::new(features));
     let truths = [0, 1, 2].map(|index| picture(index, 60, 50));
     let renders = [3, 4, 5].map(|index| picture(index, 60, 50));
     let measured = |count: usize, renders: &[Picture]| {

@@ -52,14 +52,14 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_shows_what_is_about_it() {
+    fn holes_take_the_colours_around_them() {
         for (i, color) in filled(&holed(0.0), SIZE, Vec3::splat(0.5)).into_iter().enumerate() {
             assert!(color.abs_diff_eq(if i % SIZE.0 < 6 { Vec3::X } else { Vec3::Y }, 1e-5), "{i}: {color}");
         }
     }
 
     #[test]
-    fn what_is_opaque_stays_and_the_rest_is_as_much_as_it_lets_through() {
+    fn pixels_show_the_filling_by_their_transparency() {
         let [clear, half] = [0.0, 0.5].map(|opacity| filled(&holed(opacity), SIZE, Vec3::splat(0.5)));
         for (i, pixel) in holed(0.5).iter().enumerate() {
             assert!(half[i].abs_diff_eq(pixel.truncate() + (1.0 - pixel.w) * clear[i], 1e-5), "{i}");
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_seen_there_is_the_background() {
+    fn empty_pictures_show_the_background() {
         let background = Vec3::new(0.2, 0.4, 0.6);
         for size in [(1, 1), (5, 3), (0, 0)] {
             let picture = filled(&vec![Vec4::ZERO; size.0 * size.1], size, background);

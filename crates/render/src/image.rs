@@ -220,7 +220,7 @@ pub(crate) mod tests {
     /// Checks a ray that passes the clear part of an opaque cell and hits matter behind it. Training skips this matter;
     /// pictures show it, in the colour of the last training step.
     #[test]
-    fn a_picture_shows_what_training_takes_to_be_hidden() {
+    fn pictures_show_matter_that_training_skips_as_hidden() {
         for placement in [Placement::Mid, Placement::Left] {
             let (renderer, trained, camera) = seen(|p| if p.x > 1.0 || p.z < 0.0 { 1e4 } else { 0.0 }, placement);
             let training = RenderRequest { color: false, hidden: false };
@@ -273,7 +273,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn colours_are_means_and_distances_are_of_who_sees_the_surface() {
+    fn distances_are_means_over_the_members_that_see_the_surface() {
         let combined = combine(vec![edge(18, 2.0), edge(20, 2.0), edge(23, 4.0)]);
         let expected = [(2.0 * 0.2 + 1.0) / 3.0, (2.0 * 0.4 + 1.0) / 3.0, (2.0 * 0.1 + 1.0) / 3.0];
         assert!(combined.rgb[19].iter().zip(expected).all(|(got, want)| (got - want).abs() < 1e-6));

@@ -104,7 +104,7 @@ mod tests {
 
     /// All streams, their children and grandchildren differ, also between steps and seeds.
     #[test]
-    fn no_two_uses_share_a_stream() {
+    fn streams_differ_by_purpose_step_and_seed() {
         const STREAMS: std::ops::RangeInclusive<u64> = 0..=RandomStream::Latent as u64;
         let mut seen = HashSet::new();
         for (seed, step) in [(0, 0), (0, 1), (1, 0)] {

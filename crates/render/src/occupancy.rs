@@ -337,7 +337,7 @@ mod tests {
 
         /// Every sample that is skipped lies in an empty cell.
         #[test]
-        fn nothing_occupied_is_passed_over(
+        fn no_occupied_cell_is_within_the_distance(
             seed in any::<u64>(),
             share in 0.0f32..0.02,
             from in prop::array::uniform3(-1f32..1.0),
@@ -362,7 +362,7 @@ mod tests {
 
     /// Fog of which no single sample reaches the threshold, thicker towards one side.
     #[test]
-    fn fog_that_is_trained_is_in_pictures() {
+    fn refined_grid_keeps_faint_fog() {
         let (step, threshold) = (0.02, config().threshold(0.02));
         let (mut grid, fog) = (grid(), densities(|p| threshold * (0.9 + 0.05 * p.x)));
         assert!(grid.update(noise(0), step, &fog));
@@ -372,7 +372,7 @@ mod tests {
 
     /// Checks that a restored grid evaluates the same cells as the original, also after an update that found nothing.
     #[test]
-    fn a_restored_grid_resumes() {
+    fn restored_grid_evaluates_the_same_cells() {
         let [mut first, mut second] = [grid(), grid()];
         assert!(!first.update(noise(0), 0.02, densities(|_| 0.0)));
         assert_eq!(fraction(&first), 1.0, "an empty field reopens everything");
@@ -391,7 +391,7 @@ mod tests {
 
     /// Checks intervals that contain a thin wall, while their midpoint lies in an empty cell.
     #[test]
-    fn an_interval_is_kept_for_any_part_of_it() {
+    fn intervals_with_an_occupied_part_are_kept() {
         let mut grid = grid();
         assert!(grid.update(noise(0), 0.02, densities(|p| if p.x > 0.5 && p.x < 0.625 { 20.0 } else { 0.0 })));
         let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);

@@ -55,7 +55,7 @@ mod tests {
     use crate::config::{Config, EnsembleConfig, Preset};
 
     #[test]
-    fn a_budget_buys_members() {
+    fn budget_sets_the_number_of_members() {
         let mut train = Config::from_table(Preset::Paper.table()).unwrap().train;
         let mut ensemble = EnsembleConfig { size: 2, seconds_per_member: 0.0 };
         assert_eq!((ensemble.members(None), ensemble.members(Some(1e4))), (2, 2));

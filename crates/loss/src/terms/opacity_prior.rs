@@ -46,7 +46,7 @@ mod tests {
     use crate::testing::{SEEN, UNSEEN, check, config, mean};
 
     #[test]
-    fn empty_and_opaque_rays_are_free_and_half_opaque_ones_cost_most() {
+    fn prior_is_zero_at_both_ends_and_highest_between() {
         let prior = |a: f64| ((0.1 + a) * (1.1 - a) / 0.11).ln();
         assert_eq!([prior(0.0), prior(1.0)].map(|x| (x * 1e12).round()), [0.0, 0.0]);
         assert!(prior(0.5) > prior(0.4) && prior(0.5) > prior(0.6));

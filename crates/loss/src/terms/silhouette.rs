@@ -49,7 +49,7 @@ mod tests {
     use crate::testing::{SEEN, check_with, config};
 
     #[test]
-    fn background_is_pressed_down_and_foreground_pulled_up() {
+    fn opacity_falls_on_the_background_and_rises_elsewhere() {
         let signs = [1.0, -1.0, -1.0, -1.0];
         // The third pixel differs from the background by less than one part in a hundred.
         let with_background = |Renders { target, .. }: &mut Renders| {

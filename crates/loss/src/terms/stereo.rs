@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_surface_itself_is_no_obstacle() {
+    fn samples_at_the_nearest_surface_are_not_penalised() {
         assert_eq!([1.01, 1.0, 0.99].map(|t| RayEnd::Beyond(1.0).value(t)), [0.0, 0.0, -1.0]);
     }
 }

@@ -24,16 +24,18 @@ impl Store {
                     let distance = move |render: &Picture, truth: &Picture, protocol: &Protocol| {
                         lpips.distance(render, truth, protocol.lpips_input)
                     };
-                    networks = networks.with_distance(name, Box::new(distance));
+                    networks.distances.insert(name, Box::new(distance));
                 }
-                (Some(_), None) => networks = networks.with_missing(name, heads),
+                (Some(_), None) => {
+                    networks.missing.insert(name, heads);
+                }
                 (None, _) => {}
             }
         }
         if let (Some(path), true) = (self.path(INCEPTION_NETWORK), is_needed(INCEPTION_NETWORK)) {
             let inception = Inception::read(&path, InceptionConfig::FULL, device).map_err(WeightsError)?;
             let features = move |pictures: &[&Picture]| inception.features(pictures);
-            networks = networks.with_extractor(INCEPTION_NETWORK, Box::new(features));
+            networks.extractors.insert(INCEPTION_NETWORK, Box::new(features));
         }
         Ok(networks)
     }

@@ -112,7 +112,7 @@ mod tests {
     use crate::warp::tests::forward;
 
     #[test]
-    fn the_scene_says_which() {
+    fn automatic_warp_follows_the_layout() {
         assert!(Warp::of(&Scene::default(), SpaceChoice::Auto).is_identity());
         assert!(matches!(Warp::of(&forward(), SpaceChoice::Auto), Warp::Ndc { .. }));
         let mut around = forward();

@@ -332,7 +332,7 @@ mod tests {
     proptest! {
         /// `world` inverts `point`.
         #[test]
-        fn the_world_is_found_again(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
+        fn world_inverts_point(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
             let p = Vec3::new(x * z, y * z, -z);
             for warp in warps() {
                 let found = warp.world(warp.point(p));

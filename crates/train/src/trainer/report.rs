@@ -123,9 +123,9 @@ impl<F: Field> Trainer<F> {
             let losses = terms.map(|(name, value)| (name.to_owned(), value)).collect();
             report(Event::Step { step, seconds, loss, losses, psnr, lr, rays_per_second, acc, evaluated });
             if self.progress.count_opacity(acc, foreground) {
-                // Later steps are of a field that is given up. A run with another's initial weights has no others to start with.
-                let others = self.config.train.init.as_os_str().is_empty();
-                let restarted = others && self.progress.restarts < self.config.train.restarts;
+                // Steps after this one belong to the collapsed field. A run that starts from `train.init` has no other weights.
+                let has_random_weights = self.config.train.init.as_os_str().is_empty();
+                let restarted = has_random_weights && self.progress.restarts < self.config.train.restarts;
                 report(Event::Collapse { step, restarted });
                 if restarted {
                     self.restart()?;
