@@ -59,13 +59,8 @@ impl RayBatch {
     }
 
     /// Returns the number of rays `R`.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.on_host.len()
-    }
-
-    /// Whether there are no rays.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     pub(crate) fn hits(&self) -> impl Iterator<Item = usize> + Clone + '_ {

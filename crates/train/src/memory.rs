@@ -14,16 +14,6 @@ const FLOAT: u64 = 4;
 const KEPT: u64 = 3;
 /// Number of floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
 const FLOATS_PER_STEP: u64 = 2;
-/// Number of floats of a loaded pixel: RGB and alpha.
-const LOADED: u64 = 4;
-/// Number of floats of a pixel from which batches are drawn: RGB.
-const DRAWN: f64 = 3.0;
-/// Number of floats of a pixel that an image-conditioned field is given: RGB.
-const SEEN: u64 = 3;
-/// Bytes of a cell of an occupancy grid: its density (4), a flag (1) and its state (2).
-const CELL: u64 = 7;
-/// Number of floats of a pixel from which pictures take residuals: RGB and distance.
-const RESIDUAL: u64 = 4;
 
 /// Memory, in bytes, of the parts of a run that are held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,22 +31,25 @@ impl MemoryPlan {
         let parameters = parameters + coarse.map_or(0, |coarse| coarse.footprint().parameters);
         let averaged = u64::from(fields == 1 && config.train.weight_averaging > 0.0);
         let copies = fields * (KEPT + averaged) + side_by_side * FLOATS_PER_STEP;
-        let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
+        let loaded = pixels.train.saturating_add(pixels.test);
+        // Three channels at every size, and once more for fields that look at images.
         let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
-        let seen = if sees_images(&config.field) { SEEN } else { 0 };
-        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + seen);
+        let channels = (3.0 * areas) as u64 + if sees_images(&config.field) { 3 } else { 0 };
+        let drawn = pixels.train.saturating_mul(channels * FLOAT);
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64 * occupancy.refine as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
         let activations = samples(config).saturating_mul(side_by_side * per_sample * FLOAT);
-        let drawn = drawn.saturating_mul(FLOAT);
         let parts = [
             ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
             ("train.rays and render.samples (the activations of a step)", activations),
-            ("scene.size (the images)", loaded.saturating_mul(FLOAT)),
+            // RGB and alpha.
+            ("scene.size (the images)", loaded.saturating_mul(4 * FLOAT)),
             ("scene.size (the images as batches are drawn from them and fields look at them)", drawn),
-            ("render.occupancy.resolution (the grid)", fields * cells * CELL),
-            ("render.residuals (of the training images)", residuals.saturating_mul(RESIDUAL * FLOAT)),
+            // Density, a flag and the state of a cell.
+            ("render.occupancy.resolution (the grid)", fields * cells * (FLOAT + 1 + 2)),
+            // RGB and distance.
+            ("render.residuals (of the training images)", residuals.saturating_mul(4 * FLOAT)),
         ];
         Self { parts }
     }

@@ -1,15 +1,16 @@
 //! Complete description of a run, and its [`checks`]: presets and experiment files, merged as TOML tables into a [`Config`].
 
-mod cameras;
 pub mod checks;
 mod layers;
 mod read;
 mod train;
 mod views;
 
-pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
-pub use train::{Batch, EnsembleConfig, NeighbourConfig, NeighbourSampling, RotationCentre, TrainConfig, Unseen};
+pub use train::{
+    Batch, CameraConfig, EnsembleConfig, NeighbourConfig, NeighbourSampling, Refine, RotationCentre, TrainConfig,
+    Unseen,
+};
 
 use std::path::PathBuf;
 

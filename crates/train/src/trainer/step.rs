@@ -99,7 +99,8 @@ impl<F: Field> Trainer<F> {
                 None => renderer.render(model, rays, RenderRequest { color, hidden: false }, occupancy, at),
                 Some(partner) => Passes { coarse: None, fine: renderer.along(&model.fine, partner, rays, at) },
             });
-            cost.add(&passes, rays);
+            cost.samples += passes.counts();
+            cost.rays += passes.fine.segments().rays();
             passes
         };
         let rays = batch.rays(&train.neighbours, scene, model, &needs, noise);
@@ -202,13 +203,6 @@ impl<F: Field> Trainer<F> {
 struct StepCost {
     samples: Counts,
     rays: usize,
-}
-
-impl StepCost {
-    fn add(&mut self, passes: &Passes, rays: &RayBatch) {
-        self.samples += passes.counts();
-        self.rays += rays.len();
-    }
 }
 
 /// Moves the model out, leaving empty tensors, so that Adam can update weights in place.
