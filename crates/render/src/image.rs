@@ -29,7 +29,7 @@ pub struct RenderedImage {
     pub rgb: Vec<[f32; 3]>,
     /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
     pub depth: Vec<f32>,
-    /// Opacity.
+    /// Opacity Σ w of each pixel's ray.
     pub acc: Vec<f32>,
     /// Points along rays before and after skipping.
     pub counts: Counts,

@@ -11,6 +11,7 @@ pub struct Samples {
     pub segments: Segments,
     /// Distance of each sample along its ray, `[M]`, scene units.
     pub distance: Tensor<1>,
+    /// Distances on the host, once they are read.
     on_host: Arc<OnceLock<Vec<f32>>>,
     /// Length of each sample's interval, `[M]`, in units of [`Warp::coordinate`](crate::Warp::coordinate).
     pub delta: Tensor<1>,

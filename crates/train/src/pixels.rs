@@ -13,9 +13,9 @@ use crate::config::{NeighbourConfig, TrainConfig, Unseen};
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
 pub struct Pixels {
-    /// The cameras.
+    /// Cameras that see the pixels.
     pub cameras: Arc<[Camera]>,
-    /// Pixels: the index of the camera, and the position in its image.
+    /// Index of each pixel's camera, and the position of the pixel's centre in its image, pixels of the full size.
     pub at: Vec<PixelAt>,
     /// Width of a pixel, in pixels of the cameras; above 1 for downscaled images.
     pub width: f32,

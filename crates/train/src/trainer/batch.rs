@@ -20,7 +20,7 @@ pub struct StepBatch {
     pub scene: usize,
     /// Pixels of training images.
     pub seen: Pixels,
-    /// Colour of each of these pixels.
+    /// RGB of each of these pixels, in [0, 1].
     pub colors: Vec<[f32; 3]>,
     /// Pixels of an unseen pose, if a term needs them.
     pub unseen: Option<Pixels>,
