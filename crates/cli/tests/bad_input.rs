@@ -85,7 +85,15 @@ fn config() {
         ("train.iterations=many", &["train.iterations"]),
         ("train.iterations=0", &["train.iterations"]),
         ("train.lr=nan", &["train.lr"]),
-        ("train.lr={from=1e-3,factor=0.1}", &["train.lr", "every"]),
+        (
+            "train.lr={from=1e-3,factor=0.1}",
+            &["train.lr: expected a number, ", "every", "found { factor = 0.1, from = 0.001 }"],
+        ),
+        ("train.lr={from=1,to=\"x\"}", &["train.lr: expected a number, ", "found { from = 1, to = \"x\" }"]),
+        (
+            "train.lr={from=1,to=2,curve=\"cubic\"}",
+            &["curve = \"linear\" or \"exponential\"", "found { curve = \"cubic\""],
+        ),
         ("train.lr={from=1e-3,to=0.0,curve=\"exponential\"}", &["train.lr", "above 0"]),
         ("loss.entropy.weight=-1", &["loss.entropy.weight"]),
         ("loss.entropy.mask.threshold=high", &["loss.entropy.mask"]),

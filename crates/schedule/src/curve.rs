@@ -5,13 +5,7 @@ use crate::{Moment, is_default};
 /// Number that depends on the [`Moment`] of a run. The crate's documentation lists its forms and their TOML.
 /// Serialization omits fields that have their default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(
-    remote = "Self",
-    untagged,
-    deny_unknown_fields,
-    expecting = "expected a number, { from, to [, start, end, curve, warmup] }, { from, factor, every [, stairs, warmup] } \
-                 or { steps = [[share, value], ...] [, warmup] }"
-)]
+#[serde(remote = "Self", untagged, deny_unknown_fields)]
 pub enum Schedule {
     /// One value throughout.
     Constant(f64),
@@ -76,9 +70,15 @@ impl Serialize for Schedule {
     }
 }
 
+/// Forms of a schedule in a config.
+const FORMS: &str = "a number, { from, to [, start, end, curve = \"linear\" or \"exponential\", warmup] }, \
+                     { from, factor, every [, stairs, warmup] } or { steps = [[share, value], ...] [, warmup] }";
+
 impl<'de> Deserialize<'de> for Schedule {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let schedule = Self::deserialize(deserializer)?;
+        let found = toml::Value::deserialize(deserializer)?;
+        let fault = |_| de::Error::custom(format!("expected {FORMS}, found {found}"));
+        let schedule = Self::deserialize(found.clone()).map_err(fault)?;
         schedule.validate().map_err(de::Error::custom)?;
         Ok(schedule)
     }
@@ -120,8 +120,9 @@ impl Schedule {
                 let starts = steps.first().is_some_and(|(share, _)| *share == 0.0);
                 let rising = steps.windows(2).all(|pair| pair[0].0 < pair[1].0);
                 let within = steps.last().is_some_and(|(share, _)| *share <= 1.0);
-                let message = "expected steps whose shares of the run begin with 0, rise, and do not exceed 1";
-                unless(starts && rising && within, message.into())
+                let shares: Vec<f64> = steps.iter().map(|(share, _)| *share).collect();
+                let expected = "expected steps whose shares of the run begin with 0, rise, and do not exceed 1";
+                unless(starts && rising && within, format!("{expected}, found {shares:?}"))
             }
         }
     }
@@ -275,19 +276,22 @@ mod tests {
     #[test]
     fn faults_name_the_expected_forms() {
         for (text, part) in [
-            ("\"much\"", "expected a number"),
+            ("\"much\"", "expected a number, { from, to [, start, end, curve = \"linear\" or \"exponential\", "),
+            ("\"much\"", ", found \"much\""),
             ("nan", "finite"),
-            ("{ from = 1.0 }", "expected a number, { from, to"),
+            ("{ from = 1.0 }", ", found { from = 1.0 }"),
+            ("{ from = 1, to = \"x\" }", ", found { from = 1, to = \"x\" }"),
             ("{ from = 1.0, to = inf }", "finite"),
-            ("{ from = 1.0, to = 2.0, factor = 3.0 }", "expected a number, { from, to"),
+            ("{ from = 1.0, to = 2.0, factor = 3.0 }", ", found { factor = 3.0, from = 1.0, to = 2.0 }"),
+            ("{ from = 1.0, to = 2.0, curve = \"cubic\" }", ", found { curve = \"cubic\", from = 1.0, to = 2.0 }"),
             ("{ from = 1.0, to = 2.0, start = 0.5, end = 0.2 }", "start <= end"),
             ("{ from = 0.0, to = 2.0, curve = \"exponential\" }", "above 0"),
             ("{ from = 2.0, to = 0.0, curve = \"exponential\" }", "above 0"),
             ("{ from = 1.0, factor = 0.0, every = 1 }", "above 0"),
             ("{ from = 1.0, factor = 0.5, every = 0 }", "at least 1"),
-            ("{ steps = [[0.1, 1]] }", "begin with 0"),
+            ("{ steps = [[0.1, 1]] }", "begin with 0, rise, and do not exceed 1, found [0.1]"),
             ("{ steps = [[0.0, 1], [0.0, 2]] }", "rise"),
-            ("{ from = 1.0, to = 2.0, ends = 2.0 }", "expected a number, { from, to"),
+            ("{ from = 1.0, to = 2.0, ends = 2.0 }", ", found { ends = 2.0, from = 1.0, to = 2.0 }"),
         ] {
             let message = parse(text).unwrap_err();
             assert!(message.contains(part), "{text}: {message}");
