@@ -116,7 +116,7 @@ fn images(views: &[SourceView], device: &Device) -> Tensor<4> {
     upload(planes.collect::<Vec<f32>>(), [views.len(), 3, height, width], device)
 }
 
-/// Replaces all weights of `encoder` by those of the safetensors file at `path`, under torchvision's names.
+/// Replaces all weights of `encoder` by those of the file at `path`, safetensors or PyTorch's, under torchvision's names.
 pub(super) fn load_resnet34(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, Fault> {
     let expected = "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)";
     let filled = WeightFile::read(path).and_then(|file| filled(encoder, &file));

@@ -56,7 +56,7 @@ pub struct EncoderConfig {
     pub width: usize,
     /// Residual blocks of each stage that is read (paper: the first three of ResNet-34, 3, 4 and 6).
     pub blocks: Vec<usize>,
-    /// Safetensors file with the weights of torchvision's `resnet34`; empty for random ones.
+    /// File, safetensors or PyTorch's, with the weights of torchvision's `resnet34`; empty for random ones.
     pub weights: PathBuf,
 }
 
