@@ -164,6 +164,7 @@ fn experiment_files() {
         let base = "base = \"synthetic-4view\"\n[[claims]]\nstatement = \"s\"\nmetric = \"psnr\"\n";
         format!("{base}comparisons = [{comparison}]\n")
     };
+    place.write("base.toml", "scenes = [\"lego\"]\n[variants.a]\n");
     for (file, parts) in [
         ("[variants.a]\n[config.train]\niterationz = 3\n", &["iterationz"][..]),
         ("[variants.a\n", &["line 1"]),
@@ -173,7 +174,12 @@ fn experiment_files() {
         ("base = \"mine.toml\"\n", &["base"]),
         ("seeds = [0]\ntitel = \"x\"\n[variants.a]\n", &["line 2: titel: "]),
         ("preset = \"best\"\n[variants.a]\n", &["line 1: preset: unknown value `best`"]),
-        ("scenes = [\"lego\"]\n[variants.a]\n", &["lego"]),
+        ("scenes = [\"lego\"]\n[variants.a]\n", &["mine.toml: scenes lego: expected one of the built-in scenes"]),
+        (
+            "data = \".\"\nscenes = [\"lego\"]\n[variants.a]\n",
+            &["mine.toml: scenes lego: expected the scene's folder ./lego"],
+        ),
+        ("base = \"base.toml\"\n", &["base.toml: scenes lego: expected one of"]),
         ("scenes = []\n[variants.a]\n", &["mine.toml: scenes: expected at least one"]),
         ("scenes = \"knot\"\n[variants.a]\n", &["line 1: scenes: ", "expected a list"]),
         ("seeds = [-1]\n[variants.a]\n", &["line 1: seeds: ", "a whole number of at least 0"]),

@@ -112,6 +112,12 @@ impl Layers {
         self.files.iter().rev().find_map(|(_, file)| pick(file))
     }
 
+    /// Names `key` and the last file that `has` it, by default the experiment's own.
+    pub(crate) fn place(&self, key: &str, has: impl Fn(&File) -> bool) -> String {
+        let file = self.files.iter().rev().find(|(_, file)| has(file)).or(self.files.last());
+        format!("{}: {key}", file.map_or(&self.name, |(name, _)| name))
+    }
+
     /// Returns the paper of the last file that has one, with the shared aspects of its protocol.
     pub(crate) fn paper(&self) -> Option<Paper> {
         let mut paper = self.last(|file| file.paper.clone())?;

@@ -92,19 +92,20 @@ impl Outline {
         check_name("experiment", &name)?;
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
         // In the user's own data, all scenes by default.
-        let names = match &selection.scenes[..] {
-            [] if selection.data.is_some() => None,
-            [] => layers.last(|file| file.scenes.clone()),
-            chosen => Some(chosen.to_vec()),
+        let (place, names) = match &selection.scenes[..] {
+            [] if selection.data.is_some() => ("--data".to_owned(), None),
+            [] => (layers.place("scenes", |file| file.scenes.is_some()), layers.last(|file| file.scenes.clone())),
+            chosen => ("--scene".to_owned(), Some(chosen.to_vec())),
         };
-        let scenes: Vec<ChosenScene> = find_scenes(data.as_deref(), names)?.into_iter().map(ChosenScene::new).collect();
-        let seeds = match &selection.seeds[..] {
-            [] => layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0]),
-            chosen => chosen.to_vec(),
+        let scenes = find_scenes(data.as_deref(), names, &place)?;
+        check_list(&place, scenes.iter().map(|(name, _)| name.clone()))?;
+        let scenes = scenes.into_iter().map(ChosenScene::new).collect();
+        let own_seeds = layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0]);
+        let (place, seeds) = match &selection.seeds[..] {
+            [] => (layers.place("seeds", |file| file.seeds.is_some()), own_seeds),
+            chosen => ("--seed".to_owned(), chosen.to_vec()),
         };
-        let at = |key: &str, option: &str, own| if own { format!("{experiment}: {key}") } else { option.to_owned() };
-        check_list(&at("scenes", "--scene", selection.scenes.is_empty()), scenes.iter().map(|one| one.name.clone()))?;
-        check_list(&at("seeds", "--seed", selection.seeds.is_empty()), seeds.iter().map(u64::to_string))?;
+        check_list(&place, seeds.iter().map(u64::to_string))?;
         let mut about = About::of(&layers, data);
         let Selection { data, preset, set, budget, .. } = selection;
         if data.is_some() || preset.is_some() || budget.is_some() || !set.is_empty() {

@@ -223,7 +223,7 @@ impl RunPlan {
         };
         check_name("experiment", &file.name)?;
         check_name("variant", variant)?;
-        let source = find_scenes(file.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
+        let source = find_scenes(file.data.as_deref(), Some(vec![scene.clone()]), "scenes")?.remove(0).1;
         Ok(Self {
             experiment: file.name,
             scene: scene.clone(),

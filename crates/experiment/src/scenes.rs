@@ -41,28 +41,31 @@ pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
     bail!("{what} {name:?}: expected a name that can be a folder's: {fault}")
 }
 
-/// Finds the scenes called `names`, by default all: in the folder `data` or, without one, among the built-in scenes.
-pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
+/// Finds the scenes called `names`, by default all: in the folder `data` or, without one, among the built-in scenes. Errors name
+/// the `place` of the names: an option, or a file with its key.
+pub(crate) fn find_scenes(
+    data: Option<&Path>,
+    names: Option<Vec<String>>,
+    place: &str,
+) -> Result<Vec<(String, SceneSource)>> {
+    let built_in = |name: String| {
+        let known = procedural::NAMES.join(", ");
+        let expected =
+            format!("one of the built-in scenes ({known}, random-<seed>), or --data with the folder that holds it");
+        ensure!(procedural::check_name(&name).is_ok(), "{place} {name}: expected {expected}");
+        Ok((name.clone(), SceneSource::Procedural(name)))
+    };
     let Some(data) = data else {
         let names = names.unwrap_or_else(|| procedural::CLASSICS.iter().map(|&name| name.to_owned()).collect());
         return names.iter().flat_map(|name| expand(name)).map(built_in).collect();
     };
     let in_folder = |name: String| {
-        check_name("--scene", &name)?;
+        check_name(place, &name)?;
         let path = data.join(&name);
-        ensure!(path.is_dir(), "{}: expected the folder of scene {name}: not found", path.display());
+        ensure!(path.is_dir(), "{place} {name}: expected the scene's folder {}: not found", path.display());
         Ok((name, SceneSource::Folder { path }))
     };
     names.map_or_else(|| subfolders(data), Ok)?.into_iter().map(in_folder).collect()
-}
-
-fn built_in(name: String) -> Result<(String, SceneSource)> {
-    ensure!(
-        procedural::check_name(&name).is_ok(),
-        "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that holds it",
-        procedural::NAMES.join(", ")
-    );
-    Ok((name.clone(), SceneSource::Procedural(name)))
 }
 
 /// Expands a range of random scenes: `random-0..2` stands for random-0, random-1 and random-2; any other name is itself.
@@ -117,7 +120,7 @@ mod tests {
         std::fs::create_dir(&dir).unwrap();
         for file in ["a.jpg", "transforms.json"] {
             std::fs::write(dir.join(file), "").unwrap();
-            let text = find_scenes(Some(&dir), None).unwrap_err().to_string();
+            let text = find_scenes(Some(&dir), None, "--data").unwrap_err().to_string();
             let parent = guard.path().canonicalize().unwrap();
             assert!(text.ends_with(&format!("--data {} --scene 'my scene'", parent.display())), "{text}");
             std::fs::create_dir_all(dir.join("images")).unwrap();

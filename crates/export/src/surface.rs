@@ -39,7 +39,8 @@ impl Surface {
         if values.iter().all(|&value| value >= 0.0) {
             let densest = grid.density.iter().copied().fold(0.0, f32::max);
             return Err(ExportError(format!(
-                "the field has no surface: expected a voxel of density {:.3}, found at most {densest:.3}",
+                "the field has no surface: expected a voxel of density {:.3}, found at most {densest:.3}; \
+                 a higher resolution or a longer training may give it one",
                 grid.level
             )));
         }

@@ -144,7 +144,8 @@ fn page(trained: &Trained, args: &ExportArgs) -> Result<Exported> {
 
 fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surface)> {
     let usual = if args.format == FormatName::Splat { SPLAT_RESOLUTION } else { RESOLUTION };
-    let mut surface = trained.surface(args.resolution.map_or(usual, |voxels| voxels as usize))?;
+    let surface = trained.surface(args.resolution.map_or(usual, |voxels| voxels as usize));
+    let mut surface = surface.with_context(|| format!("{}: --format html needs no surface", args.run.display()))?;
     if args.format == FormatName::Splat {
         let splats = trained.splats(&surface);
         let fidelity = trained.splat_fidelity(&splats)?.map_or(String::new(), |found| {
