@@ -152,7 +152,13 @@ fn arguments() {
     place.run("figure nowhere").fails_with(&["nowhere", "a finished run", "results.json"]);
     place.run("exp fast-losses").arg("--out=").fails_with(&["--out", "for the current one"]);
     place.run("export run --format film").fails_with(&["--format", "film", "html"]);
-    place.run("view run --host everywhere").fails_with(&["--host", "everywhere"]);
+    place.run("view run --host every..where").fails_with(&[
+        "--host",
+        "every..where",
+        "such as 0.0.0.0, ::1 or localhost",
+    ]);
+    // The name is an address, so the run is what is missing.
+    place.run("view run --host localhost").fails_with(&["error: run: "]);
     place.run("improve").fails_with(&["improve"]);
 }
 

@@ -1,4 +1,4 @@
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -31,14 +31,22 @@ pub(crate) struct ViewArgs {
     /// Port to listen on; 0 for any that is free.
     #[arg(long, default_value_t = 7007)]
     port: u16,
-    /// Address to listen on. With one that other machines reach, whoever reaches it can look at the runs.
-    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    /// Address of this machine to listen on, or a name of it. With one that other machines reach, whoever reaches it can look
+    /// at the runs.
+    #[arg(long, value_name = "ADDRESS", value_parser = parse_host, default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
     /// Open the page in the browser.
     #[arg(long)]
     open: bool,
     #[command(flatten)]
     device: DeviceArgs,
+}
+
+/// Returns the address that `text` is or, as a name, stands for: one of IPv4 if there is one.
+fn parse_host(text: &str) -> Result<IpAddr, String> {
+    let found =
+        (text, 0).to_socket_addrs().into_iter().flatten().map(|address| address.ip()).min_by_key(IpAddr::is_ipv6);
+    found.ok_or_else(|| "expected an address or a name of this machine, such as 0.0.0.0, ::1 or localhost".to_owned())
 }
 
 pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
