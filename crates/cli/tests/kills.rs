@@ -68,7 +68,8 @@ fn killed_runs_go_on_to_the_same_numbers() {
     );
 }
 
-/// If files may not grow beyond a limit, as on a full disk, one line names the file, and earlier checkpoints stay usable.
+/// If files may not grow beyond a limit, as on a full disk, one line names the file, earlier checkpoints stay usable, and nothing
+/// half-written is left.
 #[test]
 fn a_full_disk_is_told_of_and_does_no_harm() {
     let place = Workplace::new();
@@ -87,7 +88,9 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
             let last = stderr.lines().last().unwrap_or_default();
             assert!(last.starts_with("error: "), "{blocks} blocks: {stderr}");
             assert!(stderr.lines().all(|line| line.contains("too large")), "{blocks} blocks: {stderr}");
+            assert_eq!(last.contains("checkpoint.writing"), last.contains("an earlier one is kept"), "{stderr}");
         }
+        assert!(!place.path(&out).join(FOLDER).join("checkpoint.writing").exists(), "{blocks} blocks");
         assert!(!output.status.success() || blocks == 32, "{blocks} blocks were enough");
         place.tiny(RUN).args(format!("--out {out}")).succeeds();
         assert_eq!(unbroken, numbers(&place, &out), "{blocks} blocks");

@@ -90,21 +90,26 @@ impl Checkpoint {
     pub fn save(&self, run: &Path) -> Result<(), TrainError> {
         let [current, previous, beside] = paths(run);
         remove(&beside)?;
-        fs::create_dir_all(&beside).map_err(|error| TrainError::file(&beside, error))?;
-        let mut files = Vec::new();
-        for (&name, bytes) in &self.parts {
-            write(&beside.join(name), bytes)?;
-            let (name, crc32) = (name.to_owned(), crc32fast::hash(bytes));
-            files.push(CheckpointFile { name, bytes: bytes.len() as u64, crc32 });
-        }
-        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
-        let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
-        write(&beside.join(MANIFEST), &text)?;
+        // A part of a checkpoint would only take up space on a full disk.
+        self.write_to(&beside).inspect_err(|_| drop(remove(&beside)))?;
         if current.exists() {
             remove(&previous)?;
             fs::rename(&current, &previous).map_err(|error| TrainError::file(&current, error))?;
         }
         fs::rename(&beside, &current).map_err(|error| TrainError::file(&current, error))
+    }
+
+    fn write_to(&self, folder: &Path) -> Result<(), TrainError> {
+        fs::create_dir_all(folder).map_err(|error| TrainError::file(folder, error))?;
+        let mut files = Vec::new();
+        for (&name, bytes) in &self.parts {
+            write(&folder.join(name), bytes)?;
+            let (name, crc32) = (name.to_owned(), crc32fast::hash(bytes));
+            files.push(CheckpointFile { name, bytes: bytes.len() as u64, crc32 });
+        }
+        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
+        let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(folder, error))?;
+        write(&folder.join(MANIFEST), &text)
     }
 
     /// Reads the newest intact checkpoint of a run; `None` if there is none. Also returns why newer ones were refused.

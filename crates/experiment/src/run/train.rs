@@ -59,7 +59,8 @@ impl Training {
         let checkpoint = self.trainer.checkpoint(&mut |event| events.push(event));
         let control = self.report(&events, watch)?;
         self.log.flush()?;
-        checkpoint.with_context(|| self.folder.display().to_string())?.save(&self.folder)?;
+        let saved = checkpoint.with_context(|| self.folder.display().to_string())?.save(&self.folder);
+        saved.context("the checkpoint could not be saved, and an earlier one is kept")?;
         Ok(control)
     }
 
