@@ -385,6 +385,12 @@ fn results_are_collected_into_one_document() {
         .succeeds();
     place.run("collect results-of-mine/fast-losses").succeeds();
     assert_has(&place.read("results.md"), &["\npreset dense ·"]);
+    // Runs of one variant with different settings have a row each.
+    for args in ["--seed 0", "--seed 1 --set train.rays=16"] {
+        place.tiny("exp fast-losses --scene knot --variant factored --out mixed").args(args).succeeds();
+    }
+    place.run("collect mixed/fast-losses").succeeds();
+    assert_has(&place.read("results.md"), &["| variant | rays |", "| factored | – |", "| factored | 16 |"]);
     // A document of the user is kept.
     place.write("notes.md", "My own notes.");
     place.write("photo.jpg", [0xff, 0xd8, 0xff]);

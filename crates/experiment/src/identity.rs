@@ -1,6 +1,7 @@
 //! Identity of a run: checksums of all that its numbers depend on. A run is only continued if none of them has changed.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
@@ -91,7 +92,7 @@ impl Identity {
         let differences = differences(&begun.parse::<Table>().with_context(damaged)?, &config.parse()?);
         let other = differences.iter().find(|difference| !difference.is_growth);
         if begun != config && (other.is_some() || differences.is_empty()) {
-            let difference = other.map_or("its text differs", |difference| &difference.text);
+            let difference = other.map_or("its text differs".to_owned(), ToString::to_string);
             bail!("{}: the run that is there has another config: {difference}; {REMEDY}", path.display());
         }
         let Some(then) = Self::read(folder) else {
@@ -101,7 +102,7 @@ impl Identity {
         changes.retain(|what| differences.is_empty() || *what != PARTS[0].1);
         let changed = changes.join(" and ");
         ensure!(changes.is_empty(), "{}: {changed} changed since the run began; {REMEDY}", folder.display());
-        let texts = differences.iter().map(|difference| difference.text.clone());
+        let texts = differences.iter().map(ToString::to_string);
         let grown = then.0.get(GROWN).cloned().into_iter().chain(texts).collect::<Vec<_>>().join(", ");
         if !grown.is_empty() {
             self.0.insert(GROWN.to_owned(), grown);
@@ -123,21 +124,30 @@ impl Identity {
 }
 
 /// A key whose value differs between two configs.
-struct Difference {
+pub(crate) struct Difference {
+    pub(crate) key: String,
+    then: String,
+    pub(crate) now: String,
     /// Whether the key is one of `GROWING` and its value has grown.
     is_growth: bool,
-    text: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} was {} and is {}", self.key, self.then, self.now)
+    }
 }
 
 /// Returns the keys at which two configs differ, in alphabetical order.
-fn differences(then: &Table, now: &Table) -> Vec<Difference> {
+pub(crate) fn differences(then: &Table, now: &Table) -> Vec<Difference> {
     let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
     let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
     let difference = |key: &String| {
         let [then, now] = [&then, &now].map(|config| config.get(key).map_or("absent", String::as_str));
         let grows = then.parse::<f64>().ok().zip(now.parse::<f64>().ok()).is_some_and(|(then, now)| then < now);
         let is_growth = grows && GROWING.contains(&key.as_str());
-        (then != now).then(|| Difference { is_growth, text: format!("{key} was {then} and is {now}") })
+        let difference = || Difference { key: key.clone(), then: then.to_owned(), now: now.to_owned(), is_growth };
+        (then != now).then(difference)
     };
     keys.into_iter().filter_map(difference).collect()
 }

@@ -1,4 +1,5 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
@@ -9,7 +10,7 @@ use crate::error::ReportError;
 use crate::events::Events;
 use crate::figures::{Figure, comparison_figures, curve_figures};
 use crate::files::{png_bytes, write_atomically};
-use crate::gallery::{MAX_PICTURED, SceneGallery, evenly_spaced, shown_variants, with_forward_slashes};
+use crate::gallery::{SceneGallery, evenly_spaced, shown_variants, with_forward_slashes};
 use crate::input::ReportInput;
 use crate::panel::compose;
 use crate::protocol::protocol_lines;
@@ -61,10 +62,9 @@ impl<'a> ReportContents<'a> {
         let tables = Quantity::all().into_iter().filter(|quantity| several && measured(&records, *quantity));
         // The protocol is printed once, above all tables.
         let bare = |table: Table, title: String| Table { title, protocol: Vec::new(), ..table };
-        let variants = shown_variants(&records);
-        if variants.len() < groups(records.iter().copied()).len() {
-            missing.push(format!("images and curves of all but the {MAX_PICTURED} variants with the highest PSNR"));
-        }
+        let (variants, left_out) = shown_variants(&records);
+        let best = format!("images and curves of all but the {} variants with the highest PSNR", variants.len());
+        missing.extend((left_out > 0).then_some(best));
         // Images of a view: the truth, and the render, depth and error of each variant.
         let of_a_view = 3 * variants.len() + 1;
         let most = (MAX_IMAGES / (of_a_view * names.len().max(1))).clamp(1, MAX_VIEWS);
@@ -101,8 +101,12 @@ impl<'a> ReportContents<'a> {
     }
 
     pub(crate) fn write_plots(&self, root: &Path) -> Result<(), ReportError> {
-        if let Some(png) = &self.panel {
-            write_atomically(&root.join(PANEL), png)?;
+        let panel = root.join(PANEL);
+        match &self.panel {
+            Some(png) => write_atomically(&panel, png)?,
+            // An earlier figure is of fewer scenes or variants.
+            None if panel.exists() => fs::remove_file(&panel).map_err(ReportError::io("remove", &panel))?,
+            None => {}
         }
         // Variants that differ in punctuation alone would share a name.
         let mut names = BTreeSet::new();

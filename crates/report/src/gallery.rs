@@ -13,7 +13,7 @@ use crate::record::{Record, distinct};
 use crate::table::{VariantGroup, groups};
 
 /// Maximum number of variants whose images and curves are shown.
-pub(crate) const MAX_PICTURED: usize = 12;
+const MAX_PICTURED: usize = 12;
 /// Maximum width and height of an image in the page; larger ones are scaled down.
 const MAX_SIDE: u32 = 512;
 /// Kinds of images of a view, in the order of the rows, with the folder of each.
@@ -43,15 +43,18 @@ pub(crate) struct GalleryImage {
     pub(crate) height: u32,
 }
 
-/// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order.
-pub(crate) fn shown_variants<'a>(records: &[&'a Record]) -> Vec<VariantGroup<'a>> {
+/// Returns the variants whose images and curves are shown: all, or those with the highest PSNR, in their order; and the number
+/// of the others.
+pub(crate) fn shown_variants<'a>(records: &[&'a Record]) -> (Vec<VariantGroup<'a>>, usize) {
     let scenes = distinct(records, |record| record.scene.clone());
     let groups = groups(records.iter().copied());
     let psnr = groups.iter().map(|group| group.mean(Quantity::PSNR, &scenes).unwrap_or(f64::NEG_INFINITY));
     let mut ranked: Vec<(f64, usize)> = psnr.zip(0..).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     let best: HashSet<usize> = ranked.into_iter().take(MAX_PICTURED).map(|(_, index)| index).collect();
-    groups.into_iter().enumerate().filter(|(index, _)| best.contains(index)).map(|(_, group)| group).collect()
+    let left_out = groups.len() - best.len();
+    let shown = groups.into_iter().enumerate().filter(|(index, _)| best.contains(index)).map(|(_, group)| group);
+    (shown.collect(), left_out)
 }
 
 impl<'a> SceneGallery<'a> {

@@ -59,7 +59,7 @@ pub use files::{save_png, write_atomically};
 pub use gallery::picture_names;
 pub use input::ReportInput;
 pub use markdown::{WRITTEN_BY, results_document};
-pub use panel::panel;
+pub use panel::{Panel, panel};
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;

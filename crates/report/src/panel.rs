@@ -16,16 +16,26 @@ const HEADING: u32 = 24;
 
 const TRUTH: &str = "truth";
 
+/// Comparison figure of some runs.
+#[derive(Debug)]
+pub struct Panel {
+    /// The figure.
+    pub picture: RgbImage,
+    /// `scene/variant` of each run that has no render of the view.
+    pub missing: Vec<String>,
+    /// Number of variants that are left out: all but the twelve with the highest PSNR.
+    pub left_out: usize,
+}
+
 /// Draws the figure of `records`, whose folders lie below `root`: the lowest seed of each variant, and the test view of
-/// each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing images stay white. Also
-/// returns `scene/variant` of each run that has no render of the view.
+/// each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing images stay white.
 ///
 /// # Errors
 /// If no run has an image of that view, or the labels cannot be drawn.
-pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<(RgbImage, Vec<String>), ReportError> {
+pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Panel, ReportError> {
     let records: Vec<&Record> = records.iter().collect();
     let choose = |all: Vec<String>| view.map_or_else(|| evenly_spaced(all, 1), |view| vec![format!("{view:03}")]);
-    let variants = shown_variants(&records);
+    let (variants, left_out) = shown_variants(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
     let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());
     let galleries: Vec<SceneGallery> = scenes.map(gallery).collect();
@@ -35,7 +45,8 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<(Rg
         let variants = gallery.runs.iter().enumerate().filter(|(run, _)| is_missing(*run));
         missing.extend(variants.map(|(_, (_, record))| format!("{}/{}", gallery.scene, record.variant)));
     }
-    compose(&galleries.iter().collect::<Vec<_>>())?.map(|figure| (figure, missing)).ok_or_else(|| {
+    let picture = compose(&galleries.iter().collect::<Vec<_>>())?;
+    picture.map(|picture| Panel { picture, missing, left_out }).ok_or_else(|| {
         let wanted = view.map_or("any test view".to_owned(), |view| format!("test view {view}"));
         ReportError(format!("{}: no run has an image of {wanted}", root.display()))
     })

@@ -31,7 +31,7 @@ struct CollectionPage<'a> {
 }
 
 /// Writes `report.html`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs lie, and
-/// returns the path of the page, which needs no other file.
+/// returns the path of the page, which needs no other file. More than eight scenes or variants have no `figure.png`.
 ///
 /// Images and events that are missing or cannot be read are left out and named in the report.
 ///

@@ -7,8 +7,8 @@ use image::{Rgb, RgbImage};
 use infonerf_metrics::{METRICS, Summary};
 use infonerf_report::chart::ChartFrame;
 use infonerf_report::{
-    Figure, Published, PublishedRow, Quantity, Record, ReportInput, TestViews, VIEWER_PAGE, panel, run_directory,
-    write_report,
+    Figure, Panel, Published, PublishedRow, Quantity, Record, ReportInput, TestViews, VIEWER_PAGE, panel,
+    run_directory, write_report,
 };
 use serde_json::json;
 
@@ -116,7 +116,8 @@ fn panel_has_a_row_for_each_scene() {
     let root = tempfile::tempdir().unwrap();
     let mut records = example(root.path());
     records.retain(|record| record.scene == "knot" || record.variant == "nerf");
-    let (figure, _) = panel(&records, root.path(), Some(8)).unwrap();
+    let Panel { picture: figure, left_out, .. } = panel(&records, root.path(), Some(8)).unwrap();
+    assert_eq!(left_out, 0);
     assert_eq!(figure.dimensions(), (5 * 248 + 8, 2 * 264 + 8));
     let truth = RgbImage::from(image::open(root.path().join("knot/nerf/seed0/truth/008.png")).unwrap());
     let (shown, own) = (figure.get_pixel(8 + 120, 24 + 120).0, truth.get_pixel(32, 32).0);
@@ -128,8 +129,7 @@ fn panel_has_a_row_for_each_scene() {
     let error = panel(&records, root.path(), Some(7)).unwrap_err().to_string();
     assert!(error.ends_with("no run has an image of test view 7"), "{error}");
     fs::remove_file(root.path().join("knot/infonerf/seed0/test/008.png")).unwrap();
-    let (_, missing) = panel(&records, root.path(), Some(8)).unwrap();
-    assert_eq!(missing, ["knot/infonerf"]);
+    assert_eq!(panel(&records, root.path(), Some(8)).unwrap().missing, ["knot/infonerf"]);
 }
 
 #[test]
@@ -154,6 +154,20 @@ fn missing_files_are_named_and_the_rest_is_shown() {
     ] {
         assert!(html.contains(&format!("<li>{start}")), "{start}");
     }
+}
+
+/// A figure of all scenes is for eight variants at most, and one that is asked for has the twelve with the highest PSNR.
+#[test]
+fn many_variants_are_left_out_and_leave_no_stale_figure() {
+    let root = tempfile::tempdir().unwrap();
+    let mut records = example(root.path());
+    let figure = root.path().join("figure.png");
+    write_report(&ReportInput::new("e", "Report", records.clone()), root.path()).unwrap();
+    assert!(figure.is_file());
+    records.extend((0..11).map(|i| record("knot", &format!("other{i}"), 0, 10.0)));
+    write_report(&ReportInput::new("e", "Report", records.clone()), root.path()).unwrap();
+    assert!(!figure.exists());
+    assert_eq!(panel(&records, root.path(), Some(8)).unwrap().left_out, 1);
 }
 
 #[test]

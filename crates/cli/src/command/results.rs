@@ -10,7 +10,8 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use infonerf_experiment::sweep;
 use infonerf_report::{
-    Record, ReportInput, WRITTEN_BY, counted, panel, results_document, save_png, write_atomically, write_tensorboard,
+    Panel, Record, ReportInput, WRITTEN_BY, counted, panel, results_document, save_png, write_atomically,
+    write_tensorboard,
 };
 
 use crate::command_line;
@@ -90,12 +91,16 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
     let mut records = sweep::results(&args.folder)?;
     check(&Vec::from_iter(&records), "")?;
     records.retain(|record| options.iter().all(|(_, names, of)| names.is_empty() || names.contains(of(record))));
-    let (picture, missing) = panel(&records, &args.folder, args.view)?;
+    let Panel { picture, missing, left_out } = panel(&records, &args.folder, args.view)?;
     let view = args.view.map_or("a test view".to_owned(), |view| format!("test view {view}"));
     let is_missing = |record: &Record| missing.contains(&format!("{}/{}", record.scene, record.variant));
     let shown: Vec<&Record> = records.iter().filter(|record| !is_missing(record)).collect();
     check(&shown, &format!(" with an image of {view}"))?;
     missing.iter().for_each(|run| errln!("warning: {run}: no image of {view}"));
+    if left_out > 0 {
+        let variants = counted(left_out, "variant");
+        errln!("warning: the figure leaves out the {variants} with the lowest PSNR; --variant chooses others");
+    }
     save_png(&picture, out)?;
     outln!("figure: {}", out.display());
     Ok(ExitCode::SUCCESS)

@@ -45,8 +45,12 @@ impl Grid {
         let values = split(list).with_context(context)?;
         let is_whole = !values.iter().any(String::is_empty);
         ensure!(is_whole, "--grid {text}: expected values separated by commas, found an empty one");
-        if let Some((_, value)) = values.iter().enumerate().find(|(index, value)| values[..*index].contains(value)) {
-            bail!("--grid {text}: {value} is given twice");
+        let meanings = values.iter().map(|value| meaning(value)).collect::<Result<Vec<Value>>>()?;
+        let equal = |(later, value): (usize, &Value)| {
+            Some((meanings[..later].iter().position(|earlier| earlier == value)?, later))
+        };
+        if let Some((earlier, later)) = meanings.iter().enumerate().find_map(equal) {
+            bail!("--grid {text}: expected different values, found {} and {}", values[earlier], values[later]);
         }
         Ok(Self { path, values })
     }
@@ -59,6 +63,12 @@ impl Grid {
     pub(super) fn number(&self, index: usize) -> Option<f64> {
         self.values.get(index)?.parse::<f64>().ok().filter(|number| number.is_finite())
     }
+}
+
+/// Parses a value as `--set` does; numbers are equal however they are written.
+fn meaning(text: &str) -> Result<Value> {
+    let (_, value) = config::parse_assignment(&format!("value={text}"))?;
+    Ok(value.as_integer().map_or(value, |number| Value::Float(number as f64)))
 }
 
 /// Whether one of two keys is equal to the other or a parent of it.

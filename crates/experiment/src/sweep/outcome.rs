@@ -1,6 +1,6 @@
 //! Writes `results.json`, tables and the report from a sweep's records, and reads the input of reports.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use infonerf_report::{Quantity, Record, ReportInput, Setting, Table, overview_ta
 
 use super::figures::figures;
 use super::{Item, Sweep, assignments};
+use crate::identity::differences;
 use crate::plan::About;
 use crate::records::{LIST, list_records, read_records};
 use crate::run_plan::RunPlan;
@@ -35,7 +36,7 @@ pub fn results(folder: &Path) -> Result<Vec<Record>> {
     read_records(&path)
 }
 
-/// Reads the input of a report on the experiment or sweep in `folder`.
+/// Reads the input of a report on the experiment or sweep in `folder`. Runs of a variant with different settings have a row each.
 ///
 /// # Errors
 /// If there are no records, or the folder of one of the runs is gone.
@@ -48,8 +49,27 @@ pub fn collect(folder: &Path) -> Result<ReportInput> {
     about.data.clone_from(&plans[0].data);
     // A run that was begun anew with another preset has left its earlier record in the list.
     let pairs = records.into_iter().zip(plans).filter(|(record, plan)| record.preset == plan.preset.name());
-    let (records, plans): (Vec<_>, Vec<_>) = pairs.unzip();
+    let (mut records, plans): (Vec<_>, Vec<_>) = pairs.unzip();
+    separate(&mut records, &plans)?;
     about.report_input(records, &plans.iter().collect::<Vec<_>>())
+}
+
+/// Adds to the variant of each run the settings in which it differs from the first run of the same variant and preset.
+fn separate(records: &mut [Record], plans: &[RunPlan]) -> Result<()> {
+    let mut firsts: HashMap<(&str, &str), toml::Table> = HashMap::new();
+    for (record, plan) in records.iter_mut().zip(plans) {
+        let mut config: toml::Table = toml::to_string(&plan.config)?.parse()?;
+        config.extend(plan.budget.map(|budget| ("budget_seconds".to_owned(), budget.into())));
+        let first = firsts.entry((&plan.variant, plan.preset.name())).or_insert_with(|| config.clone());
+        let differences = differences(first, &config);
+        if !differences.is_empty() {
+            let variant = record.variant.clone();
+            let setting = record.setting.get_or_insert_with(|| Setting { variant, ..Setting::default() });
+            setting.values.extend(differences.into_iter().map(|difference| (difference.key, difference.now)));
+            record.variant = record.label();
+        }
+    }
+    Ok(())
 }
 
 impl Sweep {
