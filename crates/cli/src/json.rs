@@ -68,6 +68,7 @@ impl JsonEvents {
             RunEvent::Evaluating { view, views } => {
                 json!({ "event": "evaluating", "run": run, "view": view, "views": views })
             }
+            RunEvent::Measuring => return None,
             RunEvent::Warning(warning) => json!({ "event": "warning", "run": run, "warning": warning }),
             RunEvent::Note(note) => json!({ "event": "note", "run": run, "note": note }),
         })

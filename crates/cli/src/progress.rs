@@ -88,6 +88,7 @@ impl ProgressDisplay {
                     self.bar.finish_and_clear();
                 }
             }
+            RunEvent::Measuring => {}
             RunEvent::Warning(warning) => self.bar.suspend(|| errln!("warning: {warning}")),
             RunEvent::Note(note) => self.bar.suspend(|| outln!("{note}")),
         }

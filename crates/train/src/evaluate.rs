@@ -5,11 +5,10 @@ use std::time::Instant;
 
 use infonerf_field::Field;
 use infonerf_metrics::{Depths, Evaluator, METRICS, Mask, Measured, Metric, Networks, Pair, Picture, Protocol, Values};
-use infonerf_render::{Pivot, RenderedImage, Renderer, TrainedModel, render_tested};
+use infonerf_render::{RenderedImage, Renderer, TrainedModel, render_tested};
 use infonerf_scene::View;
 
 use crate::error::TrainError;
-use crate::test_pose::fit_test_pose;
 
 /// Mean opacity below which a picture counts as empty.
 const EMPTY_PICTURE: f32 = 1e-3;
@@ -76,8 +75,7 @@ impl<'a> Evaluation<'a> {
     }
 
     /// Renders `view`, the mean of the members' pictures, and compares it with its photograph, whose own residual is left
-    /// out of the picture ([`render_tested`]). With the pivot and a number of steps to `fit`, the pose of each member's
-    /// camera is fitted to the photograph before ([`fit_test_pose`]); with 0 steps it stays as it is.
+    /// out of the picture ([`render_tested`]).
     ///
     /// # Errors
     /// If a render is not finite.
@@ -86,12 +84,7 @@ impl<'a> Evaluation<'a> {
         renderer: &Renderer,
         members: &[TrainedModel<F>],
         view: &View,
-        fit: Option<(Pivot, usize)>,
     ) -> Result<TestView, TrainError> {
-        let fitted = fit.filter(|(_, steps)| *steps > 0).map(|(pivot, steps)| {
-            members.iter().map(|member| fit_test_pose(renderer, member, view, pivot, steps)).collect::<Vec<_>>()
-        });
-        let members = fitted.as_deref().unwrap_or(members);
         let start = Instant::now();
         let image = render_tested(renderer, members, view);
         let seconds = start.elapsed().as_secs_f64();
@@ -131,5 +124,5 @@ pub fn evaluate_view<F: Field>(
     members: &[TrainedModel<F>],
     view: &View,
 ) -> Result<TestView, TrainError> {
-    Evaluation::new(&Networks::none(), &Protocol::default()).add(renderer, members, view, None)
+    Evaluation::new(&Networks::none(), &Protocol::default()).add(renderer, members, view)
 }

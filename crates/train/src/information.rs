@@ -39,7 +39,8 @@ pub struct InformationQuery<'a> {
     pub seed: u64,
 }
 
-/// Measures entropy and information gain on random rays of the test views, without gradients; `None` without rays.
+/// Measures entropy and information gain on random rays of the test views, without gradients; `None` without rays, or once
+/// `go_on`, which is called before each bundle of rays, returns false.
 ///
 /// Hidden and empty samples are treated as in training.
 pub fn information<F: Field>(
@@ -47,6 +48,7 @@ pub fn information<F: Field>(
     trained: &TrainedModel<F>,
     scene: &Scene,
     query: InformationQuery<'_>,
+    go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Information> {
     let InformationQuery { loss, neighbours, rays: count, seed } = query;
     if count == 0 || scene.test.is_empty() {
@@ -65,6 +67,9 @@ pub fn information<F: Field>(
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
     let chunk = renderer.rays_at_once(trained.at);
     for start in (0..count).step_by(chunk) {
+        if !go_on() {
+            return None;
+        }
         let (rays, near): (Vec<Ray>, Vec<Ray>) = (start..(start + chunk).min(count)).map(pair).unzip();
         let request = RenderRequest { color: false, hidden: false };
         let occupancy = trained.occupancy.as_ref();

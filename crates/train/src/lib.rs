@@ -37,5 +37,5 @@ pub use model::weights;
 pub use pixels::Pixels;
 pub use profile::{Phase, Profile};
 pub use progress::Progress;
-pub use test_pose::fit_test_pose;
+pub use test_pose::fit_test_poses;
 pub use trainer::{Outcome, StepBatch, Trainer};

@@ -1,5 +1,7 @@
 //! The pose of a test view, fitted to its photograph before it is measured.
 
+use std::borrow::Cow;
+
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use infonerf_field::Field;
@@ -14,16 +16,32 @@ const RAYS: usize = 512;
 /// Adam's learning rate at the first step; it falls linearly to 0.
 const RATE: f64 = 2e-3;
 
-/// Optimizes the pose of `view` for `steps` Adam steps with the field fixed (BARF, Lin et al. 2021, Sec. 4), and returns
-/// `trained` with the frame in which it shows the view. The pose begins where the alignment of the training cameras puts it.
+/// Optimizes the pose of `view` for `steps` Adam steps with each member's field fixed (BARF, Lin et al. 2021, Sec. 4), and
+/// returns the members with the frames in which they show the view. A pose begins where the alignment of the training cameras
+/// puts it, and stays as it is once `go_on`, which is called before each step, returns false.
 ///
 /// The error of pictures then excludes that of poses. The view's image determines six values; a new view has no image.
-pub fn fit_test_pose<F: Field>(
+pub fn fit_test_poses<'a, F: Field>(
+    renderer: &Renderer,
+    members: &'a [TrainedModel<F>],
+    view: &View,
+    pivot: Pivot,
+    steps: usize,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Cow<'a, [TrainedModel<F>]> {
+    if steps == 0 {
+        return Cow::Borrowed(members);
+    }
+    members.iter().map(|member| fit_test_pose(renderer, member, view, pivot, steps, go_on)).collect()
+}
+
+fn fit_test_pose<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
     view: &View,
     pivot: Pivot,
     steps: usize,
+    go_on: &mut dyn FnMut() -> bool,
 ) -> TrainedModel<F> {
     let start = trained.camera(&view.camera);
     let cameras = [start.clone()];
@@ -37,6 +55,9 @@ pub fn fit_test_pose<F: Field>(
     // A view without a valid pixel keeps its pose.
     let steps = if pixels.is_empty() { 0 } else { steps };
     for step in 0..steps {
+        if !go_on() {
+            break;
+        }
         let noise = Noise::new(view.id as u64, step as u64, RandomStream::SeenRays);
         let drawn: Vec<usize> = (0..RAYS).map(|ray| pixels[noise.below(ray, 0, pixels.len())]).collect();
         let stride = image.width as usize;

@@ -35,7 +35,7 @@ fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3
 fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
     let Config { loss, train, eval, .. } = config;
     let query = InformationQuery { loss, neighbours: &train.neighbours, rays: eval.information_rays, seed };
-    information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query).unwrap()
+    information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query, &mut || true).unwrap()
 }
 
 /// Checks that the reported information gain uses the same centre of rotation for neighbours as training.

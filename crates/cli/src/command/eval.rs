@@ -12,7 +12,7 @@ use infonerf_metrics::{
 use infonerf_render::Pivot;
 use infonerf_report::{PictureComparison, counted};
 use infonerf_scene::{TestProtocol, View};
-use infonerf_train::{Evaluated, Evaluation, TestView};
+use infonerf_train::{Evaluated, Evaluation, TestView, fit_test_poses};
 
 use crate::print::{errln, outln};
 use crate::progress::counting_bar;
@@ -185,10 +185,12 @@ fn evaluate(
     mut evaluation: Evaluation<'_>,
     mut show: impl FnMut(&View, &TestView),
 ) -> Result<Evaluated> {
-    let fit = Some((Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps));
+    let (renderer, pivot, steps) =
+        (trained.renderer(), Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps);
     let bar = counting_bar("test views", views.len());
     for view in views {
-        let tested = evaluation.add(trained.renderer(), &trained.models, view, fit)?;
+        let members = fit_test_poses(renderer, &trained.models, view, pivot, steps, &mut || true);
+        let tested = evaluation.add(renderer, &members, view)?;
         bar.suspend(|| show(view, &tested));
         bar.inc(1);
     }

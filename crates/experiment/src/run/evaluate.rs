@@ -10,7 +10,10 @@ use infonerf_render::Pivot;
 use infonerf_report::{CameraErrors, Record, TestViews, depth_image, error_image, save_png};
 use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol, View};
 use infonerf_train::config::{Disturbance, Unseen};
-use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, information};
+use infonerf_train::{
+    Config, Evaluated, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, fit_test_poses,
+    information,
+};
 
 use crate::run::{Control, RunEvent, Session, Trained, Watch};
 use crate::run_plan::RunPlan;
@@ -19,28 +22,27 @@ use crate::run_plan::RunPlan;
 /// stops the evaluation. `progress` is that of all fields, including the `left_out` ones that went empty.
 pub(super) fn evaluate(
     session: &Session,
-    Trained { plan, trainers, models, .. }: &Trained,
+    trained: &Trained,
     folder: &Path,
     progress: &Progress,
     left_out: usize,
     watch: &mut Watch<'_>,
 ) -> Result<Option<Record>> {
-    let (scene, renderer) = (trainers[0].scene(), trainers[0].renderer());
+    let Trained { plan, trainers, .. } = trained;
+    let scene = trainers[0].scene();
     let protocol = plan.config.eval.metric_protocol();
-    let mut evaluation = Evaluation::new(&session.networks, &protocol);
     let tested = plan.config.eval.measured(&scene.test);
-    for (index, view) in tested.iter().enumerate() {
-        if watch(RunEvent::Evaluating { view: index, views: tested.len() }) == Control::Stop {
-            return Ok(None);
-        }
-        let fit = Some((Pivot::of(scene), plan.config.eval.pose_steps));
-        let result = evaluation.add(renderer, models, view, fit)?;
-        write_pictures(folder, scene, view, &result)?;
+    let mut stopped = false;
+    let mut go_on = |event: RunEvent<'_>| {
+        stopped = stopped || watch(event) == Control::Stop;
+        !stopped
+    };
+    let evaluation = Evaluation::new(&session.networks, &protocol);
+    let Some(evaluated) = measure(evaluation, trained, &tested, folder, &mut go_on)? else { return Ok(None) };
+    let information = information_of(plan, trainers, &mut || go_on(RunEvent::Measuring));
+    if stopped {
+        return Ok(None);
     }
-    let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
-    let evaluated = evaluation.finish().context("no test views")?;
-    let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
-    let information = information_of(plan, trainers);
     let has_files = matches!(plan.source, SceneSource::Folder { .. });
     let files = |views: &[&View]| views.iter().filter(|_| has_files).map(|view| view.file.clone()).collect();
     let measured = evaluated.measured.representable();
@@ -50,6 +52,8 @@ pub(super) fn evaluate(
     notes.extend((left_out > 0).then(empty));
     notes.extend(filled_note(scene, evaluated.opacity));
     notes.extend(measured.notes.iter().map(ToString::to_string));
+    let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
+    let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
     Ok(Some(Record {
         experiment: plan.experiment.clone(),
         scene: plan.scene.clone(),
@@ -83,6 +87,32 @@ pub(super) fn evaluate(
     }))
 }
 
+/// Renders and measures the `tested` views, and writes their images; `None` if `go_on` returns false.
+fn measure(
+    mut evaluation: Evaluation<'_>,
+    Trained { plan, trainers, models, .. }: &Trained,
+    tested: &[&View],
+    folder: &Path,
+    go_on: &mut dyn FnMut(RunEvent<'_>) -> bool,
+) -> Result<Option<Evaluated>> {
+    let (scene, renderer, steps) = (trainers[0].scene(), trainers[0].renderer(), plan.config.eval.pose_steps);
+    for (index, view) in tested.iter().enumerate() {
+        if !go_on(RunEvent::Evaluating { view: index, views: tested.len() }) {
+            return Ok(None);
+        }
+        let mut stopped = false;
+        let members = fit_test_poses(renderer, models, view, Pivot::of(scene), steps, &mut || {
+            stopped = !go_on(RunEvent::Measuring);
+            !stopped
+        });
+        if stopped {
+            return Ok(None);
+        }
+        write_pictures(folder, scene, view, &evaluation.add(renderer, &members, view)?)?;
+    }
+    evaluation.finish().context("no test views").map(Some)
+}
+
 /// Writes a test view's render, truth, depth and error below a run's folder.
 fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) -> Result<()> {
     let image = &result.image;
@@ -100,14 +130,15 @@ fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) 
 }
 
 /// Returns the ray entropy and information gain on test rays, the mean over the fields.
-fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
+fn information_of(plan: &RunPlan, trainers: &[Trainer], go_on: &mut dyn FnMut() -> bool) -> Option<Information> {
     let query = InformationQuery {
         loss: &plan.config.loss,
         neighbours: &plan.config.train.neighbours,
         rays: plan.config.eval.information_rays,
         seed: plan.seed,
     };
-    let of_member = |trainer: &Trainer| information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query);
+    let of_member =
+        |trainer: &Trainer| information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query, go_on);
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 

@@ -89,6 +89,8 @@ pub enum RunEvent<'a> {
         /// Number of test views.
         views: usize,
     },
+    /// A step of fitting a test view's pose, or of measuring ray entropy, begins.
+    Measuring,
     /// A warning for the user.
     Warning(String),
     /// Information for the user that is not a warning.

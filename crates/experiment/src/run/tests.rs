@@ -81,6 +81,23 @@ fn training_is_saved_when_its_watcher_panics() {
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
 }
 
+/// A run is stopped before the second step of a pose's fit, and then while ray entropy is measured; in the end it has a record.
+#[test]
+fn evaluation_is_stopped_within_its_steps() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan(&["eval.pose_steps=4"]);
+    for last in [2, 5] {
+        let mut begun = 0;
+        let mut watch = |event: RunEvent<'_>| {
+            begun += usize::from(matches!(event, RunEvent::Measuring));
+            if begun == last { Control::Stop } else { Control::Continue }
+        };
+        assert!(matches!(run(out.path(), &plan, &mut watch).unwrap(), Finished::Stopped));
+        assert_eq!(begun, last);
+    }
+    assert!(record(out.path(), &plan).0.ray_entropy_bits.is_some());
+}
+
 /// Reading a run returns warnings if fields are missing or training is unfinished.
 #[test]
 fn missing_fields_and_unfinished_training_are_warned_of() {

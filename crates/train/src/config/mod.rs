@@ -100,7 +100,7 @@ pub struct EvalConfig {
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
-    /// Steps that fit each test view's pose before it is measured (BARF, [`crate::fit_test_pose`]); 0 for none.
+    /// Steps that fit each test view's pose before it is measured (BARF, [`crate::fit_test_poses`]); 0 for none.
     #[serde(default, skip_serializing_if = "is_default")]
     pub pose_steps: usize,
     /// Maximal number of test views that are measured, spread evenly over all; 0 for all of them.
