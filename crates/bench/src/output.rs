@@ -12,7 +12,7 @@ use crate::context::{Bench, Conditions};
 
 #[derive(Serialize)]
 struct ResultsFile<'a, R> {
-    about: &'a Conditions,
+    about: Conditions<'a>,
     protocol: &'a str,
     #[serde(flatten)]
     more: Value,
@@ -22,12 +22,12 @@ struct ResultsFile<'a, R> {
 impl Bench {
     /// Writes `rows` to `results.json`, with the machine, the description `protocol` and the fields of `more`.
     pub(crate) fn save_results<R: Serialize>(&self, protocol: &str, rows: &[R], more: Value) -> Result<()> {
-        let json = serde_json::to_string_pretty(&ResultsFile { about: &self.conditions, protocol, more, rows })?;
+        let json = serde_json::to_string_pretty(&ResultsFile { about: self.conditions(), protocol, more, rows })?;
         self.save("results.json", &(json + "\n"))
     }
 
     pub(crate) fn save_csv(&self, table: &TextTable) -> Result<()> {
-        self.save(&format!("{}.csv", self.conditions.benchmark), &table.to_csv())
+        self.save(&format!("{}.csv", self.name), &table.to_csv())
     }
 
     pub(crate) fn save(&self, name: &str, text: &str) -> Result<()> {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::Result;
-use infonerf_experiment::RunPlan;
+use infonerf_experiment::{RunPlan, Watch};
 use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_frontier, standalone};
 use infonerf_report::{Emphasis, Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
@@ -19,13 +19,13 @@ const PROTOCOL: &str = "each row is an independent run whose schedule follows th
                         without loading and evaluation; points are means over scenes and seeds";
 
 /// Measures quality after each of the training times `budgets`, and prints the Pareto frontier.
-pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str)) -> Result<()> {
-    print("");
+pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str), watch: &mut Watch<'_>) -> Result<()> {
+    print(&format!("{}\n", bench.heading()));
     let mut records: Vec<Record> = Vec::new();
     for plan in &bench.plans {
         for budget in budgets {
             let budget = budget.as_secs_f64();
-            let record = bench.trial(&RunPlan { budget: Some(budget), ..plan.clone() })?;
+            let record = bench.trial(&RunPlan { budget: Some(budget), ..plan.clone() }, watch)?;
             let (label, psnr, steps) = (plan.label(), number(Quantity::PSNR.value(&record), 2), record.iterations);
             print(&format!("{label} in {budget} s: {psnr} dB after {steps} steps"));
             records.push(measured_with(record, "budget", format!("{budget} s")));
@@ -72,7 +72,7 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
         if points.is_empty() {
             continue;
         }
-        let cores = bench.conditions.cores;
+        let cores = bench.conditions().cores;
         let frame = ChartFrame {
             title: format!("{} over training time, {all}, {cores} CPU cores", quantity.name()),
             x: Axis::log("training (s)"),

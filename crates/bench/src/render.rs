@@ -3,17 +3,17 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use infonerf_experiment::RunPlan;
+use infonerf_experiment::{RunPlan, Watch};
 use infonerf_render::render_image;
 use infonerf_report::TextTable;
 use infonerf_scene::resized_dimensions;
-use infonerf_train::{Outcome, Trainer};
+use infonerf_train::Trainer;
 use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Bench;
 use crate::output::median;
-use crate::trial::with_settings;
+use crate::trial::{train, with_settings};
 
 const FRAMES: usize = 3;
 
@@ -32,13 +32,14 @@ struct FrameTiming {
 }
 
 /// Measures seconds per frame after `steps` of training, for each of `sizes`, the longest side in pixels.
-pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<()> {
+pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str), watch: &mut Watch<'_>) -> Result<()> {
+    print(&bench.heading());
     let mut rows = Vec::new();
     for plan in &bench.plans {
         let plan = with_settings(plan, &[format!("train.iterations={steps}")])?;
         let mut trainer = bench.trainer(&plan)?;
-        while trainer.step(&mut |_| ()).with_context(|| plan.label())? == Outcome::Running {}
-        rows.extend(frames(&trainer, &plan, sizes)?);
+        train(&mut trainer, watch).with_context(|| plan.label())?;
+        rows.extend(frames(&trainer, &plan, sizes, print)?);
     }
     let table = TextTable::new(
         &rows,
@@ -57,13 +58,14 @@ pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)
 }
 
 /// Renders the first test cameras at each of `sizes`.
-fn frames(trainer: &Trainer, plan: &RunPlan, sizes: &[u32]) -> Result<Vec<FrameTiming>> {
+fn frames(trainer: &Trainer, plan: &RunPlan, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<Vec<FrameTiming>> {
     let learned = [trainer.trained()];
     let views = &trainer.scene().test;
     let first = &views.first().with_context(|| format!("{}: no test views", plan.label()))?.camera;
     let mut rows = Vec::new();
     for &size in sizes {
         let (width, height) = resized_dimensions(first.width, first.height, size);
+        print(&format!("{}: rendering {width}x{height}", plan.label()));
         let frame = |index: usize| {
             let camera = views[index % views.len()].camera.resized(width, height);
             let start = Instant::now();

@@ -1,6 +1,7 @@
 //! Time, samples and quality of each way of skipping work: all off, all on, each one off alone, and without unseen rays.
 
 use anyhow::{Context, Result};
+use infonerf_experiment::Watch;
 use infonerf_report::{Emphasis, Quantity, Record, TextTable, overview_table};
 use infonerf_train::Config;
 use serde_json::json;
@@ -35,8 +36,8 @@ fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
 }
 
 /// Measures time, samples and quality with each way of skipping switched off, in runs of `steps` if given.
-pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
-    print("");
+pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str), watch: &mut Watch<'_>) -> Result<()> {
+    print(&format!("{}\n", bench.heading()));
     let mut records: Vec<Record> = Vec::new();
     for (case, settings) in cases(&bench.plans[0].config) {
         for plan in &bench.plans {
@@ -44,7 +45,7 @@ pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Re
             let mut all = vec![FIXED_RAYS.to_owned(), format!("train.iterations={iterations}")];
             all.extend(settings.iter().cloned());
             let plan = with_settings(plan, &all).with_context(|| case.clone())?;
-            let record = bench.trial(&plan)?;
+            let record = bench.trial(&plan, watch)?;
             let (label, seconds, psnr) = (plan.label(), record.train_seconds, number(Quantity::PSNR.value(&record), 2));
             print(&format!("{case}, {label}: {seconds:.1} s, {psnr} dB"));
             records.push(measured_with(record, "case", case.clone()));

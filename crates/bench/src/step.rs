@@ -36,27 +36,37 @@ struct PhaseTiming {
 
 /// Measures milliseconds per step by phase, from an untrained field. `steps` are `[warm-up, measured]`.
 pub fn run(bench: &Bench, steps: [u32; 2], print: &mut dyn FnMut(&str)) -> Result<()> {
+    print(&bench.heading());
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let row = measure(bench, plan, steps.map(|count| count as usize))?;
+        let row = measure(bench, plan, steps.map(|count| count as usize), print)?;
         print(&text(&row));
         rows.push(row);
     }
     bench.save_results(PROTOCOL, &rows, json!({}))
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, [warmup, steps]: [usize; 2]) -> Result<RunTiming> {
+fn measure(
+    bench: &Bench,
+    plan: &RunPlan,
+    [warmup, steps]: [usize; 2],
+    print: &mut dyn FnMut(&str),
+) -> Result<RunTiming> {
+    let label = plan.label();
     let iterations = plan.config.train.iterations.max(warmup + 2 * steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
+    print(&format!("{label}: {warmup} steps of warm-up"));
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
+    print(&format!("{label}: {steps} steps"));
     let before = Traffic::now();
     let mut seconds = step_seconds(&mut trainer, steps)?;
     let traffic = Traffic::now() - before;
     let last_step = trainer.progress().step;
     trainer.synchronize_phases();
     let before = trainer.profile().clone();
+    print(&format!("{label}: {steps} steps by phase"));
     let synchronised = step_seconds(&mut trainer, steps)?;
     ensure!(!synchronised.is_empty(), "bench step: the run is over before there is a step to measure");
     let total: f64 = synchronised.iter().sum();
@@ -67,8 +77,8 @@ fn measure(bench: &Bench, plan: &RunPlan, [warmup, steps]: [usize; 2]) -> Result
     phases.push(timing("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
-    let (run, median_ms) = (plan.label(), 1e3 * median(&seconds));
-    Ok(RunTiming { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases })
+    let median_ms = 1e3 * median(&seconds);
+    Ok(RunTiming { run: label, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases })
 }
 
 fn text(row: &RunTiming) -> String {

@@ -95,6 +95,7 @@ struct SettingOutcome {
 
 /// Trains tiny runs that are made to diverge or collapse; returns whether all losses, weights and renders were finite.
 pub fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
+    print(&bench.heading());
     let mut rows = Vec::new();
     let fast = FAST.map(|(name, settings, change)| (name, FACTORED, settings, change));
     let mlp = MLP.map(|(name, settings)| (name, NERF, settings, keep as Change));

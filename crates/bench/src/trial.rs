@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use infonerf_experiment::{Finished, RunPlan};
+use infonerf_experiment::{Finished, RunEvent, RunPlan, Watch};
 use infonerf_report::{Record, Setting};
 use infonerf_train::{Config, Event, Outcome, Trainer, config};
 
@@ -16,12 +16,27 @@ impl Bench {
     }
 
     /// Trains `plan` to its end and evaluates it on its test views; its folder replaces that of an earlier run.
-    pub(crate) fn trial(&self, plan: &RunPlan) -> Result<Record> {
-        match self.session.run(plan, &mut **self.watch.borrow_mut()).with_context(|| plan.label())? {
+    pub(crate) fn trial(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Record> {
+        match self.session.run(plan, watch).with_context(|| plan.label())? {
             Finished::Record(record, _) => Ok(record.representable()),
             Finished::AlreadyDone(_) | Finished::Stopped => bail!("{}: the run has no record", plan.label()),
         }
     }
+}
+
+/// Trains to the end, and passes the events to `watch`.
+pub(crate) fn train(trainer: &mut Trainer, watch: &mut Watch<'_>) -> Result<()> {
+    watch(RunEvent::Started { fields: 0..1, of: 1 });
+    let mut outcome = Outcome::Running;
+    while outcome == Outcome::Running {
+        let mut events = Vec::new();
+        outcome = trainer.step(&mut |event| events.push(event))?;
+        for event in &events {
+            watch(RunEvent::Training { event, trainer: &*trainer });
+        }
+    }
+    watch(RunEvent::Ended);
+    Ok(())
 }
 
 /// Takes `count` steps, or fewer if the run ends, and returns the seconds of each; steps reported together share theirs equally.

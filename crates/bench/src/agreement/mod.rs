@@ -34,6 +34,7 @@ pub fn run(bench: &Bench, device: DeviceName, print: &mut dyn FnMut(&str)) -> Re
         tested.name != flex.name,
         "--device {device}: agreement is with flex; expected another device that is built in"
     );
+    print(&bench.machine());
     let plan = &bench.plans[0];
     // Results are saved after each group, so that they stay if the rest is interrupted.
     let save = |rows: &[DeviceComparison]| {

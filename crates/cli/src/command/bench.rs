@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use infonerf_bench::{Bench, agreement, pareto, render, skip, step, stress, stress_training};
-use infonerf_experiment::{Control, RunEvent, Selection};
+use infonerf_experiment::{RunEvent, Selection};
 
 use crate::completion;
 use crate::print::outln;
@@ -119,53 +119,67 @@ struct BenchRuns {
     out: PathBuf,
 }
 
+/// Variant that benchmarks measure by default.
+const VARIANT: Option<&str> = Some("infonerf");
+
 impl BenchRuns {
-    fn bench(&self, name: &'static str) -> Result<Bench> {
-        let SelectionArgs { device, networks, .. } = &self.selection;
-        let (selection, weights) = (self.selection.selection(None), networks.weights.as_deref());
-        let mut progress = ProgressDisplay::new(name);
-        let watch = Box::new(move |event: RunEvent<'_>| progress.watch(event));
-        Bench::new(name, &self.experiment, selection, device.device, weights, &self.out, watch)
+    fn bench(&self, name: &'static str, variant: Option<&str>) -> Result<Bench> {
+        let selection = self.selection.selection(None);
+        Bench::new(name, &self.experiment, selection, variant, self.selection.device.device, &self.out)
+    }
+
+    fn weights(&self) -> Option<&Path> {
+        self.selection.networks.weights.as_deref()
     }
 }
 
 /// Prepares a benchmark of a device, which needs no choice of runs.
 fn of_device(name: &'static str, device: DeviceArgs, out: &Path) -> Result<Bench> {
-    let watch = Box::new(|_: RunEvent<'_>| Control::Continue);
-    Bench::new(name, "fast-losses", Selection::default(), device.device, None, out, watch)
+    Bench::new(name, "fast-losses", Selection::default(), VARIANT, device.device, out)
 }
 
-/// Runs `benchmark`. The exit code is a failure if one of its bounds does not hold.
-fn measure(bench: &Bench, benchmark: impl FnOnce(&Bench, &mut dyn FnMut(&str)) -> Result<bool>) -> Result<ExitCode> {
-    outln!("{bench}");
-    let holds = benchmark(bench, &mut |text| outln!("{text}"))?;
-    outln!("\nresults: {}", bench.folder.display());
-    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
+/// Runs a benchmark. The exit code is a failure if one of its bounds does not hold.
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
-    match &args.command {
+    let print = &mut |text: &str| outln!("{text}");
+    let mut progress = ProgressDisplay::new("bench");
+    let watch = &mut |event: RunEvent<'_>| progress.watch(event);
+    let (bench, holds) = match &args.command {
         BenchCommand::Pareto { budgets, runs } => {
-            measure(&runs.bench("pareto")?, |bench, print| pareto(bench, budgets, print).map(|()| true))
+            let bench = runs.bench("pareto", None)?.with_networks(runs.weights())?;
+            pareto(&bench, budgets, print, watch)?;
+            (bench, true)
         }
         BenchCommand::Skip { steps, runs } => {
-            measure(&runs.bench("skip")?, |bench, print| skip(bench, *steps, print).map(|()| true))
+            let bench = runs.bench("skip", VARIANT)?.with_networks(runs.weights())?;
+            skip(&bench, *steps, print, watch)?;
+            (bench, true)
         }
         BenchCommand::Step { steps, warmup, runs } => {
-            measure(&runs.bench("step")?, |bench, print| step(bench, [*warmup, *steps], print).map(|()| true))
+            let bench = runs.bench("step", VARIANT)?;
+            step(&bench, [*warmup, *steps], print)?;
+            (bench, true)
         }
         BenchCommand::Render { steps, sizes, runs } => {
-            measure(&runs.bench("render")?, |bench, print| render(bench, *steps, sizes, print).map(|()| true))
+            let bench = runs.bench("render", VARIANT)?;
+            render(&bench, *steps, sizes, print, watch)?;
+            (bench, true)
         }
         BenchCommand::Agreement { device, out } => {
-            measure(&of_device("agreement", *device, out)?, |bench, print| agreement(bench, device.device, print))
+            let bench = of_device("agreement", *device, out)?;
+            let holds = agreement(&bench, device.device, print)?;
+            (bench, holds)
         }
         BenchCommand::Stress { rays, device, out } => {
             let bench = of_device("stress", *device, out)?;
-            measure(&bench, |bench, print| stress(bench, device.device, *rays as usize, print))
+            let holds = stress(&bench, device.device, *rays as usize, print)?;
+            (bench, holds)
         }
         BenchCommand::StressTraining { seeds, steps, runs } => {
-            measure(&runs.bench("stress-training")?, |bench, print| stress_training(bench, *seeds, *steps, print))
+            let bench = runs.bench("stress-training", VARIANT)?;
+            let holds = stress_training(&bench, *seeds, *steps, print)?;
+            (bench, holds)
         }
-    }
+    };
+    outln!("\nresults: {}", bench.folder.display());
+    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
