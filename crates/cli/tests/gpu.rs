@@ -16,7 +16,7 @@ fn an_experiment_on_the_gpu_ends_with_a_report() {
     let stderr = text(&output.stderr);
     assert!(stderr.lines().any(|line| line.starts_with(&format!("{DEVICE}: "))), "the adapter is named: {stderr}");
     let records = records(&place.path("runs/fast-losses"));
-    assert_eq!(records.len(), 3);
+    assert_eq!(records.len(), 4);
     for record in records {
         assert_eq!(record["device"], DEVICE);
         assert!(record["psnr"].as_f64().unwrap() > 5.0, "{record}");
