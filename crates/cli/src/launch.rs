@@ -22,6 +22,9 @@ use crate::{command_line, interrupt};
 /// Time between two queries of Slurm.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// Options with which each run has a process of its own.
+pub(crate) const OWN_PROCESSES: [&str; 4] = ["jobs", "timeout", "launch", "merge"];
+
 /// Where runs happen, and how much of it they may take.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct LaunchArgs {
@@ -67,8 +70,8 @@ enum Launcher {
 }
 
 impl LaunchArgs {
-    /// Returns the first option that gives each run a process of its own, or none; refuses options that do not go together.
-    pub(crate) fn own_processes(&self) -> Result<Option<&'static str>> {
+    /// Whether each run has a process of its own; refuses options that do not go together.
+    pub(crate) fn own_processes(&self) -> Result<bool> {
         let jobs_alone = [
             ("--partition", self.partition.is_some()),
             ("--memory", self.memory.is_some()),
@@ -81,13 +84,7 @@ impl LaunchArgs {
         {
             bail!("{option}: expected --launch slurm");
         }
-        let given = [
-            ("--merge", self.merge),
-            ("--launch slurm", self.launch == Launcher::Slurm),
-            ("--jobs", self.jobs.is_some()),
-            ("--timeout", self.timeout.is_some()),
-        ];
-        Ok(given.into_iter().find_map(|(option, given)| given.then_some(option)))
+        Ok(self.merge || self.launch == Launcher::Slurm || self.jobs.is_some() || self.timeout.is_some())
     }
 
     /// Runs `sweeps` below `out`, each run in a process of its own, prints their tables, and passes what is written to `finish`.

@@ -17,26 +17,26 @@ use crate::run_plan::{RunPlan, file_paths};
 /// File name in a run's folder.
 const NAME: &str = "identity.json";
 
-/// Keys of an identity, each with a description of what its checksum covers.
-const PARTS: [(&str, &str); 5] = [
-    ("config", "the config"),
-    ("data", "the scene's files"),
-    ("program", "the program"),
-    ("device", "the device"),
-    ("first_files", "the files that the field is initialised from"),
-];
-
 /// Remedies for a run that cannot be continued.
 pub(crate) const REMEDY: &str = "--overwrite starts the run anew, another --out keeps it";
 
 /// Keys of the config whose values may grow when a run is continued.
 const GROWING: [&str; 2] = ["budget_seconds", "config.train.iterations"];
-/// Key of an identity that names what has grown since the run began.
-const GROWN: &str = "grown";
 
-/// Checksums of all that a run's numbers depend on, by key.
+/// Checksums of all that a run's numbers depend on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Identity(BTreeMap<String, String>);
+pub struct Identity {
+    config: String,
+    /// Checksum of the scene's files, or the name of a built-in scene.
+    pub(crate) data: String,
+    program: String,
+    device: String,
+    /// Checksum of the files that the field is initialised from.
+    first_files: String,
+    /// Keys that have grown since the run began.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    grown: String,
+}
 
 impl Identity {
     /// Returns the identity of `plan` on the device called `device`, with this program.
@@ -57,14 +57,14 @@ impl Identity {
             SceneSource::Procedural(name) => Ok(name.clone()),
             SceneSource::Folder { path } => folder_checksum(path),
         });
-        let values = [
-            short(blake3::hash(plan.to_toml()?.as_bytes())),
-            data.collect::<Result<Vec<_>>>()?.join(" "),
-            program_checksum()?,
-            device.to_owned(),
-            files_checksum(plan)?,
-        ];
-        Ok(Self(PARTS.iter().map(|(key, _)| (*key).to_owned()).zip(values).collect()))
+        Ok(Self {
+            config: short(blake3::hash(plan.to_toml()?.as_bytes())),
+            data: data.collect::<Result<Vec<_>>>()?.join(" "),
+            program: program_checksum()?,
+            device: device.to_owned(),
+            first_files: files_checksum(plan)?,
+            grown: String::new(),
+        })
     }
 
     /// Reads the identity of the run in `folder`; `None` if it has none, or one of an earlier version.
@@ -75,11 +75,6 @@ impl Identity {
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let text = serde_json::to_vec_pretty(self)?;
         Ok(infonerf_report::write_atomically(&folder.join(NAME), &text)?)
-    }
-
-    /// Returns the checksum of the scene's files, or the name of a built-in scene.
-    pub(crate) fn data(&self) -> &str {
-        self.0.get("data").map_or("", String::as_str)
     }
 
     /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
@@ -99,27 +94,30 @@ impl Identity {
             bail!("{}: identity.json is missing or of another version; {REMEDY}", folder.display());
         };
         let mut changes = self.changes(&then);
-        changes.retain(|what| differences.is_empty() || *what != PARTS[0].1);
+        changes.retain(|what| differences.is_empty() || *what != "the config");
         let changed = changes.join(" and ");
         ensure!(changes.is_empty(), "{}: {changed} changed since the run began; {REMEDY}", folder.display());
-        let texts = differences.iter().map(ToString::to_string);
-        let grown = then.0.get(GROWN).cloned().into_iter().chain(texts).collect::<Vec<_>>().join(", ");
-        if !grown.is_empty() {
-            self.0.insert(GROWN.to_owned(), grown);
-        }
+        let grown = std::iter::once(then.grown).filter(|grown| !grown.is_empty());
+        self.grown = grown.chain(differences.iter().map(ToString::to_string)).collect::<Vec<_>>().join(", ");
         Ok(!differences.is_empty())
     }
 
     /// Describes what has grown since the run began; `None` if nothing has.
     pub(crate) fn grown(&self) -> Option<String> {
-        let grown = self.0.get(GROWN)?;
-        Some(format!("training went on after its end: {grown}; schedules were computed anew for the new length"))
+        let went_on = format!("training went on after its end: {}", self.grown);
+        (!self.grown.is_empty()).then(|| format!("{went_on}; schedules were computed anew for the new length"))
     }
 
     /// Names the parts that differ from the run that was begun as `then`.
     fn changes(&self, then: &Self) -> Vec<&'static str> {
-        let is_changed = |(key, _): &(&str, &str)| self.0.get(*key) != then.0.get(*key);
-        PARTS.into_iter().filter(is_changed).map(|(_, what)| what).collect()
+        let parts = [
+            ("the config", self.config != then.config),
+            ("the scene's files", self.data != then.data),
+            ("the program", self.program != then.program),
+            ("the device", self.device != then.device),
+            ("the files that the field is initialised from", self.first_files != then.first_files),
+        ];
+        parts.into_iter().filter_map(|(what, is_changed)| is_changed.then_some(what)).collect()
     }
 }
 

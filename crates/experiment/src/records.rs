@@ -7,11 +7,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
 use infonerf_report::{Record, run_directory, write_atomically};
 use serde_json::Value;
+use walkdir::WalkDir;
 
 /// File name of the list of an experiment's records.
 pub(crate) const LIST: &str = "results.json";
@@ -84,15 +85,17 @@ fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Reco
 
 /// Returns the records in the folders of all runs below `folder`.
 fn stored_records(folder: &Path) -> Result<Vec<Record>> {
-    let mut folders = vec![folder.to_path_buf()];
-    for _level in ["scene", "variant", "seed"] {
-        let children = folders.iter().map(|folder| entries(folder)).collect::<Result<Vec<_>>>()?;
-        folders = children.into_iter().flatten().filter(|path| path.is_dir()).collect();
-    }
+    /// Depth of the files of a run: `<scene>/<variant>/seed<N>/<file>`.
+    const DEPTH: usize = 4;
+    let files = WalkDir::new(folder).min_depth(DEPTH).max_depth(DEPTH).follow_links(true).sort_by_file_name();
     let mut records = Vec::new();
-    for folder in folders {
-        for path in entries(&folder)?.into_iter().filter(|path| is_own_record(path)) {
-            records.extend(read_records(&path)?);
+    for file in files {
+        match file {
+            Ok(file) if is_own_record(file.path()) => records.extend(read_records(file.path())?),
+            Ok(_) => {}
+            // A run may be removed meanwhile, and a link may lead in a circle.
+            Err(error) if error.io_error().is_none_or(|error| error.kind() == ErrorKind::NotFound) => {}
+            Err(error) => return Err(error).with_context(|| folder.display().to_string()),
         }
     }
     Ok(records)
@@ -101,18 +104,6 @@ fn stored_records(folder: &Path) -> Result<Vec<Record>> {
 pub(crate) fn is_own_record(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))
-}
-
-/// Returns the sorted entries of a folder; empty if it vanished meanwhile.
-fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        entries => entries.with_context(|| folder.display().to_string())?,
-    };
-    let paths: std::io::Result<Vec<PathBuf>> = entries.map(|entry| entry.map(|entry| entry.path())).collect();
-    let mut paths = paths.with_context(|| folder.display().to_string())?;
-    paths.sort();
-    Ok(paths)
 }
 
 fn parse_records(text: &str) -> Result<Vec<Record>> {
@@ -125,6 +116,7 @@ fn parse_records(text: &str) -> Result<Vec<Record>> {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsString;
     use std::thread;
 
     use super::*;
@@ -170,8 +162,12 @@ mod tests {
             }
         });
         assert_eq!(read_records(&folder.path().join(LIST)).unwrap().len(), 24);
-        let files = entries(folder.path()).unwrap();
-        assert_eq!(files, ["lego", LIST].map(|name| folder.path().join(name)), "nothing half-written is left");
+        let files = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+        assert_eq!(
+            files.collect::<BTreeSet<_>>(),
+            ["lego", LIST].map(OsString::from).into(),
+            "nothing half-written is left"
+        );
     }
 
     #[test]

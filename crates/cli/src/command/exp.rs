@@ -11,7 +11,7 @@ use infonerf_report::{VIEWER_PAGE, write_atomically};
 use serde_json::json;
 
 use crate::json::JsonEvents;
-use crate::launch::LaunchArgs;
+use crate::launch::{LaunchArgs, OWN_PROCESSES};
 use crate::live::Live;
 use crate::print::{errln, outln};
 use crate::reporter::Reporter;
@@ -55,12 +55,13 @@ pub(crate) struct ExpArgs {
     /// Show the runs in a browser while they train, with pause and stop, on this port of 127.0.0.1 (0: any free one; 7007 if
     /// none is given)
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
+    #[arg(conflicts_with_all = OWN_PROCESSES)]
     view: Option<u16>,
     /// Print only warnings and errors
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, conflicts_with = "json", conflicts_with_all = OWN_PROCESSES)]
     quiet: bool,
     /// Print events as JSON, one per line
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = OWN_PROCESSES)]
     json: bool,
 }
 
@@ -70,12 +71,10 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
         bail!("{CAPTURE_WITHOUT_DATA}");
     }
     let sweep = Sweep::from(experiment);
-    let Some(option) = args.launch.own_processes()? else { return in_process(args, &sweep) };
-    let in_process = [("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
-    if let Some((given, _)) = in_process.into_iter().find(|(_, given)| *given) {
-        bail!("{given}: expected no {option}, with which each run is a process of its own");
+    if args.launch.own_processes()? {
+        return args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()));
     }
-    args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()))
+    in_process(args, &sweep)
 }
 
 fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {

@@ -301,5 +301,5 @@ fn preparation_warning(budget: f64, [reading, first_steps]: [f64; 2], [taken, as
 fn scene_key(plan: &RunPlan, identity: &Identity) -> String {
     let RunPlan { source, seed, config, .. } = plan;
     let (scene, cameras, test) = (&config.scene, &config.train.cameras, &config.eval.test);
-    format!("{source:?} {} {scene:?} {cameras:?} {test:?} {seed}", identity.data())
+    format!("{source:?} {} {scene:?} {cameras:?} {test:?} {seed}", identity.data)
 }
