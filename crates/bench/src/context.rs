@@ -7,8 +7,9 @@ use anyhow::{Result, ensure};
 use burn::tensor::Device;
 use indexmap::IndexSet;
 use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
-use infonerf_scene::ViewSelection;
-use serde::Serialize;
+use serde_json::{Value, json};
+
+const PROGRAM: &str = concat!("infonerf ", env!("CARGO_PKG_VERSION"));
 
 /// Benchmark with the runs that it measures.
 pub struct Bench {
@@ -20,27 +21,7 @@ pub struct Bench {
     /// Session that trains and evaluates runs in `runs` below the folder of results.
     pub(crate) session: Session,
     /// Folder of results.
-    pub folder: PathBuf,
-}
-
-/// Program, machine and runs; part of `results.json`.
-#[derive(Serialize)]
-pub(crate) struct Conditions<'a> {
-    benchmark: &'static str,
-    program: &'static str,
-    cpu: Option<String>,
-    pub(crate) cores: usize,
-    device: &'static str,
-    experiment: &'a str,
-    preset: &'static str,
-    settings: &'a [String],
-    data: String,
-    scenes: Vec<String>,
-    variants: Vec<String>,
-    seeds: Vec<u64>,
-    image_size: u32,
-    train_views: &'a ViewSelection,
-    test_views: String,
+    pub(crate) folder: PathBuf,
 }
 
 impl Bench {
@@ -72,9 +53,6 @@ impl Bench {
     }
 
     /// Returns the benchmark with the networks of learned metrics; `weights` are a place in addition to the usual ones.
-    ///
-    /// # Errors
-    /// If weights cannot be read.
     pub fn with_networks(mut self, weights: Option<&Path>) -> Result<Self> {
         self.session.networks = networks(weights, &self.session.device)?;
         Ok(self)
@@ -84,48 +62,55 @@ impl Bench {
         &self.session.device.device
     }
 
-    pub(crate) fn conditions(&self) -> Conditions<'_> {
+    /// Returns the program, the machine and the runs for `results.json`.
+    pub(crate) fn conditions(&self) -> Value {
         let first = &self.plans[0];
-        Conditions {
-            benchmark: self.name,
-            program: concat!("infonerf ", env!("CARGO_PKG_VERSION")),
-            cpu: cpu(),
-            cores: std::thread::available_parallelism().map_or(1, usize::from),
-            device: self.session.device.name.name(),
-            experiment: &self.experiment,
-            preset: first.preset.name(),
-            settings: &self.settings,
-            data: first.data.as_ref().map_or("built-in procedural scenes".into(), |data| data.display().to_string()),
-            scenes: distinct(&self.plans, |plan| plan.scene.clone()),
-            variants: distinct(&self.plans, |plan| plan.variant.clone()),
-            seeds: distinct(&self.plans, |plan| plan.seed),
-            image_size: first.config.scene.size,
-            train_views: &first.config.scene.views,
-            test_views: first.config.eval.test.to_string(),
-        }
+        json!({
+            "benchmark": self.name,
+            "program": PROGRAM,
+            "cpu": cpu(),
+            "cores": cores(),
+            "device": self.session.device.name.name(),
+            "experiment": self.experiment,
+            "preset": first.preset.name(),
+            "settings": self.settings,
+            "data": self.data(),
+            "scenes": distinct(&self.plans, |plan| plan.scene.clone()),
+            "variants": distinct(&self.plans, |plan| plan.variant.clone()),
+            "seeds": distinct(&self.plans, |plan| plan.seed),
+            "image_size": first.config.scene.size,
+            "train_views": first.config.scene.views,
+            "test_views": first.config.eval.test.to_string(),
+        })
     }
 
-    /// Describes the program and the machine.
+    /// Describes the program, the machine and the folder of results.
     pub(crate) fn machine(&self) -> String {
-        let Conditions { benchmark, program, cpu, cores, device, .. } = self.conditions();
-        let cpu = cpu.as_deref().unwrap_or("unknown processor");
-        format!("bench {benchmark}: {cpu}, {cores} cores, {program}, device {device}")
+        let (name, cores, device, folder) = (self.name, cores(), self.session.device.name, self.folder.display());
+        let cpu = cpu().unwrap_or_else(|| "unknown processor".to_owned());
+        format!("bench {name}: {cpu}, {cores} cores, {PROGRAM}, device {device}\nresults: {folder}")
     }
 
     /// Describes the program, the machine and the runs.
     pub(crate) fn heading(&self) -> String {
-        let Conditions { preset, settings, data, scenes, variants, seeds, image_size, test_views, .. } =
-            self.conditions();
-        let (machine, scenes, variants) = (self.machine(), scenes.join(", "), variants.join(", "));
-        let size = match image_size {
+        let (machine, data, first) = (self.machine(), self.data(), &self.plans[0]);
+        let scenes = distinct(&self.plans, |plan| plan.scene.clone()).join(", ");
+        let variants = distinct(&self.plans, |plan| plan.variant.clone()).join(", ");
+        let seeds = distinct(&self.plans, |plan| plan.seed.to_string()).join(", ");
+        let size = match first.config.scene.size {
             0 => "images of their own size".into(),
             size => format!("images of {size} pixels"),
         };
-        let seeds = seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
-        let settings: String = settings.iter().map(|setting| format!(", {setting}")).collect();
+        let settings: String = self.settings.iter().map(|setting| format!(", {setting}")).collect();
+        let (preset, test) = (first.preset.name(), &first.config.eval.test);
         format!(
-            "{machine}\n{scenes} ({data}): {variants}\npreset {preset}, {size}, test views {test_views}, seed {seeds}{settings}"
+            "{machine}\n{scenes} ({data}): {variants}\npreset {preset}, {size}, test views {test}, seed {seeds}{settings}"
         )
+    }
+
+    fn data(&self) -> String {
+        let data = self.plans[0].data.as_ref();
+        data.map_or("built-in procedural scenes".into(), |data| data.display().to_string())
     }
 }
 
@@ -140,6 +125,10 @@ fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&
 /// Lists the values of `key`, each once, in order of appearance.
 pub(crate) fn distinct<I, T: Hash + Eq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
     items.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
+}
+
+pub(crate) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn cpu() -> Option<String> {

@@ -8,11 +8,11 @@ use serde::Serialize;
 use serde_json::Value;
 use statrs::statistics::{Data, Median};
 
-use crate::context::{Bench, Conditions};
+use crate::context::Bench;
 
 #[derive(Serialize)]
 struct ResultsFile<'a, R> {
-    about: Conditions<'a>,
+    about: Value,
     protocol: &'a str,
     #[serde(flatten)]
     more: Value,

@@ -8,7 +8,7 @@ use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_fronti
 use infonerf_report::{Emphasis, Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
 
-use crate::context::{Bench, distinct};
+use crate::context::{Bench, cores, distinct};
 use crate::output::number;
 use crate::trial::measured_with;
 
@@ -72,9 +72,8 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
         if points.is_empty() {
             continue;
         }
-        let cores = bench.conditions().cores;
         let frame = ChartFrame {
-            title: format!("{} over training time, {all}, {cores} CPU cores", quantity.name()),
+            title: format!("{} over training time, {all}, {} CPU cores", quantity.name(), cores()),
             x: Axis::log("training (s)"),
             y: Axis::linear(&quantity.name()),
         };

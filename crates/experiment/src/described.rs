@@ -23,9 +23,6 @@ pub struct Description {
 }
 
 /// Describes the experiment called `name`: a built-in one, or the path of a file.
-///
-/// # Errors
-/// As [`Experiment::plan`].
 pub fn describe(name: &str) -> Result<Description> {
     let layers = Layers::read(name)?;
     let experiment = Experiment::plan(name, &Selection::default())?;
@@ -46,9 +43,6 @@ pub struct ConfigKey {
 
 /// Returns the config of the first selected run of the experiment called `name`, by key, without optional keys that have their
 /// default, and what set each key last: the preset, a file, the variant or `selection`.
-///
-/// # Errors
-/// As [`Experiment::plan`].
 pub fn config_origins(name: &str, selection: &Selection) -> Result<Vec<ConfigKey>> {
     let plan = Experiment::plan(name, selection)?.runs.into_iter().next().context("expected at least one run")?;
     let layers = Layers::read(name)?;
@@ -73,9 +67,6 @@ pub fn config_origins(name: &str, selection: &Selection) -> Result<Vec<ConfigKey
 
 /// Returns the dotted keys of the configs of the experiment called `name`, over all its variants, as `--set` takes them: a
 /// value that is a table itself, such as a schedule, has one key.
-///
-/// # Errors
-/// As [`Experiment::plan`].
 pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
     let mut keys = BTreeSet::new();
     // The section `field` has a key `kind` as well, but is not a single value.

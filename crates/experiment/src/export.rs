@@ -83,9 +83,6 @@ impl Trained {
 
     /// Measures `splats` and the fields on up to eight test views. Returns `None` if no test view has a camera without lens
     /// distortion, since splats are only rendered without.
-    ///
-    /// # Errors
-    /// If images cannot be compared.
     pub fn splat_fidelity(&self, splats: &[Gaussian]) -> Result<Option<SplatFidelity>> {
         let (scene, models) = (self.scene(), self.fields());
         let views = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS);

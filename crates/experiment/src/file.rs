@@ -200,9 +200,6 @@ impl Variant {
 
 /// Returns the names and titles of the built-in experiments that can be run. An experiment with neither variants nor a base
 /// only serves as the base of others.
-///
-/// # Errors
-/// If one of them cannot be read, which a test excludes.
 pub fn list() -> Result<Vec<(&'static str, String)>> {
     let parsed = BUILT_IN.iter().map(|&(name, text)| Ok((name, parse(name, text)?)));
     let files = parsed.collect::<Result<Vec<(&str, File)>>>()?;

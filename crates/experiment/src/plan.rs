@@ -229,7 +229,7 @@ const SWEEP: &str = "sweep-";
 
 impl About {
     /// Describes the built-in experiment, or the sweep of one, whose results are called `name`; any other by its name alone.
-    pub fn of_results(name: &str) -> Self {
+    pub(crate) fn of_results(name: &str) -> Self {
         let known = |name: &str| {
             let layers = Layers::built_in(name)?;
             Some(Self::of(&layers, layers.last(|file| file.data.clone())))
@@ -258,10 +258,7 @@ impl About {
     }
 
     /// Collects the input of a report of `records`, the results of `runs`. Claims about variants that `runs` lack are left out.
-    ///
-    /// # Errors
-    /// If the experiment's plot cannot be drawn.
-    pub fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
+    pub(crate) fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
         let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
         let mut input = ReportInput::new(&self.name, &self.title, records);
         input.figures.extend(plot);

@@ -113,9 +113,6 @@ fn extended(chapter: &Chapter, full: bool, selection: Selection) -> Selection {
 }
 
 /// Writes the report of all experiments into `out`, and returns the page.
-///
-/// # Errors
-/// If a file cannot be written.
 pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
     let title = "InfoNeRF's tables and figures, at a small scale";
     let introduction = "The paper's tables and figures at a scale that suits a small machine, its own figures next to ours: the released \

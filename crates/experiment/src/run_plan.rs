@@ -170,9 +170,6 @@ impl RunPlan {
     }
 
     /// Returns the text of `config.toml`: running it again, from any folder, gives the same numbers.
-    ///
-    /// # Errors
-    /// If a number cannot be written.
     pub fn to_toml(&self) -> Result<String> {
         self.to_toml_with(vec![self.scene.clone()])
     }
@@ -210,10 +207,7 @@ impl RunPlan {
     }
 
     /// Reads the text of a `config.toml`.
-    ///
-    /// # Errors
-    /// If it is not of one run, or a key is unknown or out of range.
-    pub fn from_toml(text: &str) -> Result<Self> {
+    pub(crate) fn from_toml(text: &str) -> Result<Self> {
         let file: RunConfigFile = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.message()))?;
         let config = Config::from_table(file.config)?;
         let (Some(scene), Some(&seed), Some(variant)) =

@@ -38,10 +38,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
     })
 }
 
-/// Writes a PNG, and creates its folder if there is none.
-///
-/// # Errors
-/// If it cannot be written; no part of it is left.
+/// Writes a PNG, whole or not at all, and creates its folder if there is none.
 pub fn save_png(picture: &RgbImage, path: &Path) -> Result<(), ReportError> {
     let png = png_bytes(&picture.clone().into()).map_err(ReportError::io("write", path))?;
     write_atomically(path, &png)

@@ -50,9 +50,6 @@ pub fn write_report(input: &ReportInput, root: &Path) -> Result<PathBuf, ReportE
 
 /// Writes the `report.html` of several experiments into `root`, and returns its path: the claims of all, then tables, charts
 /// and a test view of each experiment. Each experiment has a folder of its name below `root`, with its own report.
-///
-/// # Errors
-/// As [`write_report`].
 pub fn write_collection(
     title: &str,
     introduction: &str,

@@ -21,26 +21,17 @@ impl Fault {
     }
 
     /// Returns a fault with the value `found` at `key` unless `good` is true.
-    ///
-    /// # Errors
-    /// If `good` is false.
     pub fn unless(good: bool, key: &str, expected: impl Into<String>, found: impl ToString) -> Result<(), Self> {
         if good { Ok(()) } else { Err(Self::new(key, expected, found)) }
     }
 
-    /// Refuses a number outside `range`.
-    ///
-    /// # Errors
-    /// If the number is outside, or NaN.
+    /// Refuses a number outside `range`, and NaN.
     pub fn unless_within(range: RangeInclusive<f64>, key: &str, number: f64) -> Result<(), Self> {
         let expected = || format!("a number from {} to {}", range.start(), range.end());
         if range.contains(&number) { Ok(()) } else { Err(Self::new(key, expected(), number)) }
     }
 
     /// Refuses a schedule with values outside `range`.
-    ///
-    /// # Errors
-    /// If there is such a value.
     pub fn unless_always_within(range: RangeInclusive<f64>, key: &str, schedule: &Schedule) -> Result<(), Self> {
         Self::unless_within(range.clone(), key, schedule.least())?;
         Self::unless_within(range, key, schedule.largest())

@@ -51,9 +51,6 @@ use infonerf_experiment::Trained;
 /// Makes a self-contained page of the run in `folder`: orbit, pan and zoom, depth and normals, and the training cameras
 /// with their images. The page shows and notes the first of several fields, without residuals. A baked field has
 /// at most `voxels` along the longest side of its box, by default 256, or 128 if the field is slow; fewer if too many are filled.
-///
-/// # Errors
-/// If an image cannot be encoded.
 pub fn page(run: &Trained, folder: &Path, voxels: Option<usize>) -> Result<String> {
     let trained = run.fields().swap_remove(0);
     let voxels = voxels.unwrap_or_else(|| baked::resolution(&run.plan.config.field));

@@ -143,43 +143,30 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
     let print = &mut |text: &str| outln!("{text}");
     let mut progress = ProgressDisplay::new("bench");
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
-    let (bench, holds) = match &args.command {
+    let holds = match &args.command {
         BenchCommand::Pareto { budgets, runs } => {
             let bench = runs.bench("pareto", None)?.with_networks(runs.weights())?;
-            pareto(&bench, budgets, print, watch)?;
-            (bench, true)
+            pareto(&bench, budgets, print, watch).map(|()| true)
         }
         BenchCommand::Skip { steps, runs } => {
             let bench = runs.bench("skip", VARIANT)?.with_networks(runs.weights())?;
-            skip(&bench, *steps, print, watch)?;
-            (bench, true)
+            skip(&bench, *steps, print, watch).map(|()| true)
         }
         BenchCommand::Step { steps, warmup, runs } => {
-            let bench = runs.bench("step", VARIANT)?;
-            step(&bench, [*warmup, *steps], print)?;
-            (bench, true)
+            step(&runs.bench("step", VARIANT)?, [*warmup, *steps], print).map(|()| true)
         }
         BenchCommand::Render { steps, sizes, runs } => {
-            let bench = runs.bench("render", VARIANT)?;
-            render(&bench, *steps, sizes, print, watch)?;
-            (bench, true)
+            render(&runs.bench("render", VARIANT)?, *steps, sizes, print, watch).map(|()| true)
         }
         BenchCommand::Agreement { device, out } => {
-            let bench = of_device("agreement", *device, out)?;
-            let holds = agreement(&bench, device.device, print)?;
-            (bench, holds)
+            agreement(&of_device("agreement", *device, out)?, device.device, print)
         }
         BenchCommand::Stress { rays, device, out } => {
-            let bench = of_device("stress", *device, out)?;
-            let holds = stress(&bench, device.device, *rays as usize, print)?;
-            (bench, holds)
+            stress(&of_device("stress", *device, out)?, device.device, *rays as usize, print)
         }
         BenchCommand::StressTraining { seeds, steps, runs } => {
-            let bench = runs.bench("stress-training", VARIANT)?;
-            let holds = stress_training(&bench, *seeds, *steps, print)?;
-            (bench, holds)
+            stress_training(&runs.bench("stress-training", VARIANT)?, *seeds, *steps, print)
         }
     };
-    outln!("\nresults: {}", bench.folder.display());
-    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if holds? { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

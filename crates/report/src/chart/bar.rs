@@ -20,9 +20,6 @@ pub struct Bar {
 }
 
 /// Draws a bar for each entry, from zero, its value written above. The frame's axes are taken as linear.
-///
-/// # Errors
-/// If the drawing library refuses.
 pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
@@ -55,9 +52,6 @@ pub fn bar_chart(frame: &ChartFrame, bars: &[Bar]) -> Result<String, ReportError
 /// Draws a grid of coloured cells with their `values[row][column]`, the first row on top; dark is the smallest.
 ///
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
-///
-/// # Errors
-/// If the drawing library refuses.
 pub fn heat_map(
     frame: &ChartFrame,
     columns: &[String],

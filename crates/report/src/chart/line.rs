@@ -19,9 +19,6 @@ struct PlotLine {
 }
 
 /// Draws lines through the points of each series, in the order given, with markers on the points of series that have few.
-///
-/// # Errors
-/// If the drawing library refuses.
 pub fn line_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
     let mut lines = lines(series, frame, 2);
     lines.iter_mut().for_each(|line| line.marked = line.points.len() <= MARKED);
@@ -29,9 +26,6 @@ pub fn line_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, Repor
 }
 
 /// Draws the points of each series, and a stepped line along the [`pareto_frontier`] of all of them.
-///
-/// # Errors
-/// If the drawing library refuses.
 pub fn frontier_chart(frame: &ChartFrame, series: &[Series]) -> Result<String, ReportError> {
     let mut lines = lines(series, frame, 0);
     let all: Vec<(f64, f64)> = lines.iter().flat_map(|line| line.points.iter().copied()).collect();

@@ -57,9 +57,6 @@ impl Server {
     }
 
     /// Serves until the program ends.
-    ///
-    /// # Errors
-    /// If the listening thread panicked.
     pub fn wait(self) -> Result<()> {
         self.listening.join().map_err(|_| anyhow!("the server's thread panicked"))
     }
