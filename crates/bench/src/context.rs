@@ -84,14 +84,12 @@ impl Bench {
         })
     }
 
-    /// Describes the program, the machine and the folder of results.
     pub(crate) fn machine(&self) -> String {
         let (name, cores, device, folder) = (self.name, cores(), self.session.device.name, self.folder.display());
         let cpu = cpu().unwrap_or_else(|| "unknown processor".to_owned());
         format!("bench {name}: {cpu}, {cores} cores, {PROGRAM}, device {device}\nresults: {folder}")
     }
 
-    /// Describes the program, the machine and the runs.
     pub(crate) fn heading(&self) -> String {
         let (machine, data, first) = (self.machine(), self.data(), &self.plans[0]);
         let scenes = distinct(&self.plans, |plan| plan.scene.clone()).join(", ");
@@ -122,7 +120,6 @@ fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&
     plans.retain(|plan| *key(plan) == wanted);
 }
 
-/// Lists the values of `key`, each once, in order of appearance.
 pub(crate) fn distinct<I, T: Hash + Eq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
     items.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
 }

@@ -37,7 +37,6 @@ pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str), wat
     Ok(())
 }
 
-/// Makes the table of means over scenes and seeds.
 fn table(records: &[Record]) -> Table {
     overview_table(records, &[vec![Quantity::TRAIN_SECONDS], Quantity::quality()].concat())
 }

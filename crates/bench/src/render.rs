@@ -57,7 +57,6 @@ pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)
     bench.save_results(PROTOCOL, &rows, json!({ "train_iterations": steps }))
 }
 
-/// Renders the first test cameras at each of `sizes`.
 fn frames(trainer: &Trainer, plan: &RunPlan, sizes: &[u32], print: &mut dyn FnMut(&str)) -> Result<Vec<FrameTiming>> {
     let learned = [trainer.trained()];
     let views = &trainer.scene().test;

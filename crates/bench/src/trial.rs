@@ -24,7 +24,6 @@ impl Bench {
     }
 }
 
-/// Trains to the end, and passes the events to `watch`.
 pub(crate) fn train(trainer: &mut Trainer, watch: &mut Watch<'_>) -> Result<()> {
     watch(RunEvent::Started { fields: 0..1, of: 1 });
     let mut outcome = Outcome::Running;
@@ -61,7 +60,6 @@ pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f6
     Ok(seconds)
 }
 
-/// Returns `plan` with some keys of its config changed.
 pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Result<RunPlan> {
     let mut table = toml::Table::try_from(&plan.config)?;
     for setting in settings {

@@ -5,12 +5,10 @@ use fastrand::Rng;
 use infonerf_ops::mlp::Dense;
 use infonerf_ops::to_host;
 
-/// Draws `count` values in [`low`, `high`).
 pub(crate) fn uniform(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
     (0..count).map(|_| low + (high - low) * rng.f32()).collect()
 }
 
-/// Makes a leaf tensor that requires a gradient.
 pub(crate) fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
 }
@@ -25,7 +23,6 @@ pub(crate) fn joined((density, color): (Tensor<1>, Option<Tensor<2>>)) -> Tensor
     Tensor::cat(std::iter::once(density.unsqueeze_dim(1)).chain(color).collect(), 1)
 }
 
-/// Converts values to `f64` for the oracle.
 pub(crate) fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()
 }

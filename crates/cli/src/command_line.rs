@@ -33,7 +33,6 @@ pub(crate) fn save_or_warn(folder: &Path) {
     }
 }
 
-/// Returns the command line in an experiment's folder, if there is one.
 pub(crate) fn read(folder: &Path) -> Option<String> {
     std::fs::read_to_string(folder.join(FILE)).ok()
 }

@@ -31,7 +31,6 @@ pub(crate) fn out(text: fmt::Arguments<'_>) {
     keep(io::stdout().write_fmt(text));
 }
 
-/// Writes to standard error, if that is possible.
 pub(crate) fn err(text: fmt::Arguments<'_>) {
     let _ = io::stderr().write_fmt(text);
 }

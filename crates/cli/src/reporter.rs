@@ -17,7 +17,6 @@ use crate::terminal::fitted;
 use crate::units::expected_time;
 use crate::{command_line, interrupt};
 
-/// Maximum number of unfinished runs that are named.
 const MAX_NAMED: usize = 8;
 
 pub(crate) struct Reporter {
@@ -128,7 +127,6 @@ impl Reporter {
     }
 }
 
-/// Returns the main metrics of a run on one line.
 pub(crate) fn summary(record: &Record) -> String {
     let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
     let on = if record.test_views.protocol == "training" { " on training views" } else { "" };

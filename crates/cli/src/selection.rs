@@ -81,7 +81,6 @@ pub(crate) struct NetworkArgs {
 }
 
 impl NetworkArgs {
-    /// Returns the networks whose weights are found.
     pub(crate) fn open(&self, device: &OpenDevice) -> anyhow::Result<Networks> {
         infonerf_experiment::networks(self.weights.as_deref(), device)
     }
@@ -94,7 +93,6 @@ pub(crate) struct DeviceArgs {
     pub(crate) device: DeviceName,
 }
 
-/// Names the devices that are built in.
 fn device_help() -> String {
     let names: Vec<&str> = DeviceName::all_built_in().map(DeviceName::name).collect();
     format!("Where to compute: {}; auto is the fastest of them", names.join(", "))

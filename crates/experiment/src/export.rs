@@ -27,7 +27,6 @@ use crate::run_plan::RunPlan;
 /// that sample the exact surface. Both suffice for distances of a fraction of a voxel.
 const SURFACE_POINTS: usize = 100_000;
 const TRUTH_SIZE: u32 = 48;
-/// Maximum number of test views on which splats are measured.
 const TEST_VIEWS: usize = 8;
 /// Number of images that splats are fitted to in addition to those of the training cameras.
 const SPLAT_VIEWS: usize = 36;

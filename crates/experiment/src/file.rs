@@ -107,7 +107,6 @@ impl Layers {
         self.files.last().and_then(|(_, file)| file.seconds_per_run).map(f64::from)
     }
 
-    /// Returns the value in the last file that has one.
     pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
         self.files.iter().rev().find_map(|(_, file)| pick(file))
     }

@@ -14,10 +14,8 @@ use toml::Table;
 use crate::described::leaves;
 use crate::run_plan::{RunPlan, file_paths};
 
-/// File name in a run's folder.
 const NAME: &str = "identity.json";
 
-/// Remedies for a run that cannot be continued.
 pub(crate) const REMEDY: &str = "--overwrite starts the run anew, another --out keeps it";
 
 /// Keys of the config whose values may grow when a run is continued.
@@ -102,7 +100,6 @@ impl Identity {
         Ok(!differences.is_empty())
     }
 
-    /// Describes what has grown since the run began; `None` if nothing has.
     pub(crate) fn grown(&self) -> Option<String> {
         let went_on = format!("training went on after its end: {}", self.grown);
         (!self.grown.is_empty()).then(|| format!("{went_on}; schedules were computed anew for the new length"))
@@ -121,7 +118,6 @@ impl Identity {
     }
 }
 
-/// A key whose value differs between two configs.
 pub(crate) struct Difference {
     pub(crate) key: String,
     then: String,

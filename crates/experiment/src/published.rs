@@ -30,7 +30,6 @@ pub(crate) struct Paper {
     notes: Vec<String>,
 }
 
-/// A row of a paper's table.
 type Figures = IndexMap<Quantity, PublishedFigure>;
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -150,7 +149,6 @@ fn priors(runs: &[&RunPlan]) -> String {
     if terms.is_empty() { "none".to_owned() } else { Vec::from_iter(terms).join(", ") }
 }
 
-/// Returns the values of `key`, each once, in order of appearance.
 fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
     runs.iter().map(|plan| key(plan)).collect::<IndexSet<String>>().into_iter().collect()
 }

@@ -14,7 +14,6 @@ use infonerf_report::{Record, run_directory, write_atomically};
 use serde_json::Value;
 use walkdir::WalkDir;
 
-/// File name of the list of an experiment's records.
 pub(crate) const LIST: &str = "results.json";
 const ATTEMPTS: usize = 1000;
 
@@ -83,7 +82,6 @@ fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Reco
     merged
 }
 
-/// Returns the records in the folders of all runs below `folder`.
 fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     /// Depth of the files of a run: `<scene>/<variant>/seed<N>/<file>`.
     const DEPTH: usize = 4;

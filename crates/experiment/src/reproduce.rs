@@ -48,7 +48,6 @@ const fn capture(experiment: &'static str, variants: &'static [&'static str], se
 const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
 const SMALL: &[&str] = &["scene.size=160", "train.iterations=300"];
 
-/// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
     chapter("synthetic-4view", OWN),
     chapter("fast-losses", ChapterExtent { seeds: &[0], ..FOUR_BY_FIVE }),

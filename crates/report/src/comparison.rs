@@ -96,7 +96,6 @@ impl<'a> PictureComparison<'a> {
         METRICS.iter().filter(has).copied().collect()
     }
 
-    /// Returns each view with its values, and the mean.
     fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
         let ComparedFolders { views, measured } = self.compared;
         let views = views.iter().map(|view| view.name.as_str()).zip(&measured.views);

@@ -25,7 +25,6 @@ const MAX_VIEWS: usize = 3;
 /// Maximum number of scenes, and of variants, in the figure of all scenes.
 const MAX_IN_PANEL: usize = 8;
 const PANEL: &str = "figure.png";
-/// Maximum number of runs that a line names.
 const MAX_NAMED: usize = 16;
 
 pub(crate) struct ReportContents<'a> {

@@ -91,7 +91,6 @@ impl<'a> SceneGallery<'a> {
         Self { scene, runs, views }
     }
 
-    /// Returns whether all runs show views that they were trained on.
     pub(crate) fn shows_training_views(&self) -> bool {
         self.runs.iter().all(|(_, record)| record.test_views.protocol == "training")
     }

@@ -38,7 +38,6 @@ pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
     blocks.join("\n\n") + "\n"
 }
 
-/// Lists claims with a table of findings below each.
 fn claims(claims: &[TestedClaim]) -> String {
     let one = |claim: &TestedClaim| {
         let row = |finding: &Finding| {

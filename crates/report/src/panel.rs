@@ -101,7 +101,6 @@ pub(crate) fn compose(scenes: &[&SceneGallery]) -> Result<Option<RgbImage>, Repo
     Ok(Some(sheet))
 }
 
-/// Decodes an image and scales it to the height of the row.
 fn decoded(picture: &GalleryImage) -> Option<RgbImage> {
     let picture = image::load_from_memory(&picture.png).ok()?.to_rgb8();
     let width = (picture.width() * HEIGHT).div_ceil(picture.height().max(1)).max(1);

@@ -35,7 +35,6 @@ impl PublishedRow {
 }
 
 impl Published {
-    /// Returns the paper's mean over its scenes.
     pub(crate) fn value(&self, variant: &str, quantity: Quantity) -> Option<f64> {
         let row = self.rows.iter().find(|row| row.variant == variant && row.scene.is_none())?;
         row.summary(quantity).map(|summary| summary.mean)

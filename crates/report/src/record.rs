@@ -138,7 +138,6 @@ impl Record {
         (self.experiment.clone(), self.scene.clone(), self.variant.clone(), self.seed, self.preset.clone())
     }
 
-    /// Returns the run's folder, relative to the report.
     pub(crate) fn directory(&self) -> PathBuf {
         run_directory(&self.scene, &self.variant, self.seed)
     }

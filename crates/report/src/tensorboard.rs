@@ -107,12 +107,10 @@ fn varint(mut value: u64) -> Vec<u8> {
     bytes
 }
 
-/// Encodes a field of eight bytes.
 fn double(field: u64, value: f64) -> Vec<u8> {
     [tag(field, 1), value.to_le_bytes().to_vec()].concat()
 }
 
-/// Encodes a field of text or of a message.
 fn bytes(field: u64, value: &[u8]) -> Vec<u8> {
     [tag(field, 2), varint(value.len() as u64), value.to_vec()].concat()
 }

@@ -72,7 +72,6 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
     })))
 }
 
-/// Returns the number of texels along the finest level.
 fn finest(layout: &FactoredLayout) -> usize {
     layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
 }

@@ -11,7 +11,6 @@ pub(crate) const TEMPLATE: &str = include_str!("../assets/field.frag");
 /// Number of colours of the depth map that the shader interpolates between.
 const COLOURS: usize = 33;
 
-/// Parameters of the march through a field of any kind.
 pub(crate) struct FieldMarch<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) config: &'a RenderConfig,

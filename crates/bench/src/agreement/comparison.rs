@@ -11,7 +11,6 @@ pub(super) const SEED: u64 = 11;
 /// Maximum error of a value or gradient, relative to the largest of its array.
 const OPERATION: f64 = 1e-4;
 
-/// Comparison of one quantity.
 #[derive(Serialize)]
 pub(super) struct DeviceComparison {
     pub(super) what: String,

@@ -230,7 +230,6 @@ fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Reshapes points, three values each.
 fn rows(points: &Tensor<1>) -> Tensor<2> {
     points.clone().reshape([-1, 3])
 }
@@ -251,7 +250,6 @@ fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares steps of Adam on a matrix, with changing gradients.
 fn adam(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let (start, factors) = (uniform(rng, 3 * 500, -1.0, 1.0), uniform(rng, 3 * 500, 0.0, 1.0));
     compare.operation("Adam", |device| {

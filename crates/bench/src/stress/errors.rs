@@ -17,7 +17,6 @@ pub(super) struct Errors {
 }
 
 impl Errors {
-    /// Counts a value that should be `want`.
     pub(super) fn value(&mut self, got: f32, want: f64) {
         self.numbers += 1;
         if !got.is_finite() {

@@ -109,7 +109,6 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
 }
 
 impl FormatName {
-    /// Returns the default file of an export, in the run's folder.
     fn file(self) -> &'static str {
         match self {
             Self::Ply => "export/mesh.ply",

@@ -162,7 +162,6 @@ fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Returns the longer side of the first photograph in `dir` or `dir/images`.
 fn longest_side(dir: &Path) -> Result<u32> {
     let first = list_images(&photograph_folder(dir))?.into_iter().next();
     let (width, height) = dimensions(&first.with_context(|| format!("{}: no photographs", dir.display()))?)?;

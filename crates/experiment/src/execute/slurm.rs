@@ -19,7 +19,6 @@ use crate::sweep::{Prepared, Sweep, manifest};
 /// Time before the end of a task at which Slurm signals the task to save.
 const NOTICE: Duration = Duration::from_secs(60);
 
-/// Name of the folder of scripts, logs and the list of jobs, next to a manifest.
 const LAUNCH: &str = "launch";
 
 /// Name of the file that lists the jobs of a launch, so that no second launch starts while they run.

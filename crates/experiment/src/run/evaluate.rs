@@ -113,7 +113,6 @@ fn measure(
     evaluation.finish().context("no test views").map(Some)
 }
 
-/// Writes a test view's render, truth, depth and error below a run's folder.
 fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) -> Result<()> {
     let image = &result.image;
     let (width, height) = (image.width, image.height);
@@ -175,7 +174,6 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
     notes.into_iter().filter_map(|(holds, note)| holds.then_some(note)).collect()
 }
 
-/// Returns the notes of a record: what readers of its metrics should know.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = [scene.warnings.as_slice(), &scene.notes].concat();
     notes.extend(plan.data.is_none().then(|| "procedural scene, not a published data set".to_owned()));

@@ -23,7 +23,6 @@ pub fn is_finished(folder: &Path) -> bool {
     own_records(folder).next().is_some()
 }
 
-/// Whether `folder` holds a run's record or checkpoint.
 pub(crate) fn has_results(folder: &Path) -> bool {
     is_finished(folder) || CHECKPOINTS.iter().any(|name| folder.join(name).exists())
 }
@@ -91,7 +90,6 @@ pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String
     }
 }
 
-/// Goes on without a lock where the file system has none.
 fn without_lock(file: fs::File, error: &std::io::Error, folder: &Path) -> Result<(fs::File, Option<String>)> {
     // Network file systems without locks return ENOLCK.
     const ENOLCK: i32 = 37;

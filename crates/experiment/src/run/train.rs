@@ -18,7 +18,6 @@ pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Op
     Ok(checkpoint)
 }
 
-/// A field that is trained in a folder.
 pub(crate) struct Training {
     pub(crate) trainer: Trainer,
     folder: PathBuf,
@@ -48,7 +47,6 @@ impl Training {
         Ok(Self { trainer, folder, log, state: State::Running, before, first_step_seconds: 0.0 })
     }
 
-    /// Whether there is nothing more to train.
     pub(crate) fn is_over(&self) -> bool {
         self.state == State::Over
     }

@@ -107,7 +107,6 @@ impl Trained {
     }
 }
 
-/// Returns the sums of steps, seconds, samples and restarts over all fields.
 pub(super) fn total_progress(trainers: &[Trainer]) -> Progress {
     let mut total = Progress::default();
     for progress in trainers.iter().map(Trainer::progress) {

@@ -11,7 +11,6 @@ const MAX_TICKS: i64 = 12;
 /// Length of a logarithmic axis, in decades, below which it has evenly spaced ticks.
 const NARROW: f64 = 0.7;
 
-/// Map from values to pixels along one axis.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
     /// Lower end; both ends are in decades on a logarithmic axis.
@@ -48,7 +47,6 @@ impl Scale {
         Self { low: low - margin, high: high + margin, kind }
     }
 
-    /// Returns a scale with one unit for each label.
     pub(super) fn labels(labels: Vec<String>) -> Self {
         Self { low: 0.0, high: labels.len().max(1) as f64, kind: ScaleKind::Labels(labels) }
     }

@@ -223,7 +223,6 @@ impl TableRow {
 }
 
 impl Table {
-    /// Returns the headings of the columns before the numbers.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once("variant").chain(self.keys.iter().map(|key| short_key(key)))
     }

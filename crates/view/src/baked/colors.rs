@@ -29,7 +29,6 @@ const MANY: usize = 1_000_000;
 /// Number of points per query, which bounds the memory.
 const CHUNK: usize = 1 << 16;
 
-/// Fitted colours of some points of a lattice.
 pub(super) struct Colors {
     /// Indices of the points, ascending.
     points: Vec<usize>,

@@ -13,7 +13,6 @@ use crate::decode::{DecodedPackage, exact, model, packed};
 const SMOOTH: &str = "field={kind=\"nerf\",layers=2,width=32,skip=9,position_frequencies=2,direction_frequencies=1,\
                       density=\"softplus\",detail=1.0}";
 
-/// Bricks as the shader reads them.
 struct PackedBricks {
     decoded: DecodedPackage,
     /// Number of each cell's brick, if it has one.
@@ -82,7 +81,6 @@ impl PackedBricks {
     }
 }
 
-/// Undoes the differences along rows.
 fn from_rows(stored: &[u8]) -> Vec<u8> {
     let row = |row: &[u8]| -> Vec<u8> {
         let sum = |last: &mut u8, byte: &u8| {

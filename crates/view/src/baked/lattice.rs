@@ -7,7 +7,6 @@ use infonerf_scene::Aabb;
 pub(super) const CELLS: usize = 8;
 /// Number of points along a brick: the corners of its voxels.
 pub(super) const POINTS: usize = CELLS + 1;
-/// Number of points of a brick.
 pub(super) const VOLUME: usize = POINTS * POINTS * POINTS;
 
 /// Corners of cubic voxels that fill a box, in cells of a brick's size. Points and cells are numbered, x fastest.
@@ -32,12 +31,10 @@ impl Lattice {
         self.cells.iter().product()
     }
 
-    /// Returns the place of a cell, in cells.
     pub(super) fn cell(&self, cell: usize) -> [usize; 3] {
         coordinates(cell, self.cells)
     }
 
-    /// Returns the number of points along each axis.
     fn sides(&self) -> [usize; 3] {
         self.cells.map(|n| n * CELLS + 1)
     }

@@ -15,7 +15,6 @@ const MAX_VIEWPOINTS: usize = 6;
 /// Minimum distance of a training camera that is used, in radii of the scene.
 const MIN_DISTANCE: f32 = 1e-3;
 
-/// Probe of a field in its warped space.
 pub(super) struct FieldProbe<'a> {
     trained: &'a TrainedModel,
     warp: &'a Warp,

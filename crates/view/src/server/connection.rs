@@ -17,7 +17,6 @@ const MAX_FIELDS: usize = 64;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Number and length of the waits for a client to close the connection.
 const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
-/// Time between two checks for a connection that has ended.
 const PAUSE: Duration = Duration::from_millis(5);
 
 /// Answers requests until the program ends. Clients that hang up are ignored.

@@ -8,7 +8,6 @@ use http::uri::Authority;
 use rand::TryRngCore;
 use rand::rngs::OsRng;
 
-/// Header that carries the page's token.
 pub(super) const TOKEN: &str = "x-infonerf-token";
 /// Header in which a browser names the source of a request (Fetch Metadata).
 const SITE: &str = "sec-fetch-site";

@@ -37,7 +37,6 @@ impl Roots {
         Ok(Self(roots.iter().map(root).collect::<Result<_>>()?))
     }
 
-    /// Lists all runs for the page, by folder and path.
     pub(super) fn list(&self) -> Value {
         let several = self.0.len() > 1;
         let of_root = |(index, root): (usize, &Root)| {

@@ -17,7 +17,6 @@ pub(super) struct Animation {
 }
 
 impl Animation {
-    /// Returns an animation of `fps` frames per second that repeats for ever.
     pub(super) fn new(path: &Path, fps: f64) -> Result<Self> {
         let part = path.with_extension("gif.part");
         let file = File::create(&part).with_context(|| part.display().to_string())?;

@@ -134,7 +134,6 @@ fn write_frames(
 
 /// Longest side, in pixels, of the picture that is rendered to estimate the time of others, and of the smallest frames.
 const SMALL_SIZE: u32 = 128;
-/// Minimum number of frames of an orbit.
 const MIN_FRAMES: u32 = 12;
 /// Share of a frame's time that rendering takes; the rest is for writing its files.
 const RENDER_SHARE: f64 = 0.8;
