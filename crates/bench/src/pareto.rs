@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use infonerf_experiment::{RunPlan, Watch};
-use infonerf_report::chart::{Axis, ChartFrame, Series, line_chart, pareto_frontier, standalone};
+use infonerf_report::chart::{ChartFrame, Series, line_chart, pareto_frontier, standalone};
 use infonerf_report::{Emphasis, Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
 
@@ -71,11 +71,9 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
         if points.is_empty() {
             continue;
         }
-        let frame = ChartFrame {
-            title: format!("{} over training time, {all}, {} CPU cores", quantity.name(), cores()),
-            x: Axis::log("training (s)"),
-            y: Axis::linear(&quantity.name()),
-        };
+        let name = quantity.name();
+        let title = format!("{name} over training time, {all}, {} CPU cores", cores());
+        let frame = ChartFrame { log_x: true, ..ChartFrame::new(&title, "training (s)", &name) };
         let series = |name: String| {
             let own = points.iter().filter(|(row, _)| row.label == name);
             Series { points: own.map(|(_, point)| *point).collect(), name }

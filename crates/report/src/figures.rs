@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::chart::{Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart};
+use crate::chart::{Bar, ChartFrame, Series, bar_chart, frontier_chart, line_chart};
 use crate::error::ReportError;
 use crate::events::{Events, StepEvent};
 use crate::quantity::Quantity;
@@ -61,7 +61,7 @@ pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<
     let series: Vec<Series> = groups.iter().filter_map(point).collect();
     if series.len() > 1 {
         let title = format!("Training time against PSNR, {over}");
-        let frame = ChartFrame { title, x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+        let frame = ChartFrame { log_x: true, ..ChartFrame::new(&title, "training (s)", "PSNR (dB)") };
         let svg = frontier_chart(&frame, &series)?;
         let caption = "Up and left is better; the line is the best PSNR reached by each time.";
         figures.push(Figure::new("time-psnr", frame, svg, caption));
@@ -86,12 +86,12 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
     }
     let loss: Vec<Series> = series(&|step| Some((step.step, step.loss?)));
     if !loss.is_empty() {
-        add("loss".into(), by_step(format!("{scene}: training loss"), "loss", &loss), &loss, "")?;
+        add("loss".into(), by_step(&format!("{scene}: training loss"), "loss", &loss), &loss, "")?;
     }
     for (label, events) in runs {
         let terms = terms(events);
         if terms.len() > 1 {
-            let frame = by_step(format!("{scene}: terms of the objective of {label}"), "value", &terms);
+            let frame = by_step(&format!("{scene}: terms of the objective of {label}"), "value", &terms);
             add(format!("{label}-terms"), frame, &terms, "Values before their weights.")?;
         }
     }
@@ -116,9 +116,9 @@ fn curve(name: &str, events: &Events, point: Point) -> Option<Series> {
 }
 
 /// Returns the frame of curves by step, logarithmic if all values are positive.
-fn by_step(title: String, y: &str, series: &[Series]) -> ChartFrame {
+fn by_step(title: &str, y: &str, series: &[Series]) -> ChartFrame {
     let log = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
-    ChartFrame { title, x: Axis::linear("step"), y: Axis { label: y.into(), log } }
+    ChartFrame { log_y: log, ..ChartFrame::new(title, "step", y) }
 }
 
 /// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of an equal number of neighbouring points.

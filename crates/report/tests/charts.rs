@@ -1,13 +1,10 @@
 //! Charts of ordinary, extreme and non-finite numbers.
 
-use infonerf_report::chart::{
-    Axis, Bar, ChartFrame, Series, bar_chart, frontier_chart, heat_map, line_chart, standalone,
-};
+use infonerf_report::chart::{Bar, ChartFrame, Series, bar_chart, frontier_chart, heat_map, line_chart, standalone};
 use proptest::prelude::*;
 
 fn all_charts(points: &[(f64, f64)], log: bool) -> Vec<String> {
-    let axis = |label: &str| Axis { label: label.into(), log };
-    let frame = ChartFrame { title: "Title".into(), x: axis("x"), y: axis("y") };
+    let frame = ChartFrame { log_x: log, log_y: log, ..ChartFrame::new("Title", "x", "y") };
     let bars = points.iter().map(|&(x, y)| Bar { label: "b".into(), value: x, spread: Some(y) }).collect::<Vec<_>>();
     let grid = vec![points.iter().map(|point| Some(point.0)).collect(), vec![None]];
     let labels = ["p".to_owned(), "q".to_owned()];

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use anyhow::Result;
 use indexmap::IndexSet;
-use infonerf_report::chart::{Axis, Bar, ChartFrame, Series, bar_chart, heat_map, line_chart};
+use infonerf_report::chart::{Bar, ChartFrame, Series, bar_chart, heat_map, line_chart};
 use infonerf_report::{Figure, Quantity, Record, ReportError, overview_table};
 use serde::Deserialize;
 
@@ -71,9 +71,8 @@ fn psnr_lines(
 ) -> Result<Figure, ReportError> {
     let mut series: Vec<Series> = series.collect();
     series.iter_mut().for_each(|series| series.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
-    let axis = if log { Axis::log(x) } else { Axis::linear(x) };
     let title = format!("{} by {x}", Quantity::PSNR.heading());
-    let frame = ChartFrame { title, x: axis, y: Axis::linear("PSNR (dB)") };
+    let frame = ChartFrame { log_x: log, ..ChartFrame::new(&title, x, "PSNR (dB)") };
     let svg = line_chart(&frame, &series)?;
     Ok(Figure::new(name, frame, svg, caption))
 }

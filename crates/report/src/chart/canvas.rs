@@ -111,8 +111,8 @@ pub(super) fn plot<'a, 's>(
         .axis_style(INK.mix(0.5))
         .label_style(font(11.0))
         .axis_desc_style(font(12.0))
-        .x_desc(plain(&frame.x.label))
-        .y_desc(plain(&frame.y.label))
+        .x_desc(plain(&frame.x))
+        .y_desc(plain(&frame.y))
         .draw()?;
     Ok(plot)
 }

@@ -58,7 +58,7 @@ fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 /// Makes the line of each series, with a marker on each point and a stroke of `width`.
 fn lines(series: &[Series], frame: &ChartFrame, width: u32) -> Vec<PlotLine> {
-    let fits = |&(x, y): &(f64, f64)| drawable(x, frame.x.log) && drawable(y, frame.y.log);
+    let fits = |&(x, y): &(f64, f64)| drawable(x, frame.log_x) && drawable(y, frame.log_y);
     let line = |(index, series): (usize, &Series)| PlotLine {
         name: series.name.clone(),
         points: series.points.iter().copied().filter(fits).collect(),
@@ -71,8 +71,8 @@ fn lines(series: &[Series], frame: &ChartFrame, width: u32) -> Vec<PlotLine> {
 
 fn draw(frame: &ChartFrame, lines: &[PlotLine]) -> Result<String, ReportError> {
     let points = || lines.iter().flat_map(|line| line.points.iter().copied());
-    let x = Scale::around(points().map(|(x, _)| x), frame.x.log);
-    let y = Scale::around(points().map(|(_, y)| y), frame.y.log);
+    let x = Scale::around(points().map(|(x, _)| x), frame.log_x);
+    let y = Scale::around(points().map(|(_, y)| y), frame.log_y);
     let legend: Vec<_> = lines.iter().map(|line| (line.name.clone(), line.colour)).collect();
     drawn(frame, |sheet| {
         let mut plot = plot(sheet, frame, &legend, x, y)?;

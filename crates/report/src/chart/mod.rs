@@ -18,19 +18,14 @@ pub use line::{frontier_chart, line_chart, pareto_frontier};
 pub struct ChartFrame {
     /// Heading above the chart; may be empty.
     pub title: String,
-    /// Horizontal axis.
-    pub x: Axis,
-    /// Vertical axis.
-    pub y: Axis,
-}
-
-/// Axis of a chart.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Axis {
-    /// Label: quantity and unit.
-    pub label: String,
-    /// Whether the axis is logarithmic: values that are not positive are left out.
-    pub log: bool,
+    /// Label of the horizontal axis: quantity and unit.
+    pub x: String,
+    /// Label of the vertical axis.
+    pub y: String,
+    /// Whether the horizontal axis is logarithmic: values that are not positive are left out.
+    pub log_x: bool,
+    /// Whether the vertical axis is logarithmic.
+    pub log_y: bool,
 }
 
 /// Named set of points, in one colour.
@@ -45,19 +40,7 @@ pub struct Series {
 impl ChartFrame {
     /// Returns a frame with linear axes.
     pub fn new(title: &str, x: &str, y: &str) -> Self {
-        Self { title: title.into(), x: Axis::linear(x), y: Axis::linear(y) }
-    }
-}
-
-impl Axis {
-    /// Returns a linear axis.
-    pub fn linear(label: &str) -> Self {
-        Self { label: label.into(), log: false }
-    }
-
-    /// Returns a logarithmic axis.
-    pub fn log(label: &str) -> Self {
-        Self { label: label.into(), log: true }
+        Self { title: title.into(), x: x.into(), y: y.into(), ..Self::default() }
     }
 }
 
