@@ -13,23 +13,15 @@ const REFRESH: Duration = Duration::from_secs(1);
 /// Converter of events to JSON, with at most one step per second.
 #[derive(Default)]
 pub(crate) struct JsonEvents {
-    runs: usize,
     last: Option<Instant>,
 }
 
 impl JsonEvents {
     pub(crate) fn event(&mut self, event: &PlanEvent<'_>) -> Option<Value> {
         match event {
-            PlanEvent::Started(sweep, _) => {
-                self.runs = sweep.len();
-                None
-            }
-            PlanEvent::Run(index, plan, event) => {
-                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
-                self.run_event(&run, event)
-            }
-            PlanEvent::RunEnded(index, plan, ended) => {
-                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+            PlanEvent::Run(sweep, index, event) => self.run_event(&sweep.label(*index), event),
+            PlanEvent::RunEnded(sweep, index, ended) => {
+                let run = sweep.label(*index);
                 self.last = None;
                 Some(match ended {
                     RunEnd::Trained(record, _) | RunEnd::AlreadyDone(record) => {
@@ -40,7 +32,7 @@ impl JsonEvents {
                     RunEnd::Finished(_) => return None,
                 })
             }
-            PlanEvent::Ended => None,
+            PlanEvent::Started(..) | PlanEvent::Ended => None,
             PlanEvent::Written(_, outcome, _) => outcome
                 .map(|outcome| json!({ "event": "finished", "report": outcome.report, "results": outcome.results })),
         }

@@ -25,35 +25,29 @@ pub(crate) struct Reporter {
     /// Whether runs are in this process, where each has a bar of its own.
     in_process: bool,
     out: PathBuf,
-    runs: usize,
+    has_begun: bool,
     /// Progress bar of the runs in processes of their own.
     bar: ProgressBar,
-    /// Index and progress of the current run of this process.
-    progress: Option<(usize, ProgressDisplay)>,
+    /// Progress of the current run of this process.
+    progress: Option<ProgressDisplay>,
 }
 
 impl Reporter {
     /// Makes a reporter for experiments below `out`, whose runs are `in_process` or elsewhere, and go on with `same_command`.
     pub(crate) fn new(same_command: &'static str, device: DeviceName, in_process: bool, out: &Path) -> Self {
         let out = out.to_owned();
-        Self { same_command, device, in_process, out, runs: 0, bar: ProgressBar::hidden(), progress: None }
+        Self { same_command, device, in_process, out, has_begun: false, bar: ProgressBar::hidden(), progress: None }
     }
 
     /// Shows `event`, and returns the user's command: continue, save or stop.
     pub(crate) fn watch(&mut self, event: PlanEvent<'_>) -> Control {
         match event {
             PlanEvent::Started(sweep, prepared) => self.started(sweep, prepared),
-            PlanEvent::Run(index, plan, event) => {
-                if self.progress.as_ref().is_none_or(|(shown, _)| *shown != index) {
-                    self.progress =
-                        Some((index, ProgressDisplay::new(&format!("[{}/{}] {}", index + 1, self.runs, plan.label()))));
-                }
-                if let Some((_, progress)) = &mut self.progress {
-                    progress.show(event);
-                }
+            PlanEvent::Run(sweep, index, event) => {
+                self.progress.get_or_insert_with(|| ProgressDisplay::new(&sweep.label(index))).show(event);
             }
-            PlanEvent::RunEnded(index, plan, ended) => {
-                let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+            PlanEvent::RunEnded(sweep, index, ended) => {
+                let label = sweep.label(index);
                 self.progress = None;
                 self.bar.suspend(|| match ended {
                     RunEnd::Trained(record, _) => outln!("{label}: {}", summary(&record)),
@@ -71,14 +65,14 @@ impl Reporter {
     }
 
     fn started(&mut self, sweep: &Sweep, prepared: &Prepared) {
-        let (about, todo) = (&sweep.about, prepared.missing.len());
-        if self.runs > 0 {
+        let (about, todo, all) = (&sweep.about, prepared.missing.len(), sweep.runs().len());
+        if self.has_begun {
             outln!("");
         }
-        self.runs = sweep.len();
-        let kept = sweep.len() - todo;
+        self.has_begun = true;
+        let kept = all - todo;
         let finished = if kept > 0 { format!(", {kept} of them finished before") } else { String::new() };
-        let runs = counted(sweep.len(), "run");
+        let runs = counted(all, "run");
         outln!("{}: {} ({runs}{finished}) on {}", about.name, about.title, self.device);
         if let Some(seconds) = about.seconds_per_run.filter(|_| todo > 0) {
             outln!("time: {}", expected_time(seconds, todo));
@@ -121,7 +115,8 @@ impl Reporter {
         if !missing.is_empty() {
             let named = missing.iter().take(MAX_NAMED).cloned().collect::<Vec<_>>().join(", ");
             let more = if missing.len() > MAX_NAMED { ", ..." } else { "" };
-            let (name, count, all, again) = (&sweep.about.name, missing.len(), sweep.len(), self.same_command);
+            let (name, count, again) = (&sweep.about.name, missing.len(), self.same_command);
+            let all = sweep.runs().len();
             errln!("{name}: {count} of {all} runs are not finished: {named}{more}; {again} tries them again");
         }
     }

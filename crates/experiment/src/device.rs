@@ -82,11 +82,6 @@ impl DeviceName {
     pub fn all_built_in() -> impl Iterator<Item = Self> {
         BUILT_IN.iter().copied()
     }
-
-    /// Returns the devices built in that need no GPU.
-    pub fn cpus() -> impl Iterator<Item = Self> {
-        Self::all_built_in().filter(|device| device.is_cpu())
-    }
 }
 
 impl fmt::Display for DeviceName {

@@ -132,8 +132,8 @@ mod tests {
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
         assert_eq!(names, experiments());
         assert!(sweeps(&["nothing".into()], false, &Selection::default()).is_err());
-        let full: usize = sweeps(&[], true, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
-        assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
+        let runs = |sweeps: &[Sweep]| sweeps.iter().map(|sweep| sweep.runs().len()).sum::<usize>();
+        assert!(runs(&sweeps(&[], true, &Selection::default()).unwrap()) > 2 * runs(&all));
         let selection = selected(&["orrery"], &[], &[]);
         let mixed = sweeps(&["synthetic-4view".into(), "zju-4view".into()], false, &selection).unwrap();
         assert!(mixed[0].runs().all(|plan| plan.scene == "orrery"));
@@ -141,6 +141,6 @@ mod tests {
         // Every run of a capture has the settings `SMALL`.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));
-        assert_eq!((capture.len(), all[1].len()), (5, 16));
+        assert_eq!((capture.runs().len(), all[1].runs().len()), (5, 16));
     }
 }

@@ -79,7 +79,10 @@ impl StressCase {
 /// Measures errors of every operation and loss on `count` extreme rays of each kind, on `device` or on every CPU device.
 pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMut(&str)) -> Result<bool> {
     print(&bench.machine());
-    let devices = if device == DeviceName::Auto { DeviceName::cpus().collect() } else { vec![device] };
+    let devices = match device {
+        DeviceName::Auto => DeviceName::all_built_in().filter(|device| device.is_cpu()).collect(),
+        device => vec![device],
+    };
     let mut rows = Vec::new();
     for name in devices {
         rows.extend(measure(bench, &open(name)?, count, print)?);

@@ -195,9 +195,9 @@ fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<
             }
             PlanEvent::Run(_, _, RunEvent::Warning(doubt)) if known.iter().any(|known| doubt.ends_with(known)) => {}
             PlanEvent::Run(_, _, event) => progress.show(event),
-            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, fields)) => {
+            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(record, fields)) => {
                 outln!("{}", result(&record));
-                if let Err(error) = exp::write_viewer(&fields, &session.run_folder(plan)) {
+                if let Err(error) = exp::write_viewer(&fields, &session.run_folder(sweep.run(index))) {
                     errln!("warning: no page in 3D: {error:#}");
                 }
                 trained = Some(*fields);

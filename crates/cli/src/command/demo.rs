@@ -57,8 +57,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let mut watch = |event: PlanEvent<'_>| {
         match event {
             PlanEvent::Run(_, _, event) => progress.show(event),
-            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, _)) => {
-                let folder = session.run_folder(plan);
+            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(record, _)) => {
+                let folder = session.run_folder(sweep.run(index));
                 outln!("{}\nnext: infonerf view {}", summary(&record), quoted(&folder));
             }
             PlanEvent::Written(_, Some(outcome), _) => outln!("report: {}", outcome.report.display()),

@@ -97,19 +97,21 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
         match &event {
             PlanEvent::Written(_, Some(_), _) if !as_text => command_line::save_or_warn(&folder),
             PlanEvent::Run(_, _, RunEvent::Warning(warning)) if args.quiet => errln!("warning: {warning}"),
-            PlanEvent::RunEnded(_, plan, RunEnd::Failed(reason)) if !as_text => {
-                errln!("{}: failed: {reason}", plan.label())
+            PlanEvent::RunEnded(sweep, index, RunEnd::Failed(reason)) if !as_text => {
+                errln!("{}: failed: {reason}", sweep.run(*index).label());
+            }
+            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(_, trained)) => {
+                let plan = sweep.run(*index);
+                if infonerf_view::is_exact(&plan.config.field)
+                    && let Err(error) = write_viewer(trained, &folder.join(plan.directory()))
+                {
+                    errln!("warning: {}: no page in 3D: {error:#}", plan.label());
+                }
             }
             _ => {}
         }
         if as_json && let Some(event) = events.event(&event) {
             outln!("{event}");
-        }
-        if let PlanEvent::RunEnded(_, plan, RunEnd::Trained(_, trained)) = &event
-            && infonerf_view::is_exact(&plan.config.field)
-            && let Err(error) = write_viewer(trained, &folder.join(plan.directory()))
-        {
-            errln!("warning: {}: no page in 3D: {error:#}", plan.label());
         }
         if as_text {
             reporter.watch(event);

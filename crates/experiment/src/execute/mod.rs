@@ -16,7 +16,6 @@ pub use slurm::{JobResources, Jobs, Slurm};
 use crate::device::DeviceName;
 use crate::records::save_record;
 use crate::run::{Control, Existing, Finished, RunEvent, Session, Trained};
-use crate::run_plan::RunPlan;
 use crate::sweep::{Prepared, Sweep, SweepFiles};
 
 /// Place where runs are executed.
@@ -35,10 +34,10 @@ pub enum Executor<'a> {
 pub enum PlanEvent<'a> {
     /// A sweep begins. [`Prepared`] lists its missing runs.
     Started(&'a Sweep, &'a Prepared),
-    /// An event of the run of that index, which is executed in this process.
-    Run(usize, &'a RunPlan, RunEvent<'a>),
-    /// The run of that index has ended.
-    RunEnded(usize, &'a RunPlan, RunEnd),
+    /// An event of the sweep's run of that index, which is executed in this process.
+    Run(&'a Sweep, usize, RunEvent<'a>),
+    /// The sweep's run of that index has ended.
+    RunEnded(&'a Sweep, usize, RunEnd),
     /// All runs of a sweep have ended, or the sweep was stopped.
     Ended,
     /// The files of a sweep are written (`None` if no run is finished). The last field lists the labels of its unfinished runs.
@@ -131,7 +130,7 @@ fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Resu
     for (index, plan) in sweep.runs().enumerate() {
         let mut watch_run = |event: RunEvent<'_>| {
             trains |= matches!(event, RunEvent::Started { .. });
-            watch(PlanEvent::Run(index, plan, event))
+            watch(PlanEvent::Run(sweep, index, event))
         };
         let ended = match session.run(plan, &mut watch_run) {
             Ok(Finished::Record(record, trained)) => {
@@ -140,14 +139,14 @@ fn run_here(session: &Session, sweep: &Sweep, watch: &mut PlanWatch<'_>) -> Resu
             }
             Ok(Finished::AlreadyDone(record)) => RunEnd::AlreadyDone(record),
             Ok(Finished::Stopped) => RunEnd::Stopped,
-            Err(error) if !trains || sweep.len() == 1 => return Err(error),
+            Err(error) if !trains || sweep.runs().len() == 1 => return Err(error),
             Err(error) => {
                 failed.insert(index);
                 RunEnd::Failed(format!("{error:#}"))
             }
         };
         let is_stopped = matches!(ended, RunEnd::Stopped);
-        watch(PlanEvent::RunEnded(index, plan, ended));
+        watch(PlanEvent::RunEnded(sweep, index, ended));
         if is_stopped {
             return Ok(None);
         }

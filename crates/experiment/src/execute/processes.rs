@@ -117,7 +117,7 @@ impl Workers {
                     RunEnd::Stopped => stopped = true,
                     _ => {}
                 }
-                watch(PlanEvent::RunEnded(item, sweep.run(item), end));
+                watch(PlanEvent::RunEnded(sweep, item, end));
             }
         });
         let is_complete = queue.into_inner().is_ok_and(|mut queue| queue.next().is_none());

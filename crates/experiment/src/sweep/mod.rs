@@ -89,18 +89,14 @@ impl Sweep {
         self.items.iter().map(|item| &item.plan)
     }
 
-    /// Returns the number of runs.
-    pub fn len(&self) -> usize {
-        self.items.len()
-    }
-
-    /// Whether there are no runs.
-    pub fn is_empty(&self) -> bool {
-        self.items.is_empty()
-    }
-
-    pub(crate) fn run(&self, index: usize) -> &RunPlan {
+    /// Returns the run of that index.
+    pub fn run(&self, index: usize) -> &RunPlan {
         &self.items[index].plan
+    }
+
+    /// Returns the label of a run with its number, such as `[2/8] castle/nerf/seed0`.
+    pub fn label(&self, index: usize) -> String {
+        format!("[{}/{}] {}", index + 1, self.items.len(), self.run(index).label())
     }
 
     /// Returns the folder of the sweep's results below `out`.

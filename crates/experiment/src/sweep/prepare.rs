@@ -46,7 +46,7 @@ impl Sweep {
 
     /// Takes all runs as missing. Refuses a list of records below `out` that cannot be read, to which none could be added.
     pub(crate) fn all_missing(&self, out: &Path) -> Result<Prepared> {
-        let (folder, missing) = (self.folder(out), (0..self.len()).collect());
+        let (folder, missing) = (self.folder(out), (0..self.runs().len()).collect());
         let list = folder.join(LIST);
         if list.exists() {
             read_records(&list).context("records are added to this file: move it away")?;
