@@ -10,20 +10,18 @@ use statrs::statistics::{Data, Median};
 
 use crate::context::Bench;
 
-#[derive(Serialize)]
-struct ResultsFile<'a, R> {
-    about: Value,
-    protocol: &'a str,
-    #[serde(flatten)]
-    more: Value,
-    rows: &'a [R],
-}
-
 impl Bench {
-    /// Writes `rows` to `results.json`, with the machine, the description `protocol` and the fields of `more`.
-    pub(crate) fn save_results<R: Serialize>(&self, protocol: &str, rows: &[R], more: Value) -> Result<()> {
-        let json = serde_json::to_string_pretty(&ResultsFile { about: self.conditions(), protocol, more, rows })?;
-        self.save("results.json", &(json + "\n"))
+    /// Adds the machine, the description `protocol` and the `rows` to the object `results`, and writes it to `results.json`.
+    pub(crate) fn save_results(
+        &self,
+        protocol: &str,
+        rows: &(impl Serialize + ?Sized),
+        mut results: Value,
+    ) -> Result<()> {
+        results["about"] = self.conditions();
+        results["protocol"] = protocol.into();
+        results["rows"] = serde_json::to_value(rows)?;
+        self.save("results.json", &(serde_json::to_string_pretty(&results)? + "\n"))
     }
 
     pub(crate) fn save_csv(&self, table: &TextTable) -> Result<()> {

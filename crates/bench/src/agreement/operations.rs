@@ -114,8 +114,7 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         (0..RAYS).flat_map(|ray| if ray % 10 == 3 { [0.0; 2] } else { [1.0, 3.0 + 2.0 * rng.f32()] }).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
     let density: Vec<f32> = (0..CELLS.pow(3)).map(|_| if rng.f32() < 0.4 { -1.0 } else { 9.0 * rng.f32() }).collect();
-    let all = [("", 6.0, true), (", evenly and to the end", f32::INFINITY, false)];
-    for (name, hidden_depth, jittered) in all {
+    for (name, hidden_depth, jittered) in [("", 6.0, true), (", evenly and to the end", f32::INFINITY, false)] {
         compare.operation(&format!("marching{name}"), |device| {
             let plain = device.clone().inner();
             let settings = MarchSettings { step: 0.1, hidden_depth };
@@ -149,8 +148,8 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
                 Some((MarchedRays { origins, directions, ends: from_host(&ends, 2, &plain), jitter }, Some(cells)))
             };
-            let packed = march(RAYS, &plain, settings, walk, on_gpu);
-            let PackedSamples { segments, distance, delta, positions, .. } = packed;
+            let PackedSamples { segments, distance, delta, positions, .. } =
+                march(RAYS, &plain, settings, walk, on_gpu);
             let tau = leaf(&to_host(distance.clone() * delta.clone() * 3.0), device);
             let color = (positions.clone() * 0.1 + 0.5).autodiff();
             let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);

@@ -32,17 +32,9 @@ pub(super) fn evaluate(
     let scene = trainers[0].scene();
     let protocol = plan.config.eval.metric_protocol();
     let tested = plan.config.eval.measured(&scene.test);
-    let mut stopped = false;
-    let mut go_on = |event: RunEvent<'_>| {
-        stopped = stopped || watch(event) == Control::Stop;
-        !stopped
-    };
     let evaluation = Evaluation::new(&session.networks, &protocol);
-    let Some(evaluated) = measure(evaluation, trained, &tested, folder, &mut go_on)? else { return Ok(None) };
-    let information = information_of(plan, trainers, &mut || go_on(RunEvent::Measuring));
-    if stopped {
-        return Ok(None);
-    }
+    let measured = measure(evaluation, trained, &tested, folder, watch)?;
+    let Some((evaluated, information)) = measured else { return Ok(None) };
     let has_files = matches!(plan.source, SceneSource::Folder { .. });
     let files = |views: &[&View]| views.iter().filter(|_| has_files).map(|view| view.file.clone()).collect();
     let measured = evaluated.measured.representable();
@@ -87,30 +79,34 @@ pub(super) fn evaluate(
     }))
 }
 
-/// Renders and measures the `tested` views, and writes their images; `None` if `go_on` returns false.
+/// Renders and measures the `tested` views, writes their images, and measures test rays; `None` if `watch` stops it.
 fn measure(
     mut evaluation: Evaluation<'_>,
     Trained { plan, trainers, models, .. }: &Trained,
     tested: &[&View],
     folder: &Path,
-    go_on: &mut dyn FnMut(RunEvent<'_>) -> bool,
-) -> Result<Option<Evaluated>> {
+    watch: &mut Watch<'_>,
+) -> Result<Option<(Evaluated, Option<Information>)>> {
     let (scene, renderer, steps) = (trainers[0].scene(), trainers[0].renderer(), plan.config.eval.pose_steps);
+    let mut stopped = false;
+    let mut go_on = |event: RunEvent<'_>| {
+        stopped = stopped || watch(event) == Control::Stop;
+        !stopped
+    };
     for (index, view) in tested.iter().enumerate() {
         if !go_on(RunEvent::Evaluating { view: index, views: tested.len() }) {
             return Ok(None);
         }
-        let mut stopped = false;
-        let members = fit_test_poses(renderer, models, view, Pivot::of(scene), steps, &mut || {
-            stopped = !go_on(RunEvent::Measuring);
-            !stopped
-        });
-        if stopped {
+        let fit_on = &mut || go_on(RunEvent::Measuring);
+        let members = fit_test_poses(renderer, models, view, Pivot::of(scene), steps, fit_on);
+        if !go_on(RunEvent::Measuring) {
             return Ok(None);
         }
         write_pictures(folder, scene, view, &evaluation.add(renderer, &members, view)?)?;
     }
-    evaluation.finish().context("no test views").map(Some)
+    let evaluated = evaluation.finish().context("no test views")?;
+    let information = information_of(plan, trainers, &mut || go_on(RunEvent::Measuring));
+    Ok((!stopped).then_some((evaluated, information)))
 }
 
 fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) -> Result<()> {

@@ -86,7 +86,7 @@ fn training_is_saved_when_its_watcher_panics() {
 fn evaluation_is_stopped_within_its_steps() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan(&["eval.pose_steps=4"]);
-    for last in [2, 5] {
+    for last in [2, 6] {
         let mut begun = 0;
         let mut watch = |event: RunEvent<'_>| {
             begun += usize::from(matches!(event, RunEvent::Measuring));
