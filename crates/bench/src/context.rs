@@ -4,7 +4,6 @@ use std::hash::Hash;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use burn::tensor::Device;
 use indexmap::IndexSet;
 use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
 use serde_json::{Value, json};
@@ -56,10 +55,6 @@ impl Bench {
     pub fn with_networks(mut self, weights: Option<&Path>) -> Result<Self> {
         self.session.networks = networks(weights, &self.session.device)?;
         Ok(self)
-    }
-
-    pub(crate) fn device(&self) -> &Device {
-        &self.session.device.device
     }
 
     /// Returns the program, the machine and the runs for `results.json`.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::Result;
 use infonerf_experiment::{RunPlan, Watch};
 use infonerf_report::chart::{ChartFrame, Series, line_chart, pareto_frontier, standalone};
-use infonerf_report::{Emphasis, Quantity, Record, Table, TableRow, overview_table};
+use infonerf_report::{Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
 
 use crate::context::{Bench, cores, distinct};
@@ -33,7 +33,7 @@ pub fn run(bench: &Bench, budgets: &[Duration], print: &mut dyn FnMut(&str), wat
         }
     }
     let table = table(&records);
-    print(&format!("\n{}\nfrontier: {}", table.to_text(Emphasis::Star), frontier(&table)));
+    print(&format!("\n{}\nfrontier: {}", table.to_text(), frontier(&table)));
     Ok(())
 }
 

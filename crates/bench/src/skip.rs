@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use infonerf_experiment::Watch;
-use infonerf_report::{Emphasis, Quantity, Record, TextTable, overview_table};
+use infonerf_report::{Quantity, Record, TextTable, overview_table};
 use infonerf_train::Config;
 use serde_json::json;
 
@@ -62,7 +62,7 @@ pub fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str), watch
             ("faster", |(_, [_, less_time])| format!("{less_time:.1}x")),
         ],
     );
-    print(&format!("\n{}\n{}", table.to_text(Emphasis::Star), factors.to_text()));
+    print(&format!("\n{}\n{}", table.to_text(), factors.to_text()));
     Ok(())
 }
 

@@ -136,7 +136,7 @@ fn measure(bench: &Bench, setting: StressSetting, seeds: u32, steps: u32) -> Res
         let plan = RunPlan { seed, ..plan.clone() };
         let mut scene = plan.load()?;
         change(&mut scene);
-        let mut trainer = Trainer::new(&plan.config, scene, seed, None, bench.device())?;
+        let mut trainer = Trainer::new(&plan.config, scene, seed, None, &bench.session.device.device)?;
         psnrs.extend(outcome.count(&mut trainer)?);
     }
     outcome.train_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);

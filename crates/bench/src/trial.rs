@@ -12,7 +12,8 @@ use crate::context::Bench;
 
 impl Bench {
     pub(crate) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
-        plan.trainer(&Arc::new(plan.load()?), 0, None, self.device()).with_context(|| plan.label())
+        let device = &self.session.device.device;
+        plan.trainer(&Arc::new(plan.load()?), 0, None, device).with_context(|| plan.label())
     }
 
     /// Trains `plan` to its end and evaluates it on its test views; its folder replaces that of an earlier run.

@@ -94,6 +94,6 @@ pub(crate) struct DeviceArgs {
 }
 
 fn device_help() -> String {
-    let names: Vec<&str> = DeviceName::all_built_in().map(DeviceName::name).collect();
+    let names: Vec<&str> = DeviceName::BUILT_IN.iter().map(|device| device.name()).collect();
     format!("Where to compute: {}; auto is the fastest of them", names.join(", "))
 }

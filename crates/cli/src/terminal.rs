@@ -1,10 +1,10 @@
-//! Output that fits the terminal: widths and colours.
+//! Output that fits the terminal, and what opens with a message.
 
 use std::io::IsTerminal;
 use std::path::Path;
 
 use infonerf_experiment::{DeviceName, OpenDevice, RunPlan, Trained, open};
-use infonerf_report::{Emphasis, Table};
+use infonerf_report::Table;
 use terminal_size::{Width, terminal_size_of};
 
 use crate::print::errln;
@@ -21,15 +21,13 @@ pub(crate) fn is_terminal() -> bool {
 
 /// Formats a table as text, no wider than the terminal, or else than `COLUMNS` or [`FILE_COLUMNS`] characters.
 pub(crate) fn fitted(table: &Table) -> String {
-    let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let (columns, emphasis) = if is_terminal() {
-        let columns = terminal_size_of(std::io::stdout()).map_or(COLUMNS, |(Width(columns), _)| columns);
-        (columns.into(), if plain { Emphasis::Star } else { Emphasis::Terminal })
+    let columns = if is_terminal() {
+        terminal_size_of(std::io::stdout()).map_or(COLUMNS, |(Width(columns), _)| columns).into()
     } else {
         let asked = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
-        (asked.filter(|columns| *columns > 0).unwrap_or(FILE_COLUMNS), Emphasis::Star)
+        asked.filter(|columns| *columns > 0).unwrap_or(FILE_COLUMNS)
     };
-    table.narrowed(columns).to_text(emphasis)
+    table.narrowed(columns).to_text()
 }
 
 /// Opens a device, and prints which GPU it is.

@@ -27,21 +27,21 @@ pub enum DeviceName {
     Cuda,
 }
 
-/// The devices built in, fastest first.
-const BUILT_IN: &[DeviceName] = &[
-    #[cfg(feature = "cuda")]
-    DeviceName::Cuda,
-    #[cfg(feature = "vulkan")]
-    DeviceName::Vulkan,
-    #[cfg(feature = "wgpu")]
-    DeviceName::Wgpu,
-    #[cfg(feature = "flex")]
-    DeviceName::Flex,
-    #[cfg(feature = "ndarray")]
-    DeviceName::Ndarray,
-];
-
 impl DeviceName {
+    /// The devices built in, fastest first.
+    pub const BUILT_IN: &[Self] = &[
+        #[cfg(feature = "cuda")]
+        Self::Cuda,
+        #[cfg(feature = "vulkan")]
+        Self::Vulkan,
+        #[cfg(feature = "wgpu")]
+        Self::Wgpu,
+        #[cfg(feature = "flex")]
+        Self::Flex,
+        #[cfg(feature = "ndarray")]
+        Self::Ndarray,
+    ];
+
     /// Returns the number of fields that are trained at a time: one on each core of a CPU, one on a GPU.
     pub fn fields_side_by_side(self) -> usize {
         if self.is_cpu() { rayon::current_num_threads() } else { 1 }
@@ -64,11 +64,11 @@ impl DeviceName {
     /// # Errors
     /// If it is not built in.
     pub fn built_in(self) -> Result<Self> {
-        let found = Self::all_built_in().find(|device| self == Self::Auto || self == *device);
+        let found = Self::BUILT_IN.iter().copied().find(|device| self == Self::Auto || self == *device);
         found.with_context(|| {
             format!(
                 "--device {self}: not built in; this program has: {}. Build with `cargo build --release --features {self}`",
-                Self::all_built_in().map(Self::name).collect::<Vec<_>>().join(", ")
+                Self::BUILT_IN.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ")
             )
         })
     }
@@ -76,11 +76,6 @@ impl DeviceName {
     /// Whether the device is the CPU.
     pub fn is_cpu(self) -> bool {
         matches!(self, Self::Flex | Self::Ndarray)
-    }
-
-    /// Returns the devices built in, fastest first.
-    pub fn all_built_in() -> impl Iterator<Item = Self> {
-        BUILT_IN.iter().copied()
     }
 }
 

@@ -12,7 +12,7 @@
 //! - [`depth_image`], [`error_image`] and [`normal_image`]: images of depth, error and normals.
 //!
 //! ```
-//! use infonerf_report::{Emphasis, Quantity, Record, scene_table};
+//! use infonerf_report::{Quantity, Record, scene_table};
 //!
 //! let run = |variant: &str, psnr| Record {
 //!     scene: "lego".into(),
@@ -22,7 +22,7 @@
 //! };
 //! let table = scene_table(&[run("nerf", 15.9), run("infonerf", 18.9)], Quantity::PSNR);
 //! assert!(table.to_markdown().contains("| infonerf | **18.90** |"));
-//! println!("{}", table.to_text(Emphasis::Terminal));
+//! println!("{}", table.to_text());
 //! ```
 
 pub mod chart;
@@ -65,7 +65,6 @@ pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 pub use record::{CameraErrors, Record, Setting, TestViews, VIEWER_PAGE, run_directory};
 pub use report::{write_collection, write_report};
-pub use table::format::Emphasis;
 pub use table::{Cell, Column, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
 pub use text::{counted, escape_html};

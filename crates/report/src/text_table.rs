@@ -15,16 +15,15 @@ impl TextTable {
         Self(std::iter::once(headings).chain(rows.into_iter().map(cells)).collect())
     }
 
-    /// Returns the number of characters of each column, without the codes of bold text.
     pub(crate) fn widths(&self) -> Vec<usize> {
-        let width = |column: usize| self.0.iter().filter_map(|line| line.get(column)).map(|text| length(text)).max();
+        let width = |column: usize| self.0.iter().filter_map(|line| Some(line.get(column)?.chars().count())).max();
         (0..self.0[0].len()).map(|column| width(column).unwrap_or(0)).collect()
     }
 
     pub(crate) fn lines(&self) -> Vec<String> {
         let widths = self.widths();
         let cell = |(column, (text, width)): (usize, (&String, &usize))| {
-            let space = " ".repeat(width - length(text));
+            let space = " ".repeat(width - text.chars().count());
             if column == 0 { format!("{text}{space}") } else { format!("{space}{text}") }
         };
         let line = |line: &Vec<String>| {
@@ -47,15 +46,6 @@ impl TextTable {
         };
         self.0.iter().map(|cells| cells.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n").collect()
     }
-}
-
-pub(crate) fn bold(text: &str) -> String {
-    format!("\u{1b}[1m{text}\u{1b}[0m")
-}
-
-fn length(text: &str) -> usize {
-    let codes = if text.starts_with('\u{1b}') { bold("").len() } else { 0 };
-    text.chars().count() - codes
 }
 
 #[cfg(test)]

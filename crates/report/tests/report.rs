@@ -42,18 +42,13 @@ fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         _ => None,
     };
     Record {
-        experiment: "synthetic-4view".into(),
         scene: scene.into(),
         variant: variant.into(),
         seed,
         preset: "fast".into(),
-        device: "flex".into(),
         train_views: vec![26, 86, 2, 55],
         test_views: TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
-        image_size: [400, 400],
-        iterations: 2000 + 10 * seed,
         train_seconds: if variant == "nerf" { 48.2 } else { 55.9 },
-        evaluation: "8-bit RGB on white".into(),
         metrics: METRICS.iter().map(|metric| (metric.key().to_owned(), value(metric.key()))).collect(),
         ray_entropy_bits: Some(60.0 / psnr),
         notes: vec!["lpips_alex: no weights".into()],

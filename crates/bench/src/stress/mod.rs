@@ -80,7 +80,7 @@ impl StressCase {
 pub fn run(bench: &Bench, device: DeviceName, count: usize, print: &mut dyn FnMut(&str)) -> Result<bool> {
     print(&bench.machine());
     let devices = match device {
-        DeviceName::Auto => DeviceName::all_built_in().filter(|device| device.is_cpu()).collect(),
+        DeviceName::Auto => DeviceName::BUILT_IN.iter().copied().filter(|device| device.is_cpu()).collect(),
         device => vec![device],
     };
     let mut rows = Vec::new();

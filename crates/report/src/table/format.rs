@@ -2,16 +2,7 @@
 
 use super::{Cell, Table, TableRow};
 use crate::text::{escape_markdown, plain};
-use crate::text_table::{TextTable, bold};
-
-/// Mark of the best value of a column in [`Table::to_text`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Emphasis {
-    /// Bold, by terminal escape codes.
-    Terminal,
-    /// `*` after the value, for files and pipes.
-    Star,
-}
+use crate::text_table::TextTable;
 
 impl Table {
     /// Formats GitHub-flavoured Markdown: title, protocol, table with the best in bold, footnotes.
@@ -45,9 +36,9 @@ impl Table {
         comments.collect::<String>() + &TextTable(rows).to_csv()
     }
 
-    /// Formats aligned columns for a terminal, protocol above.
-    pub fn to_text(&self, emphasis: Emphasis) -> String {
-        let grid = self.grid(emphasis);
+    /// Formats aligned columns for a terminal, protocol above, with a star after the best value of each column.
+    pub fn to_text(&self) -> String {
+        let grid = self.grid();
         let rule = "─".repeat(total(&grid.widths()));
         let mut lines: Vec<_> = std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
         let mut rows = grid.lines().into_iter();
@@ -59,7 +50,7 @@ impl Table {
     /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the
     /// most important first, and a note of the number left out.
     pub fn narrowed(&self, width: usize) -> Self {
-        let widths = self.grid(Emphasis::Star).widths();
+        let widths = self.grid().widths();
         let (names, numbers) = widths.split_at(1 + self.keys.len());
         let mut by_rank: Vec<usize> = (0..self.columns.len()).collect();
         by_rank.sort_by_key(|&column| self.columns[column].rank());
@@ -84,16 +75,12 @@ impl Table {
         }
     }
 
-    /// Formats the cells as text. With [`Emphasis::Star`], values of a column that has a best one align by a place for the star.
-    fn grid(&self, emphasis: Emphasis) -> TextTable {
-        let mut grid = TextTable(self.formatted(plain, |text, best| match emphasis {
-            Emphasis::Terminal if best => bold(&text),
-            Emphasis::Star if best => text + "*",
-            _ => text,
-        }));
-        for (column, _) in self.columns.iter().enumerate() {
+    /// Formats the cells as text; values of a column that has a best one align by a place for the star.
+    fn grid(&self) -> TextTable {
+        let mut grid = TextTable(self.formatted(plain, |text, best| if best { text + "*" } else { text }));
+        for column in 0..self.columns.len() {
             let best = |row: &TableRow| row.cells.get(column).is_some_and(|cell| cell.best);
-            if emphasis == Emphasis::Star && self.rows.iter().any(best) {
+            if self.rows.iter().any(best) {
                 for (line, _) in grid.0[1..].iter_mut().zip(&self.rows).filter(|(_, row)| !best(row)) {
                     line[1 + self.keys.len() + column].push(' ');
                 }
@@ -150,9 +137,7 @@ nerf      16.50 ± 0.71   17.50 ± 0.71   17.00 ± 0.71
 infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
 ─────────────────────────────────────────────────────
 ";
-        assert_eq!(table.to_text(Emphasis::Star), expected);
-        let text = table.to_text(Emphasis::Terminal);
-        assert!(text.contains("nerf      16.50 ± 0.71") && text.contains("  \u{1b}[1m18.50 ± 0.71\u{1b}[0m"), "{text}");
+        assert_eq!(table.to_text(), expected);
     }
 
     #[test]
@@ -172,7 +157,7 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
         let headings: Vec<&str> = narrow.columns.iter().map(|column| column.heading.as_str()).collect();
         assert_eq!(headings, ["lego", "mean"]);
         let end = "19.00 ± 0.71*\n──────────────────────────────────────\n1 more column is in report.html\n";
-        assert!(narrow.to_text(Emphasis::Star).ends_with(end));
+        assert!(narrow.to_text().ends_with(end));
         assert!(wide.narrowed(0).columns.is_empty());
     }
 }

@@ -1,6 +1,6 @@
 //! Comparison tables: rows are variants, columns scenes or quantities, cells mean ± standard deviation over seeds.
 
-pub(crate) mod format;
+mod format;
 
 use std::collections::BTreeSet;
 
@@ -252,7 +252,6 @@ impl Table {
 pub(crate) mod tests {
     use super::*;
     use crate::record::TestViews;
-    use crate::table::format::Emphasis;
 
     pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         Record {
@@ -338,7 +337,7 @@ pub(crate) mod tests {
             assert!(markdown.contains(part), "{part}: {markdown}");
         }
         assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));
-        assert!(table.to_text(Emphasis::Star).contains("\ninfonerf  1e-3    64 "));
+        assert!(table.to_text().contains("\ninfonerf  1e-3    64 "));
         assert_eq!(records[0].label(), "infonerf, λ₁ = 1e-3, rays = 64");
     }
 
