@@ -1,5 +1,3 @@
-//! Live page of runs in training.
-
 use std::cell::Cell;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;

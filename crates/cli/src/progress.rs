@@ -1,5 +1,3 @@
-//! Progress bars.
-
 use std::fmt;
 use std::time::{Duration, Instant};
 

@@ -1,5 +1,3 @@
-//! Experiment files.
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -23,7 +23,7 @@ const GROWING: [&str; 2] = ["budget_seconds", "config.train.iterations"];
 
 /// Checksums of all that a run's numbers depend on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Identity {
+pub(crate) struct Identity {
     config: String,
     /// Checksum of the scene's files, or the name of a built-in scene.
     pub(crate) data: String,
@@ -38,10 +38,7 @@ pub struct Identity {
 
 impl Identity {
     /// Returns the identity of `plan` on the device called `device`, with this program.
-    ///
-    /// # Errors
-    /// If a file cannot be read.
-    pub fn of(plan: &RunPlan, device: &str) -> Result<Self> {
+    pub(crate) fn of(plan: &RunPlan, device: &str) -> Result<Self> {
         Self::of_scenes(plan, [&plan.source], device)
     }
 

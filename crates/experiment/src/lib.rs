@@ -44,7 +44,6 @@ pub use described::{ConfigKey, Description, config_keys, config_origins, describ
 pub use device::{DeviceName, OpenDevice, networks, open};
 pub use export::SplatFidelity;
 pub use file::list;
-pub use identity::Identity;
 pub use plan::{About, Experiment, Selection};
 pub use pretrain::{Pretrained, pretrain};
 pub use records::{read_records, save_record};

@@ -92,9 +92,6 @@ impl RunPlan {
 
     /// Returns a trainer of the `index`th field before its first step. `other`, if the plan has another field already, shares
     /// what training computes from the scene.
-    ///
-    /// # Errors
-    /// As [`Trainer::new`].
     pub fn trainer(
         &self,
         scene: &Arc<Scene>,
@@ -112,9 +109,6 @@ impl RunPlan {
     }
 
     /// Loads the scene, its training cameras disturbed and refined as the config asks.
-    ///
-    /// # Errors
-    /// As [`infonerf_dataset::load`].
     pub fn load(&self) -> Result<Scene> {
         let scene = infonerf_dataset::load(&self.source, &self.request()).map_err(named_by_key);
         let scene = scene.with_context(|| self.source_name())?;

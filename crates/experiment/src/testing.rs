@@ -1,5 +1,3 @@
-//! Selections, plans and records for tests.
-
 use infonerf_report::Record;
 
 use crate::plan::{Experiment, Selection};

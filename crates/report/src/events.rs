@@ -31,9 +31,6 @@ pub struct Events {
 
 impl Events {
     /// Reads a `metrics.jsonl`. Lines that cannot be used are counted in [`Events::skipped`].
-    ///
-    /// # Errors
-    /// If the file cannot be read.
     pub fn read(path: &Path) -> Result<Self, ReportError> {
         let bytes = fs::read(path).map_err(ReportError::io("read", path))?;
         Ok(Self::parse(&String::from_utf8_lossy(&bytes)))

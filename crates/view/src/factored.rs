@@ -15,7 +15,6 @@ use crate::blob::{Blob, bits, floats};
 use crate::network::{PackedNetwork, Place};
 use crate::package::Subjects;
 use crate::shader::{FieldMarch, clips, vector};
-use crate::tables::{Quantised, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
 /// Number of bytes of uniforms that fit into graphics cards in practice; WebGL2 guarantees a quarter of it.
@@ -188,4 +187,30 @@ impl TableTextures {
         }
         parts
     }
+}
+
+/// Table `[texels, channels]` as textures of four channels with 8 bits each; a last texture is filled up with zeros.
+///
+/// A channel's value is `low + range · byte/255`, off by at most half of `range/255`.
+struct Quantised {
+    /// Bytes `[texels, 4]` of each texture.
+    textures: Vec<Vec<u8>>,
+    /// Minimum value of each channel.
+    low: Vec<f32>,
+    /// Range of each channel's values, or 1 if they are all equal.
+    range: Vec<f32>,
+}
+
+/// Quantises `table`, `[texels, channels]` row-major.
+fn quantise(table: &[f32], channels: usize) -> Quantised {
+    let of_channel = |k: usize| table.iter().skip(k).step_by(channels).copied();
+    let low: Vec<f32> = (0..channels).map(|k| of_channel(k).fold(f32::INFINITY, f32::min)).collect();
+    let high = (0..channels).map(|k| of_channel(k).fold(f32::NEG_INFINITY, f32::max));
+    let range: Vec<f32> = high.zip(&low).map(|(high, low)| if high > *low { high - low } else { 1.0 }).collect();
+    let byte = |value: f32, k: usize| ((value - low[k]) / range[k] * 255.0).round() as u8;
+    let texture = |group: usize| {
+        let texel = |row: &[f32]| [0, 1, 2, 3].map(|k| row.get(4 * group + k).map_or(0, |&v| byte(v, 4 * group + k)));
+        table.chunks_exact(channels).flat_map(texel).collect()
+    };
+    Quantised { textures: (0..channels.div_ceil(4)).map(texture).collect(), low, range }
 }

@@ -38,7 +38,6 @@ mod package;
 mod page;
 mod server;
 mod shader;
-mod tables;
 
 pub use factored::is_exact;
 pub use server::{Server, TrainingControl};

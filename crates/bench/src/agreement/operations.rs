@@ -1,5 +1,3 @@
-//! Operations of infonerf-ops.
-
 use std::sync::Arc;
 
 use burn::optim::Optimizer;

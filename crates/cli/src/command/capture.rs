@@ -1,5 +1,3 @@
-//! `infonerf capture`: from photographs to pictures of the scene, in one command.
-
 use std::fs::create_dir_all;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,5 +1,3 @@
-//! `infonerf demo`: one scene in half a minute at most, for a first look.
-
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -1,5 +1,3 @@
-//! `infonerf eval`: evaluates runs again, or pictures that other programs rendered.
-
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

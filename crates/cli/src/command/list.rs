@@ -1,5 +1,3 @@
-//! `infonerf list` and `infonerf config`: what there is to run, and with which settings.
-
 use std::process::ExitCode;
 
 use anyhow::Result;

@@ -1,5 +1,3 @@
-//! `infonerf reproduce`: every table and figure of the paper at a small scale, and tests of its claims.
-
 use std::path::PathBuf;
 use std::process::ExitCode;
 

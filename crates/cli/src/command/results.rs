@@ -1,5 +1,3 @@
-//! `infonerf collect`, `figure` and `tensorboard`: documents, pictures and curves of finished runs.
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::ErrorKind;

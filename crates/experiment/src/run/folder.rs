@@ -1,5 +1,3 @@
-//! The folder of a run.
-
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

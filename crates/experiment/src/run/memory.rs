@@ -1,5 +1,3 @@
-//! Peak memory of a run.
-
 use std::fs;
 
 /// Measurement of the peak resident memory of this process from a moment on, if the system reports it.

@@ -1,5 +1,3 @@
-//! Finds the missing runs of a sweep.
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -107,7 +107,6 @@ fn total(widths: &[usize]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::quantity::Quantity;
     use crate::table::{scene_table, tests::record, tests::two_by_two};
 

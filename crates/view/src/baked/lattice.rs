@@ -1,5 +1,3 @@
-//! Lattice of points at which a field is baked.
-
 use glam::Vec3;
 use infonerf_scene::Aabb;
 

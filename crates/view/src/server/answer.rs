@@ -1,5 +1,3 @@
-//! Answers to requests.
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,3 @@
-//! Pause and stop of the training in this process.
-
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};

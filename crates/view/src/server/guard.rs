@@ -1,5 +1,3 @@
-//! Guard that admits requests of this server's own page alone.
-
 use std::net::{IpAddr, SocketAddr};
 
 use http::Request;

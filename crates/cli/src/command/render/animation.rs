@@ -1,5 +1,3 @@
-//! Frames as an animated GIF.
-
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

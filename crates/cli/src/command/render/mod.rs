@@ -1,5 +1,3 @@
-//! `infonerf render`: new views of a run along a camera path.
-
 mod animation;
 mod path;
 
