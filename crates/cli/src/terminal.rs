@@ -22,7 +22,7 @@ pub(crate) fn is_terminal() -> bool {
 /// Formats a table as text, no wider than the terminal, or else than `COLUMNS` or [`FILE_COLUMNS`] characters.
 pub(crate) fn fitted(table: &Table) -> String {
     let columns = if is_terminal() {
-        terminal_size_of(std::io::stdout()).map_or(COLUMNS, |(Width(columns), _)| columns).into()
+        usize::from(terminal_size_of(std::io::stdout()).map_or(COLUMNS, |(Width(columns), _)| columns))
     } else {
         let asked = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
         asked.filter(|columns| *columns > 0).unwrap_or(FILE_COLUMNS)
