@@ -132,8 +132,8 @@ impl Builder {
         rings.into_iter().for_each(|(centre, radius, tube)| self.ring(centre, radius, tube, material));
     }
 
-    /// Adds a tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
-    pub fn closed_tube(&mut self, curve: impl Fn(f64) -> DVec3, pieces: usize, tube: f64, material: Material) {
+    /// Adds a tube about the curve `curve(s)`, `s` in `[0, 1]`, in `pieces`. Its start is round, its end flat.
+    pub fn tube(&mut self, curve: impl Fn(f64) -> DVec3, pieces: usize, radius: f64, material: Material) {
         let mut knots: Vec<Knot> = Vec::with_capacity(pieces + 1);
         for i in 0..=pieces {
             let s = i as f64 / pieces as f64;
@@ -144,10 +144,9 @@ impl Builder {
             let side = (side - tangent * side.dot(tangent)).normalize_or(tangent.any_orthonormal_vector());
             knots.push(Knot { point, tangent, side, length });
         }
-        for pair in knots.windows(2) {
-            let &[from, to] = pair else { continue };
-            let rod = Convex::bullet(from.point, to.point, tube);
-            self.push(Shape::Piece { rod, from, to, tube }, material);
+        for (&from, &to) in knots.iter().zip(&knots[1..]) {
+            let rod = Convex::bullet(from.point, to.point, radius);
+            self.push(Shape::Piece { rod, from, to, tube: radius }, material);
         }
     }
 

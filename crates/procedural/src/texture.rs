@@ -19,8 +19,10 @@ pub(super) enum Texture {
     Marble(DVec3, DVec3, f64),
     /// Wavy bands of three colours along local z, as on a gas planet, and their number per unit.
     Bands(DVec3, DVec3, DVec3, f64),
-    /// Colours of land and sea, features per unit, and height of the local poles from which on they are white.
-    Patches(DVec3, DVec3, f64, f64),
+    /// Patches of two colours with a smooth border, and features per unit.
+    Patches(DVec3, DVec3, f64),
+    /// Patches of land and sea, and the height on a unit sphere from which on both poles are white.
+    Globe(DVec3, DVec3, f64, f64),
     /// Scales or shingles between two colours in courses along local z: their number around z, and courses per unit.
     Shingles(DVec3, DVec3, f64, f64),
     /// Boards with grain between two colours, their width and length; on upright faces they stand on end.
@@ -77,11 +79,10 @@ impl Texture {
                 let first = a.lerp(b, smooth(0.5 + 0.5 * (TAU * z).sin()));
                 first.lerp(c, smooth(0.5 + 0.5 * (TAU * 0.37 * z + 1.0).sin()) * 0.7)
             }
-            Self::Patches(a, b, per_unit, cap) => {
-                let height = fractal(p * per_unit);
-                let land = smooth(((height - 0.5) * 14.0 + 0.5).clamp(0.0, 1.0));
-                let polar = ((p.normalize_or(DVec3::Z).z.abs() + 0.15 * height - cap) * 12.0).clamp(0.0, 1.0);
-                b.lerp(a * (0.6 + 0.8 * fractal(p * per_unit * 3.0)), land).lerp(DVec3::splat(0.9), polar)
+            Self::Patches(a, b, per_unit) => patches(a, b, p * per_unit),
+            Self::Globe(land, sea, per_unit, cap) => {
+                let edge = p.normalize_or(DVec3::Z).z.abs() + 0.15 * fractal(p * per_unit) - cap;
+                patches(land, sea, p * per_unit).lerp(DVec3::splat(0.9), (edge * 12.0).clamp(0.0, 1.0))
             }
             Self::Shingles(a, b, around, per_unit) => {
                 let v = p.z * per_unit;
@@ -126,6 +127,11 @@ fn bricks(brick: DVec3, mortar: DVec3, u: f64, v: f64) -> DVec3 {
         return mortar;
     }
     brick * (0.55 + 0.9 * hash([u.floor() as i64, row as i64, 3]))
+}
+
+fn patches(a: DVec3, b: DVec3, q: DVec3) -> DVec3 {
+    let share = smooth(((fractal(q) - 0.5) * 14.0 + 0.5).clamp(0.0, 1.0));
+    b.lerp(a * (0.6 + 0.8 * fractal(q * 3.0)), share)
 }
 
 fn planks(a: DVec3, b: DVec3, u: f64, v: f64) -> DVec3 {

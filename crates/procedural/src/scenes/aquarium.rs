@@ -38,7 +38,7 @@ fn tank(scene: &mut Builder) {
         scene.block(v(side * HALF.x, 0.0, z), v(0.012, 2.0 * HALF.y, h), pane);
     }
     let steel = metal(0x464a50);
-    for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+    for (x, y) in CORNERS {
         let edge = v(x * HALF.x, y * HALF.y, 0.0);
         scene.rod(edge + DVec3::Z * BASE, edge + DVec3::Z * RIM, 0.020, steel);
         scene.sphere(edge + DVec3::Z * RIM, 0.026, steel);
@@ -59,7 +59,7 @@ fn tank(scene: &mut Builder) {
 /// Adds sand, rocks, an arch, weeds and corals.
 fn bottom(scene: &mut Builder) {
     let size = v(2.0 * HALF.x - 0.03, 2.0 * HALF.y - 0.03, SAND - BASE);
-    scene.block(v(0.0, 0.0, 0.5 * (BASE + SAND)), size, matt(Patches(rgb(0xecce96), rgb(0xc8a46c), 14.0, 9.0)));
+    scene.block(v(0.0, 0.0, 0.5 * (BASE + SAND)), size, matt(Patches(rgb(0xecce96), rgb(0xc8a46c), 14.0)));
     let brick = Bricks(rgb(0xa8968a), rgb(0x544e4c), 0.09, 0.05, false);
     let arch = v(0.28, 0.12, SAND + 0.18);
     let opening = Convex::block(arch - DVec3::Z * 0.10, v(0.20, 1.0, 0.22));
@@ -75,7 +75,7 @@ fn bottom(scene: &mut Builder) {
         let foot = v(0.60 - 0.05 * (s % 3.0), -0.30 + 0.06 * s - 0.10 * (s % 2.0), SAND - 0.02);
         let tall = 0.48 + 0.12 * f64::from(k * 7 % 5);
         let curve = |t: f64| foot + v(0.05 * (6.0 * t + s).sin() * t, 0.05 * (5.0 * t + 2.0 * s).cos() * t, tall * t);
-        scene.closed_tube(curve, 12, 0.017, matt(weed));
+        scene.tube(curve, 12, 0.017, matt(weed));
     }
     for k in 0..7 {
         let foot = v(-0.34, -0.30, SAND - 0.02);
@@ -113,12 +113,9 @@ fn jellyfish(scene: &mut Builder) {
     let foot = v(-0.10, 0.02, 0.16) + v(-0.52, 0.20, 0.0);
     let bell = Material { reflectance: 0.02, ..glass(0xe682dc, 0.34) };
     scene.lathe(foot, &[0.13, 0.0, 0.14, 0.04, 0.11, 0.11, 0.06, 0.15, 0.004, 0.165], bell);
-    for k in 0..8 {
-        let angle = f64::from(k) * 45.0;
-        let curve = |s: f64| {
-            let wave = 0.02 * (9.0 * s + f64::from(k)).sin();
-            foot + polar(0.10 - 0.03 * s + wave, angle, -0.32 * s)
-        };
-        scene.closed_tube(curve, 10, 0.009, Material { reflectance: 0.02, ..glass(0xf0b4e6, 0.5) });
+    for (k, angle) in around(8).enumerate() {
+        let wave = |s: f64| 0.02 * (9.0 * s + k as f64).sin();
+        let curve = |s: f64| foot + polar(0.10 - 0.03 * s + wave(s), angle, -0.32 * s);
+        scene.tube(curve, 10, 0.009, Material { reflectance: 0.02, ..glass(0xf0b4e6, 0.5) });
     }
 }

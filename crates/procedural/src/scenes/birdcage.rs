@@ -7,7 +7,7 @@ use super::*;
 const FLOOR: f64 = -0.86;
 const SPRING: f64 = 0.22;
 const RADIUS: f64 = 0.74;
-const WIRES: usize = 26;
+const WIRES: u32 = 26;
 const BRASS: u32 = 0xcea04a;
 
 pub(super) fn birdcage(scene: &mut Builder) {
@@ -22,8 +22,8 @@ fn tray(scene: &mut Builder) {
     let hollow = vec![Convex::cylinder(v(0.0, 0.0, FLOOR - 0.12), RADIUS - 0.03, 0.4)];
     scene.carved(Convex::cylinder(v(0.0, 0.0, FLOOR - 0.16), RADIUS + 0.03, 0.17), hollow, glossy(enamel));
     scene.rings([FLOOR - 0.16, FLOOR + 0.01].map(|z| (v(0.0, 0.0, z), RADIUS + 0.03, 0.022)), metal(BRASS));
-    let foot = |degrees: f64| Convex::sphere(polar(RADIUS - 0.06, degrees, FLOOR - 0.21), 0.05);
-    scene.each([45.0, 135.0, 225.0, 315.0], foot, metal(BRASS));
+    let foot = |degrees: f64| Convex::sphere(polar(RADIUS - 0.06, 45.0 + degrees, FLOOR - 0.21), 0.05);
+    scene.each(around(4), foot, metal(BRASS));
     // The mesh over the tray.
     let steel = metal(0xb0b6be);
     for i in -9..=9 {
@@ -40,14 +40,13 @@ fn wires(scene: &mut Builder) {
         let a = 0.5 * PI * s;
         (RADIUS * a.cos() * (1.0 + 0.10 * (2.0 * PI * s).sin()), SPRING + 0.78 * a.sin() + 0.08 * s.powi(6))
     };
-    for k in 0..WIRES {
-        let angle = 360.0 * k as f64 / WIRES as f64;
+    for angle in around(WIRES) {
         scene.rod(polar(RADIUS, angle, FLOOR), polar(RADIUS, angle, SPRING), 0.010, metal(BRASS));
         let arc = |s: f64| {
             let (radius, z) = dome(s);
             polar(radius, angle, z)
         };
-        scene.closed_tube(arc, 12, 0.010, metal(BRASS));
+        scene.tube(arc, 12, 0.010, metal(BRASS));
     }
     let hoops = [(-0.58, 0.012), (-0.32, 0.012), (-0.05, 0.012), (SPRING, 0.020)];
     scene.rings(hoops.map(|(z, tube)| (v(0.0, 0.0, z), RADIUS, tube)), metal(BRASS));

@@ -42,9 +42,7 @@ fn carcass(scene: &mut Builder) {
         let mut cuts = Vec::new();
         for shelf in 0..SHELVES {
             for y in [-0.165, 0.165] {
-                let middle = v(x * 0.5 * WIDE, y, floor(shelf) + 0.23);
-                cuts.push(Convex::block(middle, v(0.2, 0.23, 0.26)));
-                cuts.push(Convex::rod(middle + v(-0.1, 0.0, 0.13), middle + v(0.1, 0.0, 0.13), 0.115));
+                cuts.extend(arched(v(x * 0.5 * WIDE, y, floor(shelf) + 0.23), DVec3::X, 0.2, 0.23, 0.26));
             }
         }
         scene.carved(board(x), cuts, oak());
@@ -52,8 +50,7 @@ fn carcass(scene: &mut Builder) {
     let back = Flowers(rgb(0x607468), rgb(0xc4b082), 8.0, false);
     scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), matt(back));
     let foot = |(x, y): (f64, f64)| v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-    scene.each(corners, |corner| Convex::sphere(foot(corner), 0.06), glossy(0x462614));
+    scene.each(CORNERS, |corner| Convex::sphere(foot(corner), 0.06), glossy(0x462614));
 }
 
 /// Adds books along one half of a shelf, seen from `side`; now and then something else.
@@ -108,7 +105,7 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         }
         1 => {
             scene.lathe(at, &[0.07, 0.0, 0.05, 0.03, 0.015, 0.06, 0.012, 0.10], metal(0xc89c4c));
-            scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(Patches(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95)));
+            scene.sphere(at + DVec3::Z * 0.19, 0.095, glossy(Globe(rgb(0x789646), rgb(0x326eaa), 16.0, 0.95)));
             scene.ring(LocalFrame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)), 0.11, 0.008, metal(0xc89c4c));
         }
         2 => {
@@ -118,13 +115,13 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         }
         3 => {
             scene.lathe(at, &[0.05, 0.0, 0.075, 0.10, 0.08, 0.13], matt(0xbe603c));
-            let leaf = matt(Patches(rgb(0x5aaa3c), rgb(0x286e32), 24.0, 9.0));
+            let leaf = matt(Patches(rgb(0x5aaa3c), rgb(0x286e32), 24.0));
             let tip = |k: i32| at + polar(0.085, f64::from(k) * 40.0, 0.24 + 0.05 * f64::from(k % 3));
             scene.each(0..9, |k| Convex::taper(at + DVec3::Z * 0.11, tip(k), 0.022, 0.006), leaf);
         }
         _ => {
             scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), metal(0xcea656));
-            let picture = Patches(rgb(0xe6965a), rgb(0x3c6e96), 11.0, 9.0);
+            let picture = Patches(rgb(0xe6965a), rgb(0x3c6e96), 11.0);
             scene.block(at + v(0.0, at.y.signum() * 0.01, 0.15), v(0.17, 0.012, 0.25), matt(picture));
         }
     }

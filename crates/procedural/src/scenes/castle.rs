@@ -8,9 +8,8 @@ const SIDE: f64 = 0.78;
 
 pub(super) fn castle(scene: &mut Builder) {
     island(scene);
-    let corners = [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)];
-    for (k, corner) in corners.into_iter().enumerate() {
-        tower(scene, corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
+    for (k, (x, y)) in CORNERS.into_iter().enumerate() {
+        tower(scene, v(x * SIDE, y * SIDE, FLOOR), 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
     }
     walls(scene);
     gate(scene);
@@ -30,17 +29,16 @@ fn roof(colour: u32) -> Material {
 }
 
 fn island(scene: &mut Builder) {
-    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, matt(Patches(rgb(0x60963e), rgb(0x46702e), 6.0, 9.0)));
+    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, matt(Patches(rgb(0x60963e), rgb(0x46702e), 6.0)));
     scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), matt(Checker(rgb(0x968c7c), rgb(0x686058), v(9.0, 9.0, 0.1))));
 }
 
 /// Adds a round tower with arrow slits, battlements and a pointed roof with a flag.
-fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
-    let foot = v(at.x, at.y, FLOOR);
+fn tower(scene: &mut Builder, foot: DVec3, height: f64, colour: u32) {
     let radius = 0.19;
     let mut cuts = vec![Convex::cylinder(foot + DVec3::Z * 0.05, radius - 0.05, height - 0.12)];
     let slit = |angle| Convex::block(foot + polar(0.2, angle, height * 0.62), v(0.30, 0.05, 0.14)).turned(angle);
-    cuts.extend([45.0, 135.0, 225.0, 315.0].map(slit));
+    cuts.extend(around(4).map(|angle| slit(45.0 + angle)));
     scene.carved(Convex::cylinder(foot, radius, height), cuts, stone(true));
     scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
     scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));
@@ -52,21 +50,19 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: u32) {
 
 /// Adds four walls with battlements; the front one has an arched gate.
 fn walls(scene: &mut Builder) {
-    for k in 0..4u8 {
-        let angle = f64::from(k) * 90.0;
+    for angle in around(4) {
+        let side = Side::turned(angle);
         let centre = polar(SIDE, angle - 90.0, FLOOR + 0.20);
-        let mut cuts = Vec::new();
-        if k == 0 {
-            cuts.push(Convex::block(v(0.0, -SIDE, FLOOR + 0.10), v(0.30, 0.4, 0.22)));
-            let crown = v(0.0, -SIDE, FLOOR + 0.20);
-            cuts.push(Convex::rod(crown - DVec3::Y, crown + DVec3::Y * 0.3, 0.15));
+        let cuts = if angle == 0.0 {
+            let gate = Convex::block(v(0.0, -SIDE, FLOOR + 0.10), v(0.30, 0.4, 0.22));
+            vec![gate, Convex::rod(centre - DVec3::Y, centre + DVec3::Y * 0.3, 0.15)]
         } else {
-            let hole = polar(SIDE, angle - 90.0, FLOOR + 0.24);
-            cuts.push(Convex::rod(hole - polar(0.2, angle - 90.0, 0.0), hole + polar(0.2, angle - 90.0, 0.0), 0.07));
-        }
-        scene.carved(Convex::block(centre, v(1.3, 0.11, 0.42)).turned(angle), cuts, stone(false));
-        let merlon = |i: i32| centre + polar(f64::from(i) * 0.165, angle, 0.0) + DVec3::Z * 0.255;
-        scene.each(-3..=3, |i| Convex::block(merlon(i), v(0.085, 0.11, 0.10)).turned(angle), stone(false));
+            let hole = centre + DVec3::Z * 0.04;
+            vec![Convex::rod(hole - side.out * 0.2, hole + side.out * 0.2, 0.07)]
+        };
+        scene.carved(side.block(centre, 1.3, 0.11, 0.42), cuts, stone(false));
+        let merlon = |i: i32| centre + side.along * (f64::from(i) * 0.165) + DVec3::Z * 0.255;
+        scene.each(-3..=3, |i| side.block(merlon(i), 0.085, 0.11, 0.10), stone(false));
     }
 }
 
@@ -89,17 +85,11 @@ fn keep(scene: &mut Builder) {
     let centre = foot + DVec3::Z * (0.5 * height);
     let mut cuts = Vec::new();
     for z in [0.35, 0.78] {
-        for axis in [DVec3::X, DVec3::Y] {
-            let across = DVec3::ONE - axis - DVec3::Z;
-            let window = foot + DVec3::Z * z;
-            cuts.push(Convex::block(window, axis + across * 0.16 + DVec3::Z * 0.20));
-            let crown = window + DVec3::Z * 0.10;
-            cuts.push(Convex::rod(crown - axis * 0.5, crown + axis * 0.5, 0.08));
-        }
+        cuts.extend([DVec3::X, DVec3::Y].map(|axis| arched(foot + DVec3::Z * z, axis, 1.0, 0.16, 0.20)).concat());
     }
     let size = v(2.0 * half, 2.0 * half, height);
     scene.carved(Convex::block(centre, size), cuts, matt(Bricks(rgb(0xcea070), rgb(0x786450), 0.12, 0.06, false)));
-    for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+    for (x, y) in CORNERS {
         let at = foot + v(half * x, half * y, height - 0.20);
         scene.cone(at, 0.05, 0.09, 0.10, stone(true));
         scene.cylinder(at + DVec3::Z * 0.10, 0.09, 0.22, stone(true));
@@ -120,7 +110,7 @@ fn yard(scene: &mut Builder) {
     let foot = |side: f64| well + DVec3::X * side;
     scene.each([-0.11, 0.11], |side| Convex::rod(foot(side), foot(side) + DVec3::Z * 0.34, 0.014), wood);
     scene.cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13, roof(0x965432));
-    let leaves = matt(Patches(rgb(0x78b43c), rgb(0x245c28), 16.0, 9.0));
+    let leaves = matt(Patches(rgb(0x78b43c), rgb(0x245c28), 16.0));
     let trunk = v(0.52, -0.42, FLOOR);
     scene.rod(trunk, trunk + DVec3::Z * 0.30, 0.028, wood);
     let crowns = [(v(0.0, 0.0, 0.40), 0.13), (v(0.08, 0.05, 0.32), 0.09), (v(-0.07, -0.05, 0.34), 0.10)];

@@ -14,9 +14,8 @@ pub(super) fn chessman(scene: &mut Builder) {
     ];
     scene.lathe(foot, &body, glossy(wood));
     scene.rings([(0.08, 0.145), (0.50, 0.098)].map(|(z, radius)| (at(z), radius, 0.013)), gold);
-    for k in 0..8 {
-        let pearl = if k % 2 == 0 { rgb(0xf0eee6) } else { rgb(0x285aaa) };
-        scene.sphere(foot + polar(0.092, f64::from(k) * 45.0, 0.675), 0.024, glossy(pearl));
+    for (angle, colour) in around(8).zip([0xf0eee6, 0x285aaa].into_iter().cycle()) {
+        scene.sphere(foot + polar(0.092, angle, 0.675), 0.024, glossy(colour));
     }
     scene.lathe(foot, &[0.085, 0.65, 0.075, 0.69, 0.03, 0.72, 0.004, 0.725], glossy(wood));
     scene.sphere(at(0.745), 0.036, gold);

@@ -19,13 +19,7 @@ pub(super) fn crane(scene: &mut Builder) {
 fn base(scene: &mut Builder) {
     let brick = Bricks(rgb(0xb04a34), rgb(0xd6cebe), 0.16, 0.075, false);
     let centre = v(-0.25, 0.0, -0.93);
-    let mut cuts = Vec::new();
-    for axis in [DVec3::X, DVec3::Y] {
-        let across = DVec3::ONE - axis - DVec3::Z;
-        cuts.push(Convex::block(centre - DVec3::Z * 0.13, axis * 2.0 + across * 0.36 + DVec3::Z * 0.24));
-        let crown = centre - DVec3::Z * 0.01;
-        cuts.push(Convex::rod(crown - axis, crown + axis, 0.18));
-    }
+    let cuts = [DVec3::X, DVec3::Y].map(|axis| arched(centre - DVec3::Z * 0.13, axis, 2.0, 0.36, 0.24)).concat();
     scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, matt(brick));
     scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), matt(Checker(rgb(0x787c80), rgb(0xb0b2b4), v(5.0, 5.0, 0.1))));
 
@@ -41,7 +35,7 @@ fn base(scene: &mut Builder) {
 fn mast(scene: &mut Builder, paint: Material) {
     let (low, high, half, bays) = (-0.68, 0.62, 0.13, 6);
     let corner = |k: usize, z: f64| {
-        let (x, y) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][k % 4];
+        let (x, y) = CORNERS[k % 4];
         v(-0.25 + half * x, half * y, z)
     };
     scene.each(0..4, |k| Convex::rod(corner(k, low), corner(k, high), MEMBER), paint);
@@ -80,8 +74,7 @@ fn jib(scene: &mut Builder, paint: Material) {
         scene.rod(v(-0.25, side * 0.10, z), peak, MEMBER, paint);
         scene.rod(peak, lower(back + 0.08, side), 0.009, steel);
     }
-    scene.rod(peak, upper(0.85), 0.009, steel);
-    scene.rod(peak, upper(0.40), 0.009, steel);
+    scene.each([0.85, 0.40], |x| Convex::rod(peak, upper(x), 0.009), steel);
     let warning = Stripes(rgb(0xecbe14), rgb(0x18181a), v(4.5, 0.0, 4.5));
     scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), glossy(warning));
 }
@@ -104,5 +97,5 @@ fn load(scene: &mut Builder) {
     scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), matt(0x32343a));
     scene.each([-0.04, 0.04], |side| Convex::rod(v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008), steel);
     scene.ring(LocalFrame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
-    scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(Patches(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95)));
+    scene.sphere(v(x, 0.0, -0.27), 0.21, glossy(Globe(rgb(0x3c823c), rgb(0x1c54a8), 7.0, 0.95)));
 }

@@ -18,7 +18,7 @@ fn tray(scene: &mut Builder) {
     let tiles = Checker(rgb(0xb02228), rgb(0xf0e8d6), v(6.5, 6.5, 0.1));
     scene.cylinder(v(0.0, 0.0, TOP - 0.09), 1.08, 0.09, glossy(tiles));
     scene.ring(v(0.0, 0.0, TOP - 0.02), 1.08, 0.04, mirror(GOLD));
-    scene.each(0..5, |k| Convex::sphere(polar(0.9, f64::from(k) * 72.0, TOP - 0.13), 0.06), mirror(GOLD));
+    scene.each(around(5), |angle| Convex::sphere(polar(0.9, angle, TOP - 0.13), 0.06), mirror(GOLD));
 }
 
 fn body(scene: &mut Builder) {
@@ -41,9 +41,9 @@ fn body(scene: &mut Builder) {
         let a = PI * s;
         at(0.47 * a.cos(), 0.64 + 0.72 * a.sin())
     };
-    scene.closed_tube(arch, 30, 0.028, mirror(STEEL));
+    scene.tube(arch, 30, 0.028, mirror(STEEL));
     let grip = |s: f64| arch(0.30 + 0.40 * s);
-    scene.closed_tube(grip, 16, 0.048, glossy(Stripes(rgb(0x783c1e), rgb(0x462012), v(20.0, 0.0, 0.0))));
+    scene.tube(grip, 16, 0.048, glossy(Stripes(rgb(0x783c1e), rgb(0x462012), v(20.0, 0.0, 0.0))));
     scene.each([0.0, 0.30, 0.70, 1.0], |s| Convex::sphere(arch(s), 0.062), mirror(GOLD));
     let band = Stripes(rgb(0xe8be5a), rgb(0x96641e), v(0.0, 12.0, 0.0));
     scene.ring(at(0.0, 0.30), 0.605, 0.014, Material { texture: band, ..mirror(GOLD) });

@@ -24,7 +24,7 @@ use glam::DVec3;
 use crate::convex::{Convex, LocalFrame};
 use crate::model::{Builder, Material, glass, glossy, matt, metal, mirror, satin};
 use crate::texture::Texture::{
-    self, Bands, Bricks, Checker, Flowers, Marble, Patches, Plain, Planks, Shingles, Stripes,
+    self, Bands, Bricks, Checker, Flowers, Globe, Marble, Patches, Plain, Planks, Shingles, Stripes,
 };
 use crate::texture::rgb;
 
@@ -49,6 +49,44 @@ pub(super) const SCENES: [BuiltInScene; 15] = [
     ("table", table::table, 1.00, 0.00),
     ("figure", figure::figure, 1.00, 0.00),
 ];
+
+/// Corners of the square that reaches from −1 to 1 along x and y, counter-clockwise.
+const CORNERS: [(f64, f64); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+
+/// Returns `count` angles at equal distances around a circle, degrees from 0 on.
+fn around(count: u32) -> impl Iterator<Item = f64> {
+    (0..count).map(move |k| 360.0 * f64::from(k) / f64::from(count))
+}
+
+/// Returns the parts of an arched opening along `axis`, x or y: a block of this size about `middle`, and a cylinder of the same
+/// width about the middle of its upper side.
+fn arched(middle: DVec3, axis: DVec3, length: f64, width: f64, height: f64) -> [Convex; 2] {
+    let size = axis * length + (DVec3::ONE - axis - DVec3::Z) * width + DVec3::Z * height;
+    let (crown, half) = (middle + DVec3::Z * (0.5 * height), axis * (0.5 * length));
+    [Convex::block(middle, size), Convex::rod(crown - half, crown + half, 0.5 * width)]
+}
+
+/// Upright side of an object that is turned about the vertical axis. The side faces −y if the object is not turned.
+#[derive(Clone, Copy)]
+struct Side {
+    /// Angle of the turn, degrees.
+    turn: f64,
+    /// Direction along the side, to the right as seen from outside.
+    along: DVec3,
+    /// Direction in which the side faces.
+    out: DVec3,
+}
+
+impl Side {
+    fn turned(turn: f64) -> Self {
+        Self { turn, along: polar(1.0, turn, 0.0), out: polar(1.0, turn - 90.0, 0.0) }
+    }
+
+    /// Returns a block that is `wide` along the side and `deep` across it.
+    fn block(self, centre: DVec3, wide: f64, deep: f64, high: f64) -> Convex {
+        Convex::block(centre, v(wide, deep, high)).turned(self.turn)
+    }
+}
 
 /// Builds a point or an extent.
 fn v(x: f64, y: f64, z: f64) -> DVec3 {

@@ -22,7 +22,7 @@ fn sprigged() -> Material {
 /// Adds a scalloped board.
 fn plate(scene: &mut Builder) {
     scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, satin(Marble(rgb(0xc8c9cc), rgb(0xa8aeb8), 2.2)));
-    scene.each(0..24, |k| Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), glossy(WHITE));
+    scene.each(around(24), |angle| Convex::cylinder(polar(0.98, angle, TOP - 0.10), 0.10, 0.085), glossy(WHITE));
 }
 
 fn pot(scene: &mut Builder) {
@@ -45,7 +45,7 @@ fn pot(scene: &mut Builder) {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
         at(-0.34 - 0.26 * cos, 0.34 - 0.19 * sin)
     };
-    scene.closed_tube(handle, 24, 0.032, glossy(WHITE));
+    scene.tube(handle, 24, 0.032, glossy(WHITE));
 }
 
 /// Adds a tall vase with rings about its neck and twigs with buds.
@@ -57,12 +57,12 @@ fn vase(scene: &mut Builder) {
     scene.ring(foot + DVec3::Z * 1.15, 0.125, 0.012, metal(GILT));
     scene.rings([0.96, 1.03].map(|z| (foot + DVec3::Z * z, 0.086, 0.014)), glossy(WHITE));
     scene.cylinder(foot + DVec3::Z * 1.12, 0.115, 0.01, matt(0x969490));
-    for k in 0..6u32 {
-        let angle = f64::from(k) * 60.0 + 11.0;
+    for (k, angle) in around(6).enumerate() {
+        let angle = angle + 11.0;
         let start = foot + DVec3::Z * 1.10;
-        let rise = 0.40 + 0.09 * f64::from(k * 5 % 4);
+        let rise = 0.40 + 0.09 * (k * 5 % 4) as f64;
         let curve = |s: f64| start + polar(0.34 * s * s + 0.05 * s, angle, rise * s);
-        scene.closed_tube(curve, 8, 0.009, matt(0xcec8be));
+        scene.tube(curve, 8, 0.009, matt(0xcec8be));
         for s in [0.55, 0.72, 0.86, 1.0] {
             let bud = Plain(if s == 0.55 || s == 0.86 { rgb(0xfaf8f8) } else { rgb(0xf6e2e6) });
             scene.sphere(curve(s) + polar(0.03, angle + 400.0 * s, 0.012), 0.030, matt(bud));
@@ -88,9 +88,8 @@ fn hare(scene: &mut Builder) {
     let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);
     let body = LocalFrame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
     scene.lathe(body, &[0.01, -0.06, 0.09, -0.02, 0.145, 0.10, 0.13, 0.22, 0.08, 0.34, 0.01, 0.40], glossy(WHITE));
-    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, glossy(WHITE));
-    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, glossy(WHITE));
-    scene.sphere(at(0.20, 0.0, 0.12), 0.055, glossy(WHITE));
+    let (head, nose, tail) = ((-0.22, 0.36, 0.105), (-0.30, 0.33, 0.065), (0.20, 0.12, 0.055));
+    scene.each([head, nose, tail], |(x, z, radius)| Convex::sphere(at(x, 0.0, z), radius), glossy(WHITE));
     for side in [-1.0, 1.0] {
         let ear =
             LocalFrame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));

@@ -49,9 +49,9 @@ fn on_the_walls(scene: &mut Builder) {
         scene.block(at - DVec3::Y * 0.04, v(wide - 0.24, 0.03, high - 0.24), satin(picture));
     };
     frame(scene, v(-0.1, WALL, 1.72), 1.05, 0.75, Bands(rgb(0x1e508c), rgb(0xf0aa5a), rgb(0xfae2aa), 3.0));
-    frame(scene, v(-1.15, WALL, 1.78), 0.55, 0.70, Patches(rgb(0xc8783c), rgb(0x3c6e78), 7.0, 9.0));
+    frame(scene, v(-1.15, WALL, 1.78), 0.55, 0.70, Patches(rgb(0xc8783c), rgb(0x3c6e78), 7.0));
     // A window in the right wall, with curtains, and a mirror on the left one.
-    scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2, 9.0)));
+    scene.block(v(SIDE, 2.7, 1.55), v(0.02, 1.1, 1.3), matt(Patches(rgb(0xfcfcfa), rgb(0x82baec), 2.2)));
     let white = satin(0xf6f2e8);
     let rail = |(dz, y, z): (f64, f64, f64)| Convex::block(v(SIDE - 0.03, 2.7, 1.55 + dz), v(0.08, y, z));
     scene.each([(0.66, 1.24, 0.08), (-0.66, 1.3, 0.10), (0.1, 1.1, 0.05)], rail, white);
@@ -134,7 +134,7 @@ fn dresser(scene: &mut Builder) {
     let outline = [0.20, 0.28, 0.17, 0.38, 0.12, 0.50];
     scene.lathe(lamp, &outline, matt(Stripes(rgb(0xfae8be), rgb(0xf0ce96), v(9.0, 0.0, 0.0))));
     scene.cylinder(v(-SIDE + 0.24, 3.25, 0.865), 0.08, 0.04, metal(0xcea656));
-    scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(Patches(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95)));
+    scene.sphere(v(-SIDE + 0.24, 3.25, 1.06), 0.16, glossy(Globe(rgb(0x96a050), rgb(0x3c78b4), 9.0, 0.95)));
 }
 
 /// Adds an armchair to the right and a plant behind it.
@@ -149,7 +149,7 @@ fn corner(scene: &mut Builder) {
         let tall = 0.5 + 0.055 * f64::from(k);
         let start = pot + DVec3::Z * 0.32;
         let curve = |s: f64| start + polar(reach * s * s, angle, tall * s * (1.35 - 0.35 * s));
-        scene.closed_tube(curve, 8, 0.016, leaf);
+        scene.tube(curve, 8, 0.016, leaf);
         let tip = LocalFrame::along(curve(1.0), curve(1.0) - curve(0.8));
         scene.lathe(tip, &[0.012, -0.12, 0.05, -0.02, 0.045, 0.06, 0.004, 0.16], leaf);
     }

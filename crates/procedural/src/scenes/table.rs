@@ -31,7 +31,7 @@ fn bowl(scene: &mut Builder) {
     let apple = |a: DVec3, b: DVec3| glossy(Bands(a, b, a.lerp(b, 0.5), 5.0));
     let red = apple(rgb(0xce1e24), rgb(0xf0963c));
     let green = apple(rgb(0x82b428), rgb(0xd2d250));
-    let orange = satin(Patches(rgb(0xfa961e), rgb(0xf08214), 30.0, 9.0));
+    let orange = satin(Patches(rgb(0xfa961e), rgb(0xf08214), 30.0));
     for (angle, z, material) in
         [(0.0, 0.25, red), (75.0, 0.26, orange), (150.0, 0.25, green), (222.0, 0.25, orange), (290.0, 0.25, red)]
     {
@@ -54,13 +54,13 @@ fn jug(scene: &mut Builder) {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
         at + v(-0.15 - 0.20 * cos, 0.0, 0.42 - 0.22 * sin)
     };
-    scene.closed_tube(handle, 20, 0.026, copper);
+    scene.tube(handle, 20, 0.026, copper);
     for k in 0..9u32 {
         let angle = f64::from(k) * 137.5;
         let start = at + DVec3::Z * 0.62;
         let tall = 0.50 + 0.07 * f64::from(k * 5 % 6);
         let curve = |s: f64| start + polar(0.07 * s + 0.22 * s * s, angle, tall * s);
-        scene.closed_tube(curve, 7, 0.010, matt(0x968c50));
+        scene.tube(curve, 7, 0.010, matt(0x968c50));
         let head = LocalFrame::along(curve(1.0), curve(1.0) - curve(0.9));
         let hue = [rgb(0xc8a05a), rgb(0xe25a3c), rgb(0xf0dcb4)][k as usize % 3];
         scene.lathe(head, &[0.012, -0.01, 0.05, 0.03, 0.055, 0.07, 0.03, 0.105, 0.045, 0.12], matt(hue));
@@ -69,27 +69,26 @@ fn jug(scene: &mut Builder) {
 
 /// Adds a small radio and two books.
 fn radio(scene: &mut Builder) {
-    let (at, turn) = (v(0.50, 0.10, TOP + 0.006), -24.0);
-    let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
-    let block = |c: DVec3, x: f64, y: f64, z: f64| Convex::block(c, v(x, y, z)).turned(turn);
+    let (at, side) = (v(0.50, 0.10, TOP + 0.006), Side::turned(-24.0));
+    let Side { along, out, turn } = side;
     for (k, colour) in [rgb(0x184278), rgb(0xce962c)].into_iter().enumerate() {
         let c = at + DVec3::Z * (0.035 + 0.066 * k as f64);
         let book = Convex::block(c, v(0.72 - 0.08 * k as f64, 0.44, 0.062)).turned(turn + 8.0 - 12.0 * k as f64);
         scene.solid(book, satin(colour));
     }
     let c = at + DVec3::Z * 0.345;
-    scene.solid(block(c, 0.64, 0.26, 0.42), glossy(Bands(rgb(0xa05428), rgb(0x6e3418), rgb(0xbe743c), 7.0)));
+    scene.solid(side.block(c, 0.64, 0.26, 0.42), glossy(Bands(rgb(0xa05428), rgb(0x6e3418), rgb(0xbe743c), 7.0)));
     let face = c + out * 0.13;
     let grille = Checker(rgb(0xd6b478), rgb(0x6e5432), v(26.0, 1.0, 26.0));
-    scene.solid(block(face - along * 0.13, 0.30, 0.02, 0.32), matt(grille));
+    scene.solid(side.block(face - along * 0.13, 0.30, 0.02, 0.32), matt(grille));
     let dial = Stripes(rgb(0xf4eac8), rgb(0x968264), v(34.0, 0.0, 0.0));
-    scene.solid(block(face + along * 0.17 + DVec3::Z * 0.10, 0.23, 0.02, 0.12), glossy(dial));
+    scene.solid(side.block(face + along * 0.17 + DVec3::Z * 0.10, 0.23, 0.02, 0.12), glossy(dial));
     let brass = metal(0xdcb05a);
     let knob = |x: f64| face + along * x - DVec3::Z * 0.08;
     scene.each([0.11, 0.23], |x| Convex::rod(knob(x), knob(x) + out * 0.05, 0.045), brass);
     scene.rod(c + along * 0.28 + DVec3::Z * 0.2, c + along * 0.46 + DVec3::Z * 0.72, 0.010, brass);
     scene.sphere(c + along * 0.46 + DVec3::Z * 0.72, 0.02, brass);
-    let pear = glossy(Patches(rgb(0xdcc846), rgb(0xbeaa32), 20.0, 9.0));
+    let pear = glossy(Patches(rgb(0xdcc846), rgb(0xbeaa32), 20.0));
     let outline = [0.05, 0.0, 0.11, 0.06, 0.11, 0.13, 0.055, 0.23, 0.04, 0.27, 0.004, 0.29];
     scene.lathe(v(0.36, -0.48, TOP + 0.006), &outline, pear);
 }
