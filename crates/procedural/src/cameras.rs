@@ -55,9 +55,15 @@ pub fn test_cameras(size: u32) -> Vec<Camera> {
     (0..TEST_VIEWS).map(view).collect()
 }
 
+/// Returns the unit vector at these angles, radians.
+fn direction(azimuth: f64, elevation: f64) -> DVec3 {
+    let (up, across) = elevation.sin_cos();
+    DVec3::new(across * azimuth.cos(), across * azimuth.sin(), up)
+}
+
+/// Returns a camera at the radius of NeRF's synthetic scenes that looks at the origin.
 fn camera(size: u32, azimuth: f64, elevation: f64) -> Camera {
-    let (sin, cos) = elevation.sin_cos();
-    let direction = DVec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin);
+    let direction = direction(azimuth, elevation);
     Camera::from_fov(size, size, FOV_X, look_along(RADIUS * direction, -direction, DVec3::Z))
 }
 
@@ -119,9 +125,7 @@ fn hand_held(name: &str, size: u32, count: usize) -> Vec<Camera> {
             (at, DVec3::new(within(0.35), 3.6, 0.95 + within(0.15)))
         } else {
             let azimuth = (-90.0 + within(65.0)).to_radians();
-            let elevation = (32.0 + within(16.0)).to_radians();
-            let (across, up) = (elevation.cos(), elevation.sin());
-            let direction = DVec3::new(across * azimuth.cos(), across * azimuth.sin(), up);
+            let direction = direction(azimuth, (32.0 + within(16.0)).to_radians());
             let target = DVec3::new(within(0.1), within(0.1), -0.2 + within(0.1));
             (target + direction * (3.4 + within(0.25)), target)
         };

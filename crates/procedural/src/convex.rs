@@ -166,7 +166,8 @@ impl Convex {
 }
 
 impl Kind {
-    fn span(&self, line: &HalfLine) -> Option<Span> {
+    /// Returns the part of a line in local coordinates that lies inside.
+    pub fn span(&self, line: &HalfLine) -> Option<Span> {
         match *self {
             Self::Sphere { radius } => sphere(line, DVec3::ZERO, radius),
             Self::Block { half } => block(line, half),
@@ -180,10 +181,18 @@ impl Kind {
     }
 }
 
+/// Returns the shortest span that holds both.
 fn hull(a: Span, b: Span) -> Span {
     let first = if a.enter <= b.enter { a } else { b };
     let last = if a.exit >= b.exit { a } else { b };
     Span { exit: last.exit, exit_normal: last.exit_normal, ..first }
+}
+
+/// Returns what both spans have in common.
+fn intersection(a: Span, b: Span) -> Option<Span> {
+    let first = if b.enter > a.enter { b } else { a };
+    let last = if b.exit < a.exit { b } else { a };
+    (first.enter < last.exit).then_some(Span { exit: last.exit, exit_normal: last.exit_normal, ..first })
 }
 
 fn sphere(line: &HalfLine, centre: DVec3, radius: f64) -> Option<Span> {
@@ -200,17 +209,8 @@ fn sphere(line: &HalfLine, centre: DVec3, radius: f64) -> Option<Span> {
 }
 
 fn block(line: &HalfLine, half: DVec3) -> Option<Span> {
-    let mut span = slab(line, 0, half.x)?;
-    for axis in 1..3 {
-        let other = slab(line, axis, half[axis])?;
-        if other.enter > span.enter {
-            (span.enter, span.enter_normal) = (other.enter, other.enter_normal);
-        }
-        if other.exit < span.exit {
-            (span.exit, span.exit_normal) = (other.exit, other.exit_normal);
-        }
-    }
-    (span.enter < span.exit).then_some(span)
+    let across = intersection(slab(line, 0, half.x)?, slab(line, 1, half.y)?)?;
+    intersection(across, slab(line, 2, half.z)?)
 }
 
 /// Returns the part of the line at most `half` away from the origin along `axis`.
@@ -244,14 +244,18 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
         let q = p + t * d;
         DVec3::new(q.x, q.y, -k * (m + k * q.z)).normalize_or(DVec3::Z)
     };
+    // Entry and exit of the side, as distances from the shifted origin; an infinite one clips nothing.
+    let clipped = |enter: f64, exit: f64| {
+        let [enter_normal, exit_normal] = [enter, exit].map(normal);
+        intersection(span, Span { enter: enter + shift, enter_normal, exit: exit + shift, exit_normal })
+    };
     if a.abs() < 1e-14 {
         // Parallel to the side.
         if b.abs() < 1e-14 {
             return (c <= 0.0).then_some(span);
         }
         let t = -0.5 * c / b;
-        let (enter, exit) = if b < 0.0 { (t, f64::INFINITY) } else { (f64::NEG_INFINITY, t) };
-        return clip(span, shift, enter, exit, normal);
+        return if b < 0.0 { clipped(t, f64::INFINITY) } else { clipped(f64::NEG_INFINITY, t) };
     }
     let disc = b * b - a * c;
     if disc <= 0.0 {
@@ -260,30 +264,16 @@ fn cone(line: &HalfLine, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let root = disc.sqrt();
     let (first, second) = ((-b + root) / a, (-b - root) / a);
     if a > 0.0 {
-        return clip(span, shift, second, first, normal);
+        return clipped(second, first);
     }
     // a < 0: inside the double cone before the first and after the second root; inside the slab only one of its halves
     // exists (the radius is never negative there).
     let middle = |lo: f64, hi: f64| p.z + 0.5 * (lo + hi) * d.z;
     let (lo, hi) = (span.enter - shift, span.exit - shift);
     if first > lo && middle(lo, first.min(hi)).abs() <= half {
-        return clip(span, shift, f64::NEG_INFINITY, first, normal);
+        return clipped(f64::NEG_INFINITY, first);
     }
-    if second < hi {
-        return clip(span, shift, second, f64::INFINITY, normal);
-    }
-    None
-}
-
-/// Clips `span` to the entry and the exit of the side, distances from `shift`; an infinite one clips nothing.
-fn clip(mut span: Span, shift: f64, enter: f64, exit: f64, normal: impl Fn(f64) -> DVec3) -> Option<Span> {
-    if enter + shift > span.enter {
-        (span.enter, span.enter_normal) = (enter + shift, normal(enter));
-    }
-    if exit + shift < span.exit {
-        (span.exit, span.exit_normal) = (exit + shift, normal(exit));
-    }
-    (span.enter < span.exit).then_some(span)
+    if second < hi { clipped(second, f64::INFINITY) } else { None }
 }
 
 #[cfg(test)]

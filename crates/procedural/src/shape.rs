@@ -121,18 +121,12 @@ fn carve(base: &Convex, cuts: &[Convex], line: &HalfLine, farthest: f64) -> Opti
     if t > MIN_DISTANCE { Some((t, normal)) } else { Some((span.exit, span.exit_normal)) }
 }
 
-/// Finds the hit of a torus by sphere tracing within the slab and the cylinder that hold the torus. The field is a true
-/// distance, so no step is too long.
+/// Finds the hit of a torus by sphere tracing within the ball that holds the torus. The field is a true distance, so no step
+/// is too long.
 fn ring(line: &HalfLine, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
-    let middle = -line.origin.dot(line.direction);
-    let reach = radius + tube;
-    let half2 = reach * reach - line.at(middle).length_squared();
-    if half2 <= 0.0 {
-        return None;
-    }
-    let half = half2.sqrt();
-    let end = (middle + half).min(farthest);
-    let mut t = (middle - half).max(MIN_DISTANCE);
+    let ball = Kind::Sphere { radius: radius + tube }.span(line)?;
+    let end = ball.exit.min(farthest);
+    let mut t = ball.enter.max(MIN_DISTANCE);
     let distance = |p: DVec3| {
         let across = DVec2::new(p.x, p.y).length() - radius;
         DVec2::new(across, p.z).length() - tube
