@@ -1,3 +1,5 @@
+//! Normalised cross-correlation of windows of two images.
+
 use infonerf_scene::image::GreyImage;
 
 /// Constant added to variances, so that noise in uniform windows does not correlate.

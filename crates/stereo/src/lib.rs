@@ -109,14 +109,20 @@ impl DisparityRange {
 
 /// Returns the range from the 1 % to the 99 % quantile of matched disparities, a quarter wider; `None` for too few matches.
 fn disparity_range(maps: &[DepthMap]) -> Option<DisparityRange> {
-    let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
+    let found = matched_disparities(maps);
     let pixels: usize = maps.iter().map(|map| map.disparity.len()).sum();
     if found.is_empty() || (found.len() as f32) < MIN_MATCHES * pixels as f32 {
         return None;
     }
-    found.sort_by(f32::total_cmp);
     let margin = found.len() / 100;
     Some(DisparityRange { min: 0.8 * found[margin], max: 1.25 * found[found.len() - 1 - margin] })
+}
+
+/// Returns the disparities of all matched pixels, sorted.
+fn matched_disparities(maps: &[DepthMap]) -> Vec<f32> {
+    let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
+    found.sort_by(f32::total_cmp);
+    found
 }
 
 /// Best angle between two lines of sight for depth: smaller ones show little depth, larger ones show different sides
@@ -180,8 +186,7 @@ impl DepthMap {
 
     /// Returns the 99 % quantile of matched disparities, the nearest surface without stray matches; `None` if there are none.
     pub fn nearest(&self) -> Option<f32> {
-        let mut found: Vec<f32> = self.disparity.iter().copied().filter(|disparity| disparity.is_finite()).collect();
-        found.sort_by(f32::total_cmp);
+        let found = matched_disparities(std::slice::from_ref(self));
         found.get(found.len().saturating_sub(1 + found.len() / 100)).copied()
     }
 
@@ -224,14 +229,13 @@ fn cross_checked(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>]) ->
 #[cfg(test)]
 mod tests {
     use glam::{DMat4, DVec3};
-    use infonerf_scene::{Range, SceneRequest};
+    use infonerf_scene::Range;
 
     use super::*;
 
     /// Returns a scene with content 2 to 8 in front of each camera.
     fn scene() -> Scene {
-        let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
-        let mut scene = infonerf_procedural::load("room", &request).unwrap();
+        let mut scene = Scene::default();
         scene.space.range = Range::Distance { near: 2.0, far: 8.0 };
         scene
     }

@@ -1,3 +1,5 @@
+//! Candidate depths of pixels, and the cost of each.
+
 use glam::{Mat4, Vec2, Vec3};
 use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, Ray, Scene};
@@ -21,8 +23,18 @@ pub(crate) struct PlaneSweep {
     width: usize,
     height: usize,
     pub(crate) planes: usize,
-    /// Ray of each pixel, disparity of its first (farthest) plane, and step to the next; `None` where it shows nothing.
-    rays: Vec<Option<(Ray, f32, f32)>>,
+    /// `None` for pixels that show nothing.
+    rays: Vec<Option<RayPlanes>>,
+}
+
+/// Planes along the ray of a pixel.
+#[derive(Clone, Copy)]
+struct RayPlanes {
+    ray: Ray,
+    /// Disparity of the first plane, which is the farthest.
+    far: f32,
+    /// Difference in disparity between planes.
+    step: f32,
 }
 
 impl PlaneSweep {
@@ -43,8 +55,8 @@ impl PlaneSweep {
         let some = ends.iter().step_by((width * height / 64).max(1)).flatten();
         let longest = some.flat_map(|ends| others.iter().map(move |(_, other)| moves(ends, other))).fold(0.0, f32::max);
         let planes = (longest.min(1.0) * MAX_PLANES as f32).ceil().max(MIN_PLANES as f32) as usize;
-        let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
-        Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
+        let spread = |(ray, far, near)| RayPlanes { ray, far, step: (near - far) / (planes - 1) as f32 };
+        Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(spread)).collect() }
     }
 
     /// Returns the cost of each plane at each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
@@ -76,8 +88,9 @@ impl PlaneSweep {
 
     /// Samples `image` where the pixels' rays meet a plane; NaN outside of it.
     fn warped(&self, plane: usize, image: &GreyImage, camera: &PointProjection<'_>) -> Vec<f32> {
-        let value = |ray: &Option<(Ray, f32, f32)>| {
-            let place = ray.and_then(|(ray, far, step)| camera.place(ray.at(1.0 / (far + plane as f32 * step))));
+        let value = |planes: &Option<RayPlanes>| {
+            let meets = |RayPlanes { ray, far, step }: RayPlanes| ray.at(1.0 / (far + plane as f32 * step));
+            let place = planes.and_then(|planes| camera.place(meets(planes)));
             place.map_or(f32::NAN, |place| image.sample(place.x, place.y))
         };
         self.rays.iter().map(value).collect()
@@ -85,8 +98,8 @@ impl PlaneSweep {
 
     /// Converts labels, which are planes and fractions between them, to a depth map.
     pub(crate) fn depths(&self, labels: &[f32]) -> DepthMap {
-        let of_ray = |(ray, label): (&Option<(Ray, f32, f32)>, &f32)| {
-            ray.map_or((f32::NAN, f32::NAN), |(_, far, step)| (far + label * step, step))
+        let of_ray = |(planes, label): (&Option<RayPlanes>, &f32)| {
+            planes.map_or((f32::NAN, f32::NAN), |RayPlanes { far, step, .. }| (far + label * step, step))
         };
         let (disparity, step) = self.rays.iter().zip(labels).map(of_ray).unzip();
         DepthMap { width: self.width, height: self.height, disparity, step }
