@@ -8,6 +8,14 @@ precision highp sampler3D;
 precision highp usampler3D;
 
 const float PI = 3.141592653589793;
+// Values of WARP.
+#define IDENTITY 0
+#define NDC 1
+#define CONTRACTION 2
+// Values of RANGE: `interval` holds distances, depths along the camera's axis, or is replaced by a sphere.
+#define DISTANCE 0
+#define DEPTH 1
+#define SPHERE 2
 {{constants}}
 // Steps of the greatest norm to the nearest occupied cell, 0 in one.
 uniform usampler3D grid;
@@ -30,24 +38,46 @@ layout(location = 1) out vec4 packedDepth;
 
 {{field}}
 
-{{space}}
+// The warp of infonerf_render: `warp` maps a point to the space of the field, `coordinate` a distance along a ray to the coordinate
+// in which steps are equal, and `distanceAt` maps back.
+#if WARP == NDC
+vec3 warp(vec3 p) {
+    vec3 q = (TO_CAMERA * vec4(p, 1.0)).xyz;
+    float z = max(-q.z, 0.5 * WARP_NEAR);
+    return vec3(WARP_SCALE * q.xy / z, 1.0 - 2.0 * WARP_NEAR / z);
+}
+float coordinate(float t) { return 4.0 * (1.0 - WARP_NEAR / max(t, 1e-3 * WARP_NEAR)); }
+float distanceAt(float s) { return WARP_NEAR / max(1.0 - s / 4.0, 1e-4); }
+#elif WARP == CONTRACTION
+vec3 warp(vec3 p) {
+    vec3 x = (p - WARP_CENTRE) / WARP_RADIUS;
+    float r = sqrt(dot(x, x));
+    return r <= 1.0 ? x : x * ((2.0 - 1.0 / r) / r);
+}
+float coordinate(float t) { float u = t / WARP_RADIUS; return u <= 2.0 ? u : 4.0 - 4.0 / u; }
+float distanceAt(float s) { return WARP_RADIUS * (s <= 2.0 ? s : 4.0 / max(4.0 - s, 4e-4)); }
+#else
+vec3 warp(vec3 p) { return p; }
+float coordinate(float t) { return t; }
+float distanceAt(float s) { return s; }
+#endif
 
 // Finds the part of the ray that can be occupied, in coordinates.
 bool within(vec3 direction, float cosine, out float near, out float far) {
     near = interval.x;
     far = interval.y;
-#if RANGE == 1
+#if RANGE == DEPTH
     if (cosine <= 1e-3) return false;
     near /= cosine;
     far /= cosine;
-#elif RANGE == 2
+#elif RANGE == SPHERE
     float middle = dot(RANGE_CENTRE - eye, direction);
     near = middle - RANGE_RADIUS;
     far = middle + RANGE_RADIUS;
 #endif
     near = max(near, 0.0);
-#ifdef HORIZON
-    far = HORIZON;
+#if WARP == CONTRACTION
+    far = 1e4 * WARP_RADIUS;
 #endif
 #if CLIPS
     vec3 a = (CLIP_LOW - eye) / direction, b = (CLIP_HIGH - eye) / direction;
@@ -75,7 +105,13 @@ vec3 turbo(float t) {
 
 // Returns the direction in which density falls, from four points about one on the ray.
 vec3 normal(vec3 p, float t) {
-    float h = NORMAL_STEP(t);
+#if WARP == NDC
+    float h = 0.005 * t;
+#elif WARP == CONTRACTION
+    float h = DETAIL * WARP_RADIUS;
+#else
+    float h = DETAIL;
+#endif
     vec3 gradient = vec3(0.0);
     for (int i = 0; i < 4; i++) {
         vec3 corner = vec3(i < 2 ? 1.0 : -1.0, i % 2 == 0 ? 1.0 : -1.0, i == 0 || i == 3 ? 1.0 : -1.0);
@@ -107,7 +143,7 @@ void main() {
             float k = emptyCells(cell);
             if (k > 0.0) {
                 float steps = 1.0;
-#if STRAIGHT
+#if WARP == IDENTITY
                 vec3 along = direction / CELL;
                 vec3 edge = floor(cell) + mix(vec3(1.0 - k), vec3(k), step(0.0, along));
                 vec3 exits = (edge - cell) / along;

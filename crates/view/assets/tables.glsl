@@ -18,6 +18,15 @@ vec4 product(sampler2DArray planes, int level, float resolution, int p, int g, v
     return plane * (textureLod(lines, place, 0.0) + offsets[2 * row + 1]);
 }
 
+// Computes a layer of the MLP: each of the `count` vectors of `to` from the `from_count` vectors of `from`, with its matrices from
+// `matrix` and its biases from `bias` on. `result` is what becomes of a `sum`.
+#define LAYER(to, count, from, from_count, matrix, bias, result) \
+    for (int o = 0; o < count; o++) { \
+        vec4 sum = biases[bias + o]; \
+        for (int i = 0; i < from_count; i++) sum += matrices[matrix + o * from_count + i] * from[i]; \
+        to[o] = result; \
+    }
+
 // Looks at a point, and returns a value that grows with the density there.
 float look(vec3 p) {
     vec3 u = clamp((p - LOW) / SIZE, 0.0, 1.0);

@@ -90,8 +90,8 @@ impl DecodedPackage {
         let mut x = self.input(u);
         assert_eq!(x.len(), 4 * self.constant("INPUTS") as usize);
         // Widths of the layers follow from the text of the shader.
-        let widths = self.package["shader"].as_str().unwrap().split("int o = 0; o < ").skip(1);
-        let widths: Vec<usize> = widths.map(|rest| rest.split(';').next().unwrap().parse().unwrap()).collect();
+        let layers = self.package["shader"].as_str().unwrap().split("\n    LAYER(").skip(1);
+        let widths: Vec<usize> = layers.map(|rest| rest.split(", ").nth(1).unwrap().parse().unwrap()).collect();
         for (index, width) in widths.iter().enumerate() {
             let mut y = Vec::new();
             for _ in 0..*width {

@@ -130,12 +130,7 @@ fn layers(layers: &[(usize, usize)]) -> String {
         if !last {
             let _ = writeln!(text, "    vec4 {to}[{outputs}];");
         }
-        let _ = writeln!(
-            text,
-            "    for (int o = 0; o < {outputs}; o++) {{\n        vec4 sum = biases[{bias} + o];\n        \
-             for (int i = 0; i < {inputs}; i++) sum += matrices[{matrix} + o * {inputs} + i] * {from}[i];\n        \
-             {to}[o] = {result};\n    }}"
-        );
+        let _ = writeln!(text, "    LAYER({to}, {outputs}, {from}, {inputs}, {matrix}, {bias}, {result})");
         (matrix, bias, from) = (matrix + inputs * outputs, bias + outputs, to);
     }
     text

@@ -32,10 +32,7 @@ pub(crate) struct FieldMarch<'a> {
 impl FieldMarch<'_> {
     /// Writes GLSL ES 3.00 around `field`: `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3 direction)`.
     pub(crate) fn shader(&self, field: &str) -> String {
-        TEMPLATE
-            .replace("{{constants}}\n", &self.constants())
-            .replace("{{field}}\n", field)
-            .replace("{{space}}\n", &space(self.warp))
+        TEMPLATE.replace("{{constants}}\n", &self.constants()).replace("{{field}}\n", field)
     }
 
     fn constants(&self) -> String {
@@ -43,28 +40,21 @@ impl FieldMarch<'_> {
         let mut text = String::new();
         for (name, value) in [
             ("CLIPS", usize::from(self.clip.is_some())),
-            ("STRAIGHT", usize::from(self.warp.is_identity())),
             ("ADDITIVE", usize::from(self.config.compositing == Compositing::Additive)),
             ("ENDLESS", usize::from(self.config.last_interval == LastInterval::Infinite)),
             ("TURBO_LAST", COLOURS - 1),
         ] {
             let _ = writeln!(text, "#define {name} {value}");
         }
-        for (name, value) in [("STEP", self.step), ("STOP", self.stop)] {
+        for (name, value) in [("STEP", self.step), ("STOP", self.stop), ("DETAIL", self.detail)] {
             let _ = writeln!(text, "const float {name} = {value:?};");
         }
         for (name, value) in [("LOW", self.low), ("CELL", self.cell), ("CLIP_LOW", clip.min), ("CLIP_HIGH", clip.max)] {
             let _ = writeln!(text, "const vec3 {name} = {};", vector(value));
         }
         let _ = writeln!(text, "const ivec3 GRID = {};", integers3(self.cells));
-        // Step of the finite differences for normals at distance t, scene units.
-        let normal_step = match self.warp {
-            Warp::Identity => format!("{:?}", self.detail),
-            Warp::Contraction { radius, .. } => format!("{:?}", radius * self.detail),
-            Warp::Ndc { .. } => "(0.005 * (t))".to_owned(),
-        };
-        let _ = writeln!(text, "#define NORMAL_STEP(t) {normal_step}");
         text += &range(&self.scene.space.range);
+        text += &warp_parameters(self.warp);
         let colours = (0..COLOURS).map(|i| vector(turbo(i as f32 / (COLOURS - 1) as f32).into()));
         let colours = colours.collect::<Vec<_>>().join(", ");
         let _ = writeln!(text, "const vec3 TURBO[{COLOURS}] = vec3[{COLOURS}]({colours});");
@@ -79,43 +69,28 @@ pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
 /// Writes the interval of a ray that is marched through; its ends, which depend on the camera, are uniforms.
 fn range(range: &Range) -> String {
     match range {
-        Range::Distance { .. } => "#define RANGE 0\n".to_owned(),
-        Range::Depth { .. } => "#define RANGE 1\n".to_owned(),
+        Range::Distance { .. } => "#define RANGE DISTANCE\n".to_owned(),
+        Range::Depth { .. } => "#define RANGE DEPTH\n".to_owned(),
         Range::Sphere { centre, radius } => format!(
-            "#define RANGE 2\nconst vec3 RANGE_CENTRE = {};\nconst float RANGE_RADIUS = {radius:?};\n",
+            "#define RANGE SPHERE\nconst vec3 RANGE_CENTRE = {};\nconst float RANGE_RADIUS = {radius:?};\n",
             vector(*centre)
         ),
     }
 }
 
-/// Writes [`Warp`]'s `point`, `coordinate` and `distance`.
-fn space(warp: &Warp) -> String {
+/// Writes the parameters of the shader's warp.
+fn warp_parameters(warp: &Warp) -> String {
     match warp {
-        Warp::Identity => "vec3 warp(vec3 p) { return p; }\n\
-                           float coordinate(float t) { return t; }\n\
-                           float distanceAt(float s) { return s; }\n"
-            .to_owned(),
+        Warp::Identity => "#define WARP IDENTITY\n".to_owned(),
         Warp::Ndc { to_camera, scale, near } => format!(
-            "const mat4 TO_CAMERA = mat4({});\n\
-             vec3 warp(vec3 p) {{\n    vec3 q = (TO_CAMERA * vec4(p, 1.0)).xyz;\n    \
-             float z = max(-q.z, {:?});\n    \
-             return vec3({:?} * q.x / z, {:?} * q.y / z, 1.0 - {:?} / z);\n}}\n\
-             float coordinate(float t) {{ return 4.0 * (1.0 - {near:?} / max(t, {:?})); }}\n\
-             float distanceAt(float s) {{ return {near:?} / max(1.0 - s / 4.0, 1e-4); }}\n",
+            "#define WARP NDC\nconst mat4 TO_CAMERA = mat4({});\nconst vec2 WARP_SCALE = vec2({:?}, {:?});\n\
+             const float WARP_NEAR = {near:?};\n",
             to_camera.to_cols_array().map(|x| format!("{x:?}")).join(", "),
-            0.5 * near,
             scale.x,
-            scale.y,
-            2.0 * near,
-            1e-3 * near
+            scale.y
         ),
         Warp::Contraction { centre, radius } => format!(
-            "#define HORIZON {:?}\n\
-             vec3 warp(vec3 p) {{\n    vec3 x = (p - {}) / {radius:?};\n    float r = sqrt(dot(x, x));\n    \
-             return r <= 1.0 ? x : x * ((2.0 - 1.0 / r) / r);\n}}\n\
-             float coordinate(float t) {{ float u = t / {radius:?}; return u <= 2.0 ? u : 4.0 - 4.0 / u; }}\n\
-             float distanceAt(float s) {{ return {radius:?} * (s <= 2.0 ? s : 4.0 / max(4.0 - s, 4e-4)); }}\n",
-            radius * 1e4,
+            "#define WARP CONTRACTION\nconst vec3 WARP_CENTRE = {};\nconst float WARP_RADIUS = {radius:?};\n",
             vector(*centre)
         ),
     }

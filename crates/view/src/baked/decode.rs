@@ -160,7 +160,7 @@ fn empty_fields_and_warped_space_are_packages() {
     let trained = model(&contracted.field);
     let bricks = PackedBricks::new(packed(&contracted.render, &trained, 32));
     let shader = bricks.decoded.package["shader"].as_str().unwrap();
-    assert!(shader.contains("#define CLIPS 0") && shader.contains("#define HORIZON"));
+    assert!(shader.contains("#define CLIPS 0") && shader.contains("#define WARP CONTRACTION"));
     for p in draw(1.1) {
         let (found, expected) = (bricks.density(p), exact(&trained, p, Vec3::Z).0);
         assert!((found - expected).abs() < 0.03 * expected + 0.01, "{p}: {found} for {expected}");
