@@ -78,17 +78,14 @@ class Overlay {
   /** Draws over the canvas; `target` has the scene's depth. */
   draw(target) {
     if (!this.on || !this.cameras) return;
-    const { gl, canvas, camera, scene, reach } = this.viewer, { program } = this;
+    const { gl, canvas, camera, scene } = this.viewer, { program } = this;
     gl.useProgram(program);
     gl.bindVertexArray(this.vertices);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-    gl.uniform3fv(program.at('eye'), camera.eye);
-    gl.uniformMatrix3fv(program.at('axes'), false, [...camera.right, ...camera.up, ...camera.back]);
-    gl.uniform4fv(program.at('lens'), camera.lensOn(canvas.width, canvas.height));
+    this.viewer.setCamera(program, canvas.width, canvas.height);
     gl.uniform2f(program.at('size'), canvas.width, canvas.height);
     gl.uniform1f(program.at('before'), 0.01 * scene.radius);
-    gl.uniform1f(program.at('reach'), reach);
     gl.uniform1i(program.at('depths'), 0);
     gl.uniform1i(program.at('image'), 1);
     gl.activeTexture(gl.TEXTURE0);

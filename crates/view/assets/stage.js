@@ -18,13 +18,11 @@ class Stage {
 
   async load(scene, keepCamera) {
     await this.viewer.load(scene, keepCamera);
-    this.find('h1').textContent = scene.title;
-    this.find('.note').textContent = scene.note;
     this.find('.poster')?.remove();
     this.find('.message').hidden = true;
     this.canvas.hidden = false;
-    for (const selector of ['.tools', '.help', '.strip']) this.find(selector).hidden = false;
-    showImages(this.root, scene, (index) => this.goTo(index));
+    for (const selector of ['.tools', '.help']) this.find(selector).hidden = false;
+    describe(this.root, scene, (index) => this.goTo(index));
   }
 
   /** Draws again, here and on the twin, after the camera or a setting changed. */
@@ -123,8 +121,13 @@ class Stage {
   }
 }
 
-function showImages(root, scene, chosen) {
-  root.querySelector('.strip').replaceChildren(...scene.cameras.map((camera, index) => {
+/** Shows a scene's title, note and training images; a click on an image calls `chosen` with its index. */
+function describe(root, scene, chosen) {
+  root.querySelector('h1').textContent = scene.title;
+  root.querySelector('.note').textContent = scene.note;
+  const strip = root.querySelector('.strip');
+  strip.hidden = false;
+  strip.replaceChildren(...scene.cameras.map((camera, index) => {
     const button = document.createElement('button'), image = document.createElement('img');
     Object.assign(image, { src: camera.image, alt: `training image ${camera.name}` });
     Object.assign(button, { type: 'button', title: camera.name });
@@ -140,9 +143,5 @@ function showFallback(root, error, scene) {
   message.textContent = error instanceof CannotDraw ? error.message : `The scene cannot be drawn: ${error.message}`;
   message.hidden = false;
   root.querySelector('canvas').hidden = true;
-  if (!scene) return;
-  root.querySelector('h1').textContent = scene.title;
-  root.querySelector('.note').textContent = scene.note;
-  root.querySelector('.strip').hidden = false;
-  showImages(root, scene, () => {});
+  if (scene) describe(root, scene, () => {});
 }

@@ -127,7 +127,7 @@ class Viewer {
   }
 
   /** Shows another scene, or the same one trained further; with `keepCamera` the camera stays. */
-  async load(scene, keepCamera = false) {
+  async load(scene, keepCamera) {
     const { gl } = this, bytes = await inflate(scene.data);
     const part = (name) => bytes.slice(scene.parts[name][0], scene.parts[name][0] + scene.parts[name][1]);
     const field = this.shader === scene.shader ? this.field : this.program(FILL, scene.shader);
@@ -237,16 +237,22 @@ class Viewer {
     });
     const interval = camera.interval();
     this.reach = 2 * interval[1];
-    gl.uniform3fv(field.at('eye'), camera.eye);
-    gl.uniformMatrix3fv(field.at('axes'), false, [...camera.right, ...camera.up, ...camera.back]);
-    gl.uniform4fv(field.at('lens'), camera.lensOn(width, height));
+    this.setCamera(field, width, height);
     gl.uniform1f(field.at('height'), height);
     gl.uniform2fv(field.at('interval'), interval);
     gl.uniform3fv(field.at('background'), scene.background);
     gl.uniform1i(field.at('mode'), this.mode);
-    gl.uniform1f(field.at('reach'), this.reach);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.SCISSOR_TEST);
+  }
+
+  /** Hands the camera to the program in use, for an image of this size, and the distance that a depth of 1 stands for. */
+  setCamera(program, width, height) {
+    const { gl, camera } = this;
+    gl.uniform3fv(program.at('eye'), camera.eye);
+    gl.uniformMatrix3fv(program.at('axes'), false, [...camera.right, ...camera.up, ...camera.back]);
+    gl.uniform4fv(program.at('lens'), camera.lensOn(width, height));
+    gl.uniform1f(program.at('reach'), this.reach);
   }
 
   /** Shows the share `done` of the fine image from below, and the coarse one above. */
@@ -264,11 +270,6 @@ class Viewer {
     gl.uniform1f(show.at('done'), done);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     this.overlay.draw(done === 1 ? this.fine : this.coarse);
-  }
-
-  setMode(name) {
-    this.mode = MODES.indexOf(name);
-    this.changed();
   }
 
   /** Draws the field alone in `width` × `height` pixels: bytes of RGBA, top row first. */
