@@ -131,13 +131,10 @@ fn page_draws_the_programs_renders() {
     }
 }
 
-/// Script that moves, turns and presses all controls of a page, and writes the camera after each of them into the document.
-const CONTROLS: &str = include_str!("browser/controls.js");
-
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn controls_move_the_camera() {
-    let (_out, run, address) = scripted_page("crane", STOPPED, CONTROLS);
+    let (_out, run, address) = scripted_page("crane", STOPPED, include_str!("browser/controls.js"));
     let seen = json_attribute(&document(&format!("{address}#camera=0&size=8"), 60_000, &[]), "data-controls");
     let place = |name: &str, what: &str| {
         let number = |i: usize| seen[name][what][i].as_f64().unwrap_or_else(|| panic!("{name}: {seen}"));
@@ -169,13 +166,10 @@ fn controls_move_the_camera() {
     assert_eq!((&seen["depth"]["frusta"], &seen["frusta"]["frusta"]), (&false.into(), &true.into()));
 }
 
-/// Script that turns to the right and up until the camera stops, and measures its angles to the training cameras' mean.
-const TURN: &str = include_str!("browser/turn.js");
-
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
-    let (_out, _, address) = scripted_page("facade", STOPPED, TURN);
+    let (_out, _, address) = scripted_page("facade", STOPPED, include_str!("browser/turn.js"));
     let turned = json_attribute(&document(&format!("{address}#size=8"), 60_000, &[]), "data-turned");
     let limit = turned["limit"].as_f64().unwrap();
     assert!(limit < 1.0, "{turned}");
@@ -185,15 +179,11 @@ fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
     }
 }
 
-/// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and
-/// counts the pixels at rest that differ from an image drawn in one go.
-const SLOW: &str = include_str!("browser/slow.js");
-
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn image_at_rest_is_whole_where_drawing_is_slow() {
     let end = "} catch (error) {\n  showFallback(root, error, scene);";
-    let (_out, _, address) = scripted_page("crane", end, SLOW);
+    let (_out, _, address) = scripted_page("crane", end, include_str!("browser/slow.js"));
     let document = document(&address, 6_000_000, &["--window-size=300,400"]);
     let cases = json_attribute(&document, "data-cases");
     assert_eq!(cases.as_array().unwrap().len(), 6);
@@ -266,18 +256,7 @@ fn page_of_another_site_cannot_stop_a_run() {
     let out = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
     let url = format!("http://{}/", serve(out.path(), Some(training.clone())));
-    let evil = format!(
-        "<!doctype html><iframe name=\"frame\" src=\"{url}\"></iframe><form method=\"post\" target=\"frame\"></form><script>
-        const all = ['pause', 'stop'].flatMap((name) => [
-          fetch('{url}' + name, {{ method: 'POST', mode: 'no-cors' }}),
-          fetch('{url}' + name, {{ method: 'POST', headers: {{ 'x-infonerf-token': 'page' }} }}),
-          fetch('{url}training', {{ mode: 'no-cors' }}),
-        ]);
-        document.forms[0].action = '{url}stop';
-        document.forms[0].submit();
-        Promise.allSettled(all).then((ended) => document.body.dataset.ended = ended.length);
-        </script>"
-    );
+    let evil = include_str!("browser/evil.html").replace("{{url}}", &url);
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let elsewhere = listener.local_addr().unwrap();
     std::thread::spawn(move || {

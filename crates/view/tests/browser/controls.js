@@ -1,3 +1,4 @@
+// Moves, turns and presses all controls of a page, and writes the camera after each of them into the document.
 const { canvas, viewer } = stage, seen = {};
 canvas.setPointerCapture = () => {};
 const twin = { scene: viewer.scene, camera: { restore: (look) => (twin.look = look) }, overlay: {}, changed: () => {} };

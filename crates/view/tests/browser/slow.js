@@ -1,3 +1,5 @@
+// Turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and counts the pixels at
+// rest that differ from an image drawn in one go.
 const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
 // Frames follow a timer instead of the display.
 self.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);

@@ -1,3 +1,4 @@
+// Turns to the right and up until the camera stops, and measures its angles to the training cameras' mean.
 const { camera } = stage.viewer, angles = [];
 for (const [right, down] of [[0.1, 0], [0, -0.1]]) {
   stage.goTo(0);
