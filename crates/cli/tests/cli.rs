@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::process::Stdio;
 
-use crate::common::{Invocation, Workplace, assert_has, events, files, records, text, wait_for, without_times};
+use crate::common::{EXP, Invocation, Workplace, assert_has, events, files, records, text, wait_for, without_times};
 use infonerf_metrics::METRICS;
 use serde_json::{Value, json};
 
@@ -234,7 +234,8 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     // The config of a run on a folder works from anywhere.
     let saved = place.path("loaded/fast-losses/orrery/infonerf/seed0/config.toml");
     fs::create_dir(place.path("elsewhere")).unwrap();
-    place.run("exp").arg(saved.to_str().unwrap()).inside("elsewhere").succeeds();
+    let mut command = place.run("exp").arg(saved.to_str().unwrap()).into_command();
+    assert!(command.current_dir(place.path("elsewhere")).output().unwrap().status.success());
     let again = without_times(&records(&place.path("elsewhere/runs/fast-losses")));
     assert_eq!(loaded, again[0]);
 }
@@ -327,7 +328,6 @@ fn experiments_and_their_settings_are_described() {
     place.write("mine.toml", format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}"));
     let again = place.run("config mine.toml --variant infonerf").stdout();
     assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
-    place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
 }
 
 #[test]
@@ -368,7 +368,7 @@ fn shells_complete_names_and_keys() {
 #[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
-    place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
+    place.tiny(EXP).args("--out results-of-mine").succeeds();
     place.run("collect results-of-mine/fast-losses --title All").succeeds();
     let document = place.read("results.md");
     assert_has(&document, &["# All", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"]);
@@ -380,9 +380,7 @@ fn results_are_collected_into_one_document() {
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     assert_has(&place.read("results.md"), &["## sweep-mine", "## mine", "mine.toml", "2e-3"]);
     // A run that was begun anew with another preset counts once.
-    place
-        .tiny("exp fast-losses --scene knot --variant factored --out results-of-mine --preset dense --overwrite")
-        .succeeds();
+    place.tiny(EXP).args("--out results-of-mine --preset dense --overwrite").succeeds();
     place.run("collect results-of-mine/fast-losses").succeeds();
     assert_has(&place.read("results.md"), &["\npreset dense ·"]);
     // Runs of one variant with different settings have a row each.
@@ -403,8 +401,7 @@ fn results_are_collected_into_one_document() {
 #[test]
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
-    let run = "exp fast-losses --scene knot --variant factored";
-    let stdout = place.tiny(run).args("--json").stdout();
+    let stdout = place.tiny(EXP).args("--json").stdout();
     let events: Vec<Value> = stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let names: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
     assert_eq!((names[0], names[names.len() - 1]), ("loading", "finished"), "{names:?}");
@@ -413,11 +410,11 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     }
     let record = events.iter().find(|event| event["event"] == "record").unwrap();
     assert!(record["record"]["psnr"].is_f64());
-    assert!(place.tiny(run).args("--quiet --overwrite").succeeds().stdout.is_empty());
-    place.tiny(run).args("--quiet --json").fails_with(&["--json"]);
+    assert!(place.tiny(EXP).args("--quiet --overwrite").succeeds().stdout.is_empty());
+    place.tiny(EXP).args("--quiet --json").fails_with(&["--json"]);
     // A run that fails does not end the others.
     place.write("two/fast-losses/knot/factored/seed0/test", "a file where the folder of renders would be");
-    let both = place.tiny(run).args("--variant infonerf --out two --json").into_command().output().unwrap();
+    let both = place.tiny(EXP).args("--variant infonerf --out two --json").into_command().output().unwrap();
     assert_eq!(both.status.code(), Some(1));
     assert_has(&text(&both.stdout), &["\"failed\"", "seed0/test", "\"record\"", "\"finished\""]);
     assert_has(&text(&both.stderr), &["knot/factored", "failed"]);
@@ -432,7 +429,7 @@ fn output_that_nobody_reads_loses_nothing() {
         let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
         invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
     };
-    let exp = |out: &str| place.tiny("exp fast-losses --scene knot --variant factored").args(format!("--out {out}"));
+    let exp = |out: &str| place.tiny(EXP).args(format!("--out {out}"));
     assert_eq!(unread(exp("lines")), Some(0));
     assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
@@ -455,7 +452,7 @@ fn output_that_nobody_reads_loses_nothing() {
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let output = place.tiny("exp fast-losses --scene knot --variant factored --view=0").succeeds();
+    let output = place.tiny(EXP).args("--view=0").succeeds();
     let stdout = text(&output.stdout);
     assert_has(&stdout, &["live at http://127.0.0.1:"]);
     assert!(stdout.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{stdout}");

@@ -3,18 +3,16 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Invocation, Workplace, files};
+use crate::common::{EXP, Invocation, RUN, Workplace, files};
 use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 
-const RUN: &str = "runs/fast-losses/knot/factored/seed0";
-
-/// Trains a field that is dense everywhere: its surface is that of the scene's box.
-const DENSE: &str = "exp fast-losses --scene knot --variant factored --set field.density_bias=5.0";
+/// Setting of a field that is dense everywhere: its surface is that of the scene's box.
+const DENSE: &str = "--set field.density_bias=5.0";
 
 fn with_run() -> Workplace {
     let place = Workplace::new();
-    place.tiny(DENSE).succeeds();
+    place.tiny(EXP).args(DENSE).succeeds();
     place
 }
 
@@ -32,7 +30,7 @@ fn a_mesh_of_a_built_in_scene_is_compared_with_the_exact_surface() {
 fn every_format_is_written_and_described() {
     let place = Workplace::new();
     place.run("scene export knot data/knot --size 24").succeeds();
-    place.tiny(DENSE).args("--data data").succeeds();
+    place.tiny(EXP).args(DENSE).args("--data data").succeeds();
     for (format, file, start, part) in [
         ("ply", "mesh.ply", &b"ply\nformat binary_little_endian"[..], "triangles"),
         ("glb", "mesh.glb", b"glTF\x02\0\0\0", "triangles"),
@@ -74,10 +72,9 @@ fn a_page_of_the_papers_field_is_baked() {
     let place = Workplace::new();
     let mlp = "field={kind=\"nerf\",layers=2,width=16,skip=9,position_frequencies=4,direction_frequencies=2,\
                density=\"softplus\",detail=1.0}";
-    let small = "exp fast-losses --scene knot --variant factored --preset paper --set scene.size=24 --set train.iterations=2 \
-                 --set train.rays=16 --set train.unseen_rays=16 --set render.samples=8 --set render.fine_samples=8 \
-                 --set eval.test=first-1 --set eval.information_rays=16";
-    place.run(small).args(format!("--set {mlp}")).succeeds();
+    let small = "--preset paper --set scene.size=24 --set train.iterations=2 --set train.rays=16 --set train.unseen_rays=16 \
+                 --set render.samples=8 --set render.fine_samples=8 --set eval.test=first-1 --set eval.information_rays=16";
+    place.run(EXP).args(small).args(format!("--set {mlp}")).succeeds();
     place.run(format!("render {RUN} --frames 1 --normals")).succeeds();
     assert_eq!(count(&place.path(RUN).join("render/normals"), ".png"), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
@@ -137,7 +134,7 @@ fn impossible_exports_and_paths_are_refused() {
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
     // A field that has hardly been trained has no half-opaque ray, and so no surface.
-    place.tiny("exp fast-losses --scene knot --variant factored --out begun").succeeds();
+    place.tiny(EXP).args("--out begun").succeeds();
     let run = "begun/fast-losses/knot/factored/seed0";
     place
         .run(format!("export {run} --format ply"))
@@ -148,12 +145,8 @@ fn impossible_exports_and_paths_are_refused() {
 
     let render = |path: &str| place.run(format!("render {RUN} --path {path}"));
     render("nowhere.json").fails_with(&["nowhere.json", "not found"]);
-    for (text, part) in [
-        ("{\"camera_path\": []}", "`camera_path`: expected a list of 1 to 10000 cameras"),
-        ("{\"frames\": []}", "`keyframes`: expected a list"),
-        ("{\"camera_path\": [{\"fov\": 50}]}", "camera_to_world"),
-        ("{", "JSON"),
-    ] {
+    let faults = [("{\"camera_path\": []}", "`camera_path`: expected a list of 1 to 10000 cameras"), ("{", "JSON")];
+    for (text, part) in faults {
         place.write("path.json", text);
         render("path.json").fails_with(&["path.json", part]);
     }

@@ -7,6 +7,7 @@
 
 use std::fs;
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use crate::common::{Workplace, events, records, text, wait_for, without_times};
@@ -16,6 +17,13 @@ use serde_json::Value;
 const RUN: &str = "exp fast-losses --scene knot --variant infonerf --set train.iterations=120 \
                    --set train.checkpoint_every=1 --set loss.kl.weight=1e-3";
 const FOLDER: &str = "fast-losses/knot/infonerf/seed0";
+
+/// Numbers of an unbroken run, and the time that it takes.
+static UNBROKEN: LazyLock<((Vec<Value>, Vec<Value>), Duration)> = LazyLock::new(|| {
+    let (place, start) = (Workplace::new(), Instant::now());
+    place.tiny(RUN).succeeds();
+    (numbers(&place, "runs"), start.elapsed())
+});
 
 /// Returns all numbers that a run leaves: its records and the log of its steps.
 fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
@@ -31,10 +39,7 @@ fn command(place: &Workplace, args: &str) -> Command {
 #[test]
 fn killed_runs_go_on_to_the_same_numbers() {
     let wanted: usize = std::env::var("INFONERF_KILLS").map_or(10, |kills| kills.parse().expect("a number"));
-    let place = Workplace::new();
-    let start = Instant::now();
-    place.tiny(RUN).args("--out unbroken").succeeds();
-    let (unbroken, life) = (numbers(&place, "unbroken"), start.elapsed());
+    let (place, (unbroken, life)) = (Workplace::new(), &*UNBROKEN);
     let mut rng = fastrand::Rng::with_seed(4);
     let (mut kills, mut while_writing, mut runs) = (0, 0, 0);
     while kills < wanted {
@@ -60,7 +65,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
             kills += 1;
             while_writing += usize::from(place.path(&out).join(FOLDER).join("checkpoint.writing").exists());
         }
-        assert_eq!(unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
+        assert_eq!(*unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
         runs += 1;
     }
     eprintln!(
@@ -73,8 +78,6 @@ fn killed_runs_go_on_to_the_same_numbers() {
 #[test]
 fn a_full_disk_is_told_of_and_does_no_harm() {
     let place = Workplace::new();
-    place.tiny(RUN).args("--out unbroken").succeeds();
-    let unbroken = numbers(&place, "unbroken");
     for blocks in [0, 2, 8, 32] {
         let out = format!("full{blocks}");
         let run = command(&place, &format!("--out {out}"));
@@ -93,7 +96,7 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
         assert!(!place.path(&out).join(FOLDER).join("checkpoint.writing").exists(), "{blocks} blocks");
         assert!(!output.status.success() || blocks == 32, "{blocks} blocks were enough");
         place.tiny(RUN).args(format!("--out {out}")).succeeds();
-        assert_eq!(unbroken, numbers(&place, &out), "{blocks} blocks");
+        assert_eq!(UNBROKEN.0, numbers(&place, &out), "{blocks} blocks");
     }
 }
 
@@ -121,10 +124,11 @@ fn what_cannot_fit_into_memory_is_refused() {
 #[test]
 fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();
-    for threads in ["1", "2", "3"] {
+    let [one, two, three] = ["1", "2", "3"].map(|threads| {
         let run = place.tiny(RUN).args(format!("--set train.iterations=20 --out {threads}"));
         run.env("RAYON_NUM_THREADS", threads).succeeds();
-    }
-    assert_eq!(numbers(&place, "1"), numbers(&place, "2"));
-    assert_eq!(numbers(&place, "1"), numbers(&place, "3"));
+        numbers(&place, threads)
+    });
+    assert_eq!(one, two);
+    assert_eq!(one, three);
 }

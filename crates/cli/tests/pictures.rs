@@ -3,17 +3,16 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{Workplace, records};
+use crate::common::{EXP, RUN, Workplace, records};
 use infonerf_pretrained::{LpipsConfig, TensorShape};
 use serde_json::{Map, Value, json};
 
 #[test]
 fn pictures_of_a_run_measure_as_its_record_says() {
     let place = Workplace::new();
-    place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
-    let run = "runs/fast-losses/knot/factored/seed0";
-    let eval = format!("eval --renders {run}/test --truth {run}/truth --out compared");
-    place.run(eval.as_str()).succeeds_with(&["8-bit RGB on white"]);
+    place.tiny(EXP).succeeds();
+    let eval = format!("eval --renders {RUN}/test --truth {RUN}/truth --out compared");
+    place.run(eval).succeeds_with(&["8-bit RGB on white"]);
     let compared: Value = serde_json::from_str(&place.read("compared/comparison.json")).unwrap();
     let record = &records(&place.path("runs/fast-losses"))[0];
     for key in ["psnr", "ssim", "sharpness"] {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, SystemTime};
 
-use crate::common::{Invocation, SWEEP, Workplace, assert_has, records, text, wait_until, without_times};
+use crate::common::{EXP, Invocation, SWEEP, Workplace, assert_has, records, text, wait_until, without_times};
 
 const RUNS: usize = 8;
 const FOLDER: &str = "sweep-fast-losses";
@@ -84,9 +84,7 @@ fn every_combination_is_run_once() {
 #[test]
 fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
-    let exp = |steps: &str| {
-        place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(format!("--set {steps}"))
-    };
+    let exp = |steps: &str| place.tiny(EXP).args("--jobs 2").args(format!("--set {steps}"));
     // The experiment's claims are printed.
     exp("train.iterations=3").args("--variant infonerf").succeeds_with(&["the paper's losses improve on RGB alone"]);
     exp("train.iterations=3").args("--json").fails_with(&["--json", "--jobs"]);
@@ -168,7 +166,6 @@ fn bad_grids() {
     grid("--grid train.lr=1e-3,1e-2 --grid train.lr=0.1").fails_with(&["--grid train.lr", "twice"]);
     grid("--grid loss={} --grid loss.kl.weight=1").fails_with(&["--grid loss.kl.weight: contradicts --grid loss"]);
     grid("--grid train.lr=1e-3 --set train.lr=1e-2").fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
-    grid("--grid train.lr=1e-3 --scene lego").fails_with(&["lego"]);
     grid("--grid train.lr=1e-3 --seed 1 --seed 0..2").fails_with(&["--seed 1", "twice"]);
     grid("").fails_with(&["--grid"]);
     grid("--grid train.lr=1e-3 --seed 4..0").fails_with(&["4..0"]);

@@ -17,6 +17,10 @@ const TINY: &str = "train.iterations=3 train.rays=32 train.unseen_rays=16 train.
                     render.samples={from=12,to=24,end=0.5,curve=\"exponential\"} render.occupancy.resolution=8 \
                     render.occupancy.warmup=1 render.occupancy.every=1";
 
+/// An experiment of one run, and the folder of that run.
+pub const EXP: &str = "exp fast-losses --scene knot --variant factored";
+pub const RUN: &str = "runs/fast-losses/knot/factored/seed0";
+
 /// A sweep of four values, two seeds, one scene.
 pub const SWEEP: &str = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-3 \
                          --grid loss.kl.weight=0,1e-4 --seed 0..1 --set eval.information_rays=0";
@@ -96,12 +100,6 @@ impl Invocation {
 
     pub fn env(mut self, name: &str, value: impl AsRef<OsStr>) -> Self {
         self.0.env(name, value);
-        self
-    }
-
-    pub fn inside(mut self, part: &str) -> Self {
-        let folder = self.0.get_current_dir().unwrap().join(part);
-        self.0.current_dir(folder);
         self
     }
 
