@@ -49,6 +49,7 @@ fn information_gain_rotates_about_the_configured_centre() {
     assert_ne!(gain("centre"), gain("origin"));
 }
 
+/// Checks that a seed gives the same values, with any number of threads the same losses, and that another seed gives others.
 #[test]
 fn runs_of_one_seed_agree() {
     for (config, device) in cases() {
@@ -60,6 +61,11 @@ fn runs_of_one_seed_agree() {
         let first = run(7);
         assert_eq!(first.0.len(), STEPS);
         assert_eq!(first, run(7));
+        for threads in [1, 5] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let events = pool.install(|| steps(&mut trainer(&config, 7, &device), STEPS));
+            assert_eq!(first.0, events, "{threads} threads");
+        }
         assert_ne!(first.0, run(8).0);
         for event in &first.0 {
             let Event::Step { step, loss, losses, .. } = event else { panic!("{event:?}") };
@@ -69,17 +75,6 @@ fn runs_of_one_seed_agree() {
             }
             assert!(loss.is_finite() && losses.contains_key("rgb"), "{event:?}");
         }
-    }
-}
-
-/// Checks that the number of threads changes no value.
-#[test]
-fn number_of_threads_changes_nothing() {
-    for (config, device) in cases() {
-        let run = || steps(&mut trainer(&config, 3, &device), STEPS);
-        let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        let many = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();
-        assert_eq!(single.install(run), many.install(run));
     }
 }
 
@@ -125,60 +120,44 @@ fn members_share_the_budget() {
     }
 }
 
+/// Checks that a run that is broken off and resumed from its checkpoint has the values of a straight run, and so has a run
+/// whose losses are read later.
 #[test]
-fn resumed_run_gives_the_same_values() {
+fn resuming_and_late_reading_change_nothing() {
     for (config, device) in cases() {
-        let mut straight = trainer(&config, 1, &device);
-        let events = steps(&mut straight, STEPS);
-        let expected = evaluation(&straight, &config, 1);
-        for broken_after in [1, 2, 5, STEPS] {
-            let folder = tempfile::tempdir().unwrap();
-            let mut first = trainer(&config, 1, &device);
-            let mut seen = steps(&mut first, broken_after);
-            first.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
-            drop(first);
-
-            let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
-            assert!(refused.is_empty(), "{refused:?}");
-            let mut second = trainer(&config, 1, &device);
-            second.resume(&checkpoint.unwrap()).unwrap();
-            assert_eq!(second.progress().step, broken_after);
-            // Pictures show what was trained, and not what would come later.
-            let last = broken_after - 1;
-            let at = Moment { step: last, progress: last as f64 / STEPS as f64 };
-            assert_eq!((second.snapshot().at, second.trained().at), (at, at));
-            seen.extend(steps(&mut second, STEPS - broken_after));
-            assert_eq!(events, seen, "broken off after step {broken_after}");
-            assert_eq!(expected, evaluation(&second, &config, 1), "broken off after step {broken_after}");
-            assert_eq!(straight.progress().samples_evaluated, second.progress().samples_evaluated);
-            assert_eq!(second.step(&mut |_| ()).unwrap(), Outcome::Finished);
-        }
-    }
-}
-
-/// Checks that losses that are read later are the same, and so are the steps.
-#[test]
-fn late_reading_changes_no_loss() {
-    for (config, device) in cases() {
+        let begun = |read_every| {
+            let mut trainer = trainer(&config, 1, &device);
+            trainer.read_every(read_every);
+            trainer
+        };
         let run = |read_every, broken_after: Option<usize>| {
-            let mut first = trainer(&config, 1, &device);
-            first.read_every(read_every);
-            let mut events = Vec::new();
+            let (mut trainer, mut events) = (begun(read_every), Vec::new());
             if let Some(count) = broken_after {
-                events.extend(steps(&mut first, count));
-                let checkpoint = first.checkpoint(&mut |event| events.push(timeless(event))).unwrap();
+                events.extend(steps(&mut trainer, count));
+                let folder = tempfile::tempdir().unwrap();
+                let checkpoint = trainer.checkpoint(&mut |event| events.push(timeless(event))).unwrap();
                 assert_eq!(events.len(), count);
-                first = trainer(&config, 1, &device);
-                first.read_every(read_every);
-                first.resume(&checkpoint).unwrap();
+                checkpoint.save(folder.path()).unwrap();
+                trainer = begun(read_every);
+                let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+                assert!(refused.is_empty(), "{refused:?}");
+                trainer.resume(&checkpoint.unwrap()).unwrap();
+                assert_eq!(trainer.progress().step, count);
+                // Pictures show what was trained, and not what would come later.
+                let at = Moment { step: count - 1, progress: (count - 1) as f64 / STEPS as f64 };
+                assert_eq!((trainer.snapshot().at, trainer.trained().at), (at, at));
             }
-            events.extend(steps(&mut first, STEPS));
-            (events, evaluation(&first, &config, 1))
+            events.extend(steps(&mut trainer, STEPS));
+            let evaluation = evaluation(&trainer, &config, 1);
+            assert_eq!(trainer.step(&mut |event| panic!("{event:?}")).unwrap(), Outcome::Finished);
+            (events, evaluation, trainer.progress().samples_evaluated)
         };
         let expected = run(1, None);
         assert_eq!(expected.0.len(), STEPS);
-        assert_eq!(run(5, None), expected);
-        assert_eq!(run(5, Some(7)), expected);
+        let others = [(1, Some(1)), (1, Some(2)), (1, Some(5)), (1, Some(STEPS)), (5, None), (5, Some(7))];
+        for (read_every, broken_after) in others {
+            assert_eq!(run(read_every, broken_after), expected, "{read_every}, broken off after {broken_after:?}");
+        }
     }
 }
 
