@@ -135,11 +135,6 @@ pub fn space(fixture: &Value, half_edge: f32) -> Space {
     Space { near, far, range: Range::Distance { near, far }, bounds, ..Space::default() }
 }
 
-/// Returns the maximum of the magnitudes.
-pub fn largest(values: &[f32]) -> f64 {
-    values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
-}
-
 /// Checks that each element differs from the expected one `want` by at most `tolerance(want)`.
 pub fn compare_within<A, B>(got: &[A], want: &[B], tolerance: impl Fn(f64) -> f64, what: &str)
 where
@@ -155,8 +150,8 @@ where
 
 /// Checks that elements differ by at most [`TOLERANCE`] times the largest expected magnitude, or `floor` if that is larger.
 pub fn close(got: &[f32], want: &[f32], floor: f64, what: &str) {
-    let tolerance = TOLERANCE * largest(want).max(floor);
-    compare_within(got, want, |_| tolerance, what);
+    let scale = want.iter().map(|x| f64::from(x.abs())).fold(floor, f64::max);
+    compare_within(got, want, |_| TOLERANCE * scale, what);
 }
 
 /// Returns the colours in [0, 1] of test image `k`, row-major.

@@ -76,25 +76,23 @@ fn compare<const D: usize>(got: Tensor<D>, want: &Value, what: &str) {
     compare_within(&to_host(got), &floats(want), |_| TOLERANCE, what);
 }
 
-fn check(device: &Device) {
-    let fixture = &fixture("clip");
-    let folder = tempfile::tempdir().unwrap();
-    let device = &device.clone().autodiff();
-    let clip = encoder(&folder.path().join("clip"), small(fixture), device);
-    let (first, size) = pictured(fixture, 0, device);
-    let first = first.require_grad();
-    let embedding = clip.embed(first.clone(), size);
-    compare(embedding.clone(), &fixture["embeddings"][0], "enlarged");
-    let (second, size) = pictured(fixture, 1, device);
-    let target = clip.embed(second, size);
-    compare(target.clone(), &fixture["embeddings"][1], "shrunk");
-    let gradients = semantic_loss(embedding, target.detach()).backward();
-    compare(first.grad(&gradients).unwrap(), &fixture["gradient"], "gradient");
-}
-
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    infonerf_tests::devices().iter().for_each(check);
+    let fixture = &fixture("clip");
+    let folder = tempfile::tempdir().unwrap();
+    for device in infonerf_tests::devices() {
+        let device = &device.autodiff();
+        let clip = encoder(&folder.path().join("clip"), small(fixture), device);
+        let (first, size) = pictured(fixture, 0, device);
+        let first = first.require_grad();
+        let embedding = clip.embed(first.clone(), size);
+        compare(embedding.clone(), &fixture["embeddings"][0], "enlarged");
+        let (second, size) = pictured(fixture, 1, device);
+        let target = clip.embed(second, size);
+        compare(target.clone(), &fixture["embeddings"][1], "shrunk");
+        let gradients = semantic_loss(embedding, target.detach()).backward();
+        compare(first.grad(&gradients).unwrap(), &fixture["gradient"], "gradient");
+    }
 }
 
 #[test]
@@ -148,7 +146,4 @@ fn a_file_without_the_encoder_is_refused_by_name() {
     write_weights(&path, &[("bias".to_owned(), vec![1])], |_, _, u| u);
     let missing = fault(&path);
     assert!(missing.contains(": no tensor `vision_model.") && missing.contains("`, expected F32 ["), "{missing}");
-    encoder(&path, small(&fixture("clip")), &Device::flex());
-    let other = fault(&path);
-    assert!(["`vision_model.", " is F32 [", ", not F32 ["].iter().all(|part| other.contains(part)), "{other}");
 }

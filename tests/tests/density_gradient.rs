@@ -7,31 +7,13 @@ use infonerf_field::{
 };
 use infonerf_ops::{Segments, from_host, to_host, upload};
 use infonerf_schedule::Moment;
-use infonerf_tests::{devices, hashed, parameters_of, with_parameters};
-use serde_json::json;
+use infonerf_tests::{devices, fixture, hashed, parameters_of, with_parameters};
 
 use crate::{setup, source_view};
 
 /// Returns configs of a small field of each kind, with part of the detail of those that anneal it.
-fn fields() -> [FieldConfig; 8] {
-    [
-        json!({"kind": "nerf", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
-               "density": "softplus", "detail": 0.7}),
-        json!({"kind": "mip", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
-               "detail": 0.7}),
-        json!({"kind": "factored", "resolutions": [4, 9], "channels": 4, "frequencies": 2, "layers": 1, "width": 16,
-               "view_dependence": 0.5, "density_scale": 10.0, "density_bias": -1.0, "detail": 0.7}),
-        json!({"kind": "hash", "levels": 3, "features": 2, "log2_table_size": 9, "coarsest": 3, "finest": 7, "layers": 1,
-               "width": 16, "direction_frequencies": 1, "density_scale": 10.0, "density_bias": -1.0, "detail": 0.7}),
-        json!({"kind": "neuralvolumes", "latent": 4, "resolution": 4, "width": 16, "maps": 2, "warp_resolution": 3}),
-        json!({"kind": "neuralvolumes", "latent": 4, "resolution": 4, "width": 16, "maps": 2, "warp_resolution": 3,
-               "encoder": {"images": 1, "size": [16, 16], "width": 1}}),
-        json!({"kind": "neuralbody", "vertices": "", "voxel": 0.1, "code": 4, "channels": 4, "width": 16, "appearance": 4,
-               "position_frequencies": 2, "direction_frequencies": 1}),
-        json!({"kind": "pixelnerf", "encoder": {"width": 4, "blocks": [1], "weights": ""}, "blocks": 1, "pool_after": 1,
-               "width": 16, "frequencies": 2, "lowest_frequency": 1.5, "density": "softplus"}),
-    ]
-    .map(|field| serde_json::from_value(field).unwrap())
+fn fields() -> Vec<FieldConfig> {
+    serde_json::from_value(fixture("fields")).unwrap()
 }
 
 fn sources() -> Sources {

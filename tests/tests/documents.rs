@@ -38,14 +38,29 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Returns every Markdown document of the repository, with its path from the root.
+/// Returns path and text of every file with this extension at most `depth` levels below `folders`, sorted by path.
+fn files(folders: &[&str], depth: usize, extension: &str) -> Vec<(PathBuf, String)> {
+    let own = |entry: &DirEntry| entry.file_name() != "target";
+    let walk = |folder: &&str| {
+        WalkDir::new(root().join(folder)).max_depth(depth).sort_by_file_name().into_iter().filter_entry(own)
+    };
+    let paths = folders.iter().flat_map(walk).map(|entry| entry.unwrap().into_path());
+    let wanted = paths.filter(|path| path.extension().is_some_and(|found| found == extension));
+    wanted.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
+}
+
+/// Returns every Markdown document.
 fn documents() -> Vec<(PathBuf, String)> {
-    let folders = ["", "docs", "experiments"].map(|folder| root().join(folder));
-    let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
-    let markdown = files.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
-    let documents: Vec<_> = markdown.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
+    let documents = files(&["", "docs", "experiments"], 1, "md");
     assert!(documents.len() >= 15, "{}", documents.len());
     documents
+}
+
+/// Returns every Rust file.
+fn sources() -> Vec<(PathBuf, String)> {
+    let sources = files(&["crates", "tests", "fuzz"], usize::MAX, "rs");
+    assert!(sources.len() > 300, "{}", sources.len());
+    sources
 }
 
 /// Returns the text and target of every link.
@@ -231,27 +246,10 @@ fn words_are_those_of_the_field() {
         let lines = (1..).zip(text.lines());
         found.extend(lines.filter_map(|(number, line)| wrong_word(&path, number, line)));
     }
-    for (path, text) in documents_and_readmes() {
+    for (path, text) in [documents(), files(&["crates"], 2, "md")].concat() {
         found.extend(prose(&text).filter_map(|(number, line)| wrong_word(&path, number, line)));
     }
     assert!(found.is_empty(), "\n{}\n{} words", found.join("\n"), found.len());
-}
-
-fn documents_and_readmes() -> Vec<(PathBuf, String)> {
-    let crates = fs::read_dir(root().join("crates")).unwrap().map(|entry| entry.unwrap().path().join("README.md"));
-    let readmes = crates.filter(|path| path.is_file()).map(|path| (path.clone(), fs::read_to_string(path).unwrap()));
-    documents().into_iter().chain(readmes).collect()
-}
-
-/// Returns every Rust file of the repository, sorted by path.
-fn sources() -> Vec<(PathBuf, String)> {
-    let own = |entry: &DirEntry| entry.file_name() != "target";
-    let walk = |folder| WalkDir::new(root().join(folder)).sort_by_file_name().into_iter().filter_entry(own);
-    let paths = ["crates", "tests", "fuzz"].into_iter().flat_map(walk).map(|entry| entry.unwrap().into_path());
-    let sources = paths.filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
-    let files: Vec<_> = sources.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
-    assert!(files.len() > 300, "{}", files.len());
-    files
 }
 
 fn name_of(path: &Path) -> String {

@@ -202,33 +202,31 @@ fn mip_rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
     by_rule(fixture, l / 2, shape, weight, |o| 0.5 + 4.1414 * o + 3.7 * at_layer)
 }
 
-/// Compares everything that the fixture of mip-NeRF holds on one device, with one network for both passes.
-fn check_mip(device: &Device) {
+/// Compares everything that the fixture holds, with one network for both passes.
+#[test]
+fn mip_nerf_agrees_with_jax_on_every_device() {
     let fixture = &fixture("mip_forward");
     let field =
         "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";
     let config = config(&[field, "render.samples=128", "render.fine_samples=128", "render.placement=interval"]);
-    let model = Model::of(network(&config, device, |l, shape| mip_rule(fixture, l, shape)));
+    let renderer = renderer(fixture, &config, ["coarse", "fine"]);
     let ray = |row: &Value| {
         let [origin, direction] = ["origin", "direction"].map(|key| triple(&row[key]).into());
         Ray { origin, direction, radius: numbers(&row["radius"])[0], cosine: 1.0 }
     };
-    let renderer = renderer(fixture, &config, ["coarse", "fine"]);
-    let rays = renderer.rays(rows(fixture).iter().map(ray).collect(), device);
-    let passes = renderer.render(&model, &rays, REQUEST, None, Moment::END);
-    let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
-    let (t, delta) = (fine.samples.t(), to_host(fine.samples.delta.clone()));
-    for (index, row) in rows(fixture).iter().enumerate() {
-        let range = fine.samples.segments.range(index);
-        let last = range.end - 1;
-        let edges = range.map(|i| t[i] - 0.5 * delta[i]).chain([t[last] + 0.5 * delta[last]]);
-        compare(&edges.collect::<Vec<f32>>(), &row["edges"], &format!("ray {index}, edges"));
-        compare_output(&fine, 0.0, index, &row["fine"], &format!("ray {index}, fine"));
-        compare_output(&coarse, 0.0, index, &row["coarse"], &format!("ray {index}, coarse"));
+    for device in &infonerf_tests::devices() {
+        let model = Model::of(network(&config, device, |l, shape| mip_rule(fixture, l, shape)));
+        let rays = renderer.rays(rows(fixture).iter().map(ray).collect(), device);
+        let passes = renderer.render(&model, &rays, REQUEST, None, Moment::END);
+        let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
+        let (t, delta) = (fine.samples.t(), to_host(fine.samples.delta.clone()));
+        for (index, row) in rows(fixture).iter().enumerate() {
+            let range = fine.samples.segments.range(index);
+            let last = range.end - 1;
+            let edges = range.map(|i| t[i] - 0.5 * delta[i]).chain([t[last] + 0.5 * delta[last]]);
+            compare(&edges.collect::<Vec<f32>>(), &row["edges"], &format!("ray {index}, edges"));
+            compare_output(&fine, 0.0, index, &row["fine"], &format!("ray {index}, fine"));
+            compare_output(&coarse, 0.0, index, &row["coarse"], &format!("ray {index}, coarse"));
+        }
     }
-}
-
-#[test]
-fn mip_nerf_agrees_with_jax_on_every_device() {
-    infonerf_tests::devices().iter().for_each(check_mip);
 }

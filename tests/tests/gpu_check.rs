@@ -2,40 +2,19 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-
-/// Stand-in for the program that has no CUDA, fails the stress rows, and writes results only of the comparison with the CPU.
-const PROGRAM: &str = r#"#!/usr/bin/env bash
-all="$*"
-while (($#)); do
-    case "$1" in
-        --device) device="$2" ;;
-        --out) out="$2" ;;
-    esac
-    shift
-done
-[[ "$device" == cuda ]] && { echo "error: --device cuda: no such device" >&2; exit 2; }
-echo "$device: A \"GPU\"" >&2
-case "$all" in
-    *"bench agreement"*) mkdir -p "$out/agreement" && echo '{"rows": 3}' >"$out/agreement/results.json" ;;
-    *"bench stress"*) exit 1 ;;
-esac
-"#;
 
 #[test]
 fn every_step_is_written_down() {
     let folder = tempfile::tempdir().unwrap();
     let bundle = folder.path().join("a bundle");
     fs::create_dir_all(bundle.join("bin")).unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("scripts/gpu-check");
-    fs::copy(script, bundle.join("gpu-check")).unwrap();
-    let program = bundle.join("bin/infonerf-cuda-vulkan");
-    fs::write(&program, PROGRAM).unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    fs::copy(own.join("../scripts/gpu-check"), bundle.join("gpu-check")).unwrap();
+    fs::copy(own.join("fixtures/gpu_program"), bundle.join("bin/infonerf-cuda-vulkan")).unwrap();
     let out = bundle.join("gpu-results");
 
     // From within its own folder, where its name is taken.

@@ -43,40 +43,38 @@ fn summed(l: usize, (shape, gradient): (Vec<usize>, Vec<f32>)) -> Vec<f32> {
     vec![terms.sum::<f64>() as f32]
 }
 
-fn check(device: &Device) {
-    let fixture = &fixture("neural_body");
-    let device = &device.clone().autodiff();
-    let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
-    let origin = triple(&fixture["origin"]);
-    let body = Some(BodyVertices { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
-    let setup = FieldSetup { body, ..setup(device) };
-    let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
-    let (original, parameters) = overwritten(field, rule);
-    // Codes and appearance, 17 convolutions of three tensors, and eight dense layers.
-    assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
-    let field = original.conditioned(&no_sources(), None);
-    let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
-    let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
-    let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
-    let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
-    close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, 0.0, "density alone");
-    let sampled = field.evaluate(&points, true, Moment::END);
-    let color = sampled.color.unwrap();
-    close(&to_host(sampled.sigma.clone()), &sigma, 0.0, "density");
-    close(&to_host(color.clone()), &rgb, 0.0, "colour");
-
-    let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
-    let found = parameters_of(&original, Some(&loss.backward()));
-    let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
-    assert_eq!(found.len(), expected.len());
-    for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
-        close(&summed(index, got), want, MIN_SCALE, &format!("gradient of parameter {index}"));
-    }
-}
-
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    infonerf_tests::devices().iter().for_each(check);
+    let fixture = &fixture("neural_body");
+    for device in infonerf_tests::devices() {
+        let device = &device.autodiff();
+        let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
+        let origin = triple(&fixture["origin"]);
+        let body = Some(BodyVertices { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
+        let setup = FieldSetup { body, ..setup(device) };
+        let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
+        let (original, parameters) = overwritten(field, rule);
+        // Codes and appearance, 17 convolutions of three tensors, and eight dense layers.
+        assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
+        let field = original.conditioned(&no_sources(), None);
+        let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
+        let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
+        let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
+        let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
+        close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, 0.0, "density alone");
+        let sampled = field.evaluate(&points, true, Moment::END);
+        let color = sampled.color.unwrap();
+        close(&to_host(sampled.sigma.clone()), &sigma, 0.0, "density");
+        close(&to_host(color.clone()), &rgb, 0.0, "colour");
+
+        let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
+        let found = parameters_of(&original, Some(&loss.backward()));
+        let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
+        assert_eq!(found.len(), expected.len());
+        for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
+            close(&summed(index, got), want, MIN_SCALE, &format!("gradient of parameter {index}"));
+        }
+    }
 }
 
 #[test]

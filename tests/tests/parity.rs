@@ -166,8 +166,9 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
 }
 
 /// Checks all runs of the fixture, but on the older CPU backend, which is slow, only the one with all losses.
+#[test]
 #[allow(deprecated, reason = "the name of the older backend")]
-fn check(device: &Device) {
+fn trains_as_pytorch_does_on_every_device() {
     let fixture = &fixture("parity");
     let changes = SafeTensors::deserialize(include_bytes!("../fixtures/parity.safetensors")).unwrap();
     for (name, stream) in fixture["streams"].as_object().unwrap() {
@@ -175,22 +176,22 @@ fn check(device: &Device) {
         let known = streams.iter().find(|known| format!("{known:?}") == *name).unwrap();
         assert_eq!(*known as u64, stream.as_u64().unwrap(), "{name}: put its new number into parity.py and run that");
     }
-    let is_slow = *device == Device::ndarray();
-    for mode in fixture["runs"].as_object().unwrap().keys().filter(|mode| !is_slow || *mode == "kl") {
-        let weights = train(fixture, mode, device);
-        let change = |tensor: usize| {
-            let tensor = changes.tensor(&format!("{mode}.{tensor}")).unwrap();
-            let halves = tensor.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]));
-            halves.map(f64::from).collect()
-        };
-        for (net, tensors) in [("coarse", 0..TENSORS), ("fine", TENSORS..2 * TENSORS)] {
-            let error = error(&weights, tensors, change);
-            assert!(error <= WEIGHT_TOLERANCE, "{device:?}, {mode}: {net} weights are {error} of their change apart");
+    for device in &infonerf_tests::devices() {
+        let is_slow = *device == Device::ndarray();
+        for mode in fixture["runs"].as_object().unwrap().keys().filter(|mode| !is_slow || *mode == "kl") {
+            let weights = train(fixture, mode, device);
+            let change = |tensor: usize| {
+                let tensor = changes.tensor(&format!("{mode}.{tensor}")).unwrap();
+                let halves = tensor.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]));
+                halves.map(f64::from).collect()
+            };
+            for (net, tensors) in [("coarse", 0..TENSORS), ("fine", TENSORS..2 * TENSORS)] {
+                let error = error(&weights, tensors, change);
+                assert!(
+                    error <= WEIGHT_TOLERANCE,
+                    "{device:?}, {mode}: {net} weights are {error} of their change apart"
+                );
+            }
         }
     }
-}
-
-#[test]
-fn trains_as_pytorch_does_on_every_device() {
-    infonerf_tests::devices().iter().for_each(check);
 }

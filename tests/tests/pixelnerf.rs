@@ -118,37 +118,35 @@ fn compare(got: &[f32], want: &Value, what: &str) {
     compare_within(got, &numbers(want), |want| TOLERANCE * want.abs().max(1.0), what);
 }
 
-fn check(device: &Device) {
-    let fixture = &fixture("pixelnerf");
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("resnet34.safetensors");
-    write_resnet34(&path);
-    let field = field(&path, &device.clone().autodiff());
-    let sources = sources(fixture);
-    let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
-    let counts = wholes(&fixture["counts"]);
-    let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
-    let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
-    let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
-    let (segments, extent) = (Segments::from_counts(counts.clone()), Extent::Ball { variance: 0.0 });
-    let points = Points { positions, directions, segments, extent };
-    let sampled = field.conditioned(&sources, None).evaluate(&points, true, Moment::END);
-    let color = sampled.color.unwrap();
-    let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
-    compare(&to_host(color), &fixture["rgb"], "colour");
-    compare(&to_host(sampled.sigma), &fixture["sigma"], "density");
-
-    let biases = gradients_of_rank(1, &field, &gradients);
-    compare(&biases[0], &fixture["grad_stem_bias"], "gradient of the stem's bias");
-    let last = &biases[tensors().len() / 5 - 1];
-    compare(last, &fixture["grad_last_bias"], "gradient of the last convolution's bias");
-}
-
 /// Checks every device but the older CPU backend, which takes a minute for convolutions of this size.
 #[test]
 #[allow(deprecated, reason = "the name of the older backend")]
 fn agrees_with_pytorch() {
-    infonerf_tests::devices().iter().filter(|device| **device != Device::ndarray()).for_each(check);
+    let fixture = &fixture("pixelnerf");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("resnet34.safetensors");
+    write_resnet34(&path);
+    for device in infonerf_tests::devices().into_iter().filter(|device| *device != Device::ndarray()) {
+        let field = field(&path, &device.autodiff());
+        let sources = sources(fixture);
+        let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
+        let counts = wholes(&fixture["counts"]);
+        let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
+        let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
+        let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
+        let (segments, extent) = (Segments::from_counts(counts.clone()), Extent::Ball { variance: 0.0 });
+        let points = Points { positions, directions, segments, extent };
+        let sampled = field.conditioned(&sources, None).evaluate(&points, true, Moment::END);
+        let color = sampled.color.unwrap();
+        let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
+        compare(&to_host(color), &fixture["rgb"], "colour");
+        compare(&to_host(sampled.sigma), &fixture["sigma"], "density");
+
+        let biases = gradients_of_rank(1, &field, &gradients);
+        compare(&biases[0], &fixture["grad_stem_bias"], "gradient of the stem's bias");
+        let last = &biases[tensors().len() / 5 - 1];
+        compare(last, &fixture["grad_last_bias"], "gradient of the last convolution's bias");
+    }
 }
 
 #[test]
