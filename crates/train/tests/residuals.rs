@@ -19,7 +19,8 @@ fn residuals_bring_a_training_view_nearer_to_its_image() {
         let squares: f32 = errors.flat_map(|((a, b), _)| a.iter().zip(b)).map(|(a, b)| (a - b).powi(2)).sum();
         (squares, hit.filter(|hit| *hit).count())
     };
-    let ((without, hits), (with, _)) = (error(TrainedModel { residuals: None, ..trainer.trained() }), error(trainer.trained()));
+    let ((without, hits), (with, _)) =
+        (error(TrainedModel { residuals: None, ..trainer.trained() }), error(trainer.trained()));
     assert!(hits > 20, "{hits} of the pixels hit something");
     // Pixels next to those that hit nothing, of which a small picture has many, stay as they are.
     assert!(with < 0.6 * without, "{without} to {with}");
