@@ -18,15 +18,17 @@ const RUN: &str = "exp fast-losses --scene knot --variant infonerf --set train.i
                    --set train.checkpoint_every=1 --set loss.kl.weight=1e-3";
 const FOLDER: &str = "fast-losses/knot/infonerf/seed0";
 
+/// Records of a run without times, and the log of its steps.
+type Numbers = (Vec<Value>, Vec<Value>);
+
 /// Numbers of an unbroken run, and the time that it takes.
-static UNBROKEN: LazyLock<((Vec<Value>, Vec<Value>), Duration)> = LazyLock::new(|| {
+static UNBROKEN: LazyLock<(Numbers, Duration)> = LazyLock::new(|| {
     let (place, start) = (Workplace::new(), Instant::now());
     place.tiny(RUN).succeeds();
     (numbers(&place, "runs"), start.elapsed())
 });
 
-/// Returns all numbers that a run leaves: its records and the log of its steps.
-fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
+fn numbers(place: &Workplace, out: &str) -> Numbers {
     (without_times(&records(&place.path(out).join("fast-losses"))), events(&place.path(out).join(FOLDER)))
 }
 
