@@ -6,8 +6,10 @@ use clap::Args;
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session};
+use infonerf_report::VIEWER_PAGE;
 
-use crate::print::{outln, quoted};
+use super::exp::write_viewer;
+use crate::print::{errln, outln};
 use crate::progress::ProgressDisplay;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
@@ -55,9 +57,13 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let mut watch = |event: PlanEvent<'_>| {
         match event {
             PlanEvent::Run(_, _, event) => progress.show(event),
-            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(record, _)) => {
+            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(record, fields)) => {
+                outln!("{}", summary(&record));
                 let folder = session.run_folder(sweep.run(index));
-                outln!("{}\nnext: infonerf view {}", summary(&record), quoted(&folder));
+                match write_viewer(&fields, &folder) {
+                    Ok(()) => outln!("page in 3D: {}", folder.join(VIEWER_PAGE).display()),
+                    Err(error) => errln!("warning: no page in 3D: {error:#}"),
+                }
             }
             PlanEvent::Written(_, Some(outcome), _) => outln!("report: {}", outcome.report.display()),
             _ => {}
@@ -66,6 +72,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     };
     let executed = execute(&[sweep], &session.out, &Executor::InProcess(&session), &mut watch)?;
     if matches!(executed, Executed::Ended { .. }) {
+        outln!("next: infonerf capture FOLDER learns photographs of your own");
         return Ok(ExitCode::SUCCESS);
     }
     outln!("stopped");
