@@ -57,14 +57,18 @@ impl MlpCase {
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision };
         let x = from_host(&self.x, self.encoded, &device).require_grad();
-        let out = joined(body(x.clone(), &network, [Activation::None; 2]));
-        let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
-        let grads = (out.clone() * u).sum().backward();
+        let (density, color) = body(x.clone(), &network, [Activation::None; 2]);
+        let columns = if color.is_some() { 4 } else { 1 };
+        let u = from_host(&self.u(columns), columns, &device);
+        // Products are summed apart: without rows, joined columns have no graph.
+        let density_sum = (density.clone() * u.clone().narrow(1, 0, 1).squeeze_dim(1)).sum();
+        let color_sum = color.clone().map(|color| (color * u.narrow(1, 1, 3)).sum());
+        let grads = color_sum.into_iter().fold(density_sum, |sum, more| sum + more).backward();
         let dweights = parameters.iter().flat_map(|Dense { weight, bias }| {
             let dweight = weight.grad(&grads).unwrap_or_else(|| weight.zeros_like());
             [to_host(dweight), to_host(bias.grad(&grads).unwrap_or_else(|| bias.zeros_like()))].concat()
         });
-        [to_host(out), to_host(x.grad(&grads).unwrap()), dweights.collect()]
+        [to_host(joined((density, color))), to_host(x.grad(&grads).unwrap()), dweights.collect()]
     }
 
     fn u(&self, columns: usize) -> Vec<f32> {
