@@ -4,8 +4,12 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DMat4;
-use infonerf_scene::image::{dimensions, find_image, is_image_name};
+use infonerf_scene::image::{dimensions, find_image, is_image_name, list_images};
 use infonerf_scene::{Camera, Lens, SceneError};
+use percent_encoding::percent_decode_str;
+use unicode_normalization::UnicodeNormalization;
+
+use crate::files::{entries, file_name};
 
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
@@ -28,8 +32,7 @@ pub(crate) struct Frame {
 pub(crate) enum MaskRole {
     /// Masked metrics use only the pixels that are not black.
     Counts,
-    /// Masked metrics use only the pixels that are not black, and the others show nothing: the mask is the image's
-    /// alpha.
+    /// Masked metrics use only the pixels that are not black, and the mask is the image's alpha.
     Matte,
     /// Only pixels that are not black belong to the capture, see [`infonerf_scene::MaskUse`].
     Capture,
@@ -107,9 +110,9 @@ pub(crate) fn cameras_of(frames: &[Frame]) -> Result<Vec<Camera>, SceneError> {
 pub(crate) fn with_images(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
     let total = frames.len();
     let (there, missing): (Vec<_>, Vec<_>) = frames.into_iter().partition(|f| f.image.is_file());
-    let warning = missing
-        .first()
-        .map(|first| format!("{} of {total} frames have no image, the first {}", missing.len(), first.image.display()));
+    let warning = missing.first().map(|first| {
+        format!("{} of {total} frames without an image, such as {}", missing.len(), first.image.display())
+    });
     (if there.is_empty() { missing } else { there }, warning)
 }
 
@@ -117,16 +120,36 @@ pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
 }
 
-/// Finds the image in `folder` that a file calls `name`. Its extension may differ or be missing. Of a path of another
-/// computer the longest end that exists here is used. Returns its path and its name within the folder.
+/// Finds the image in `folder` that a file calls `name`, whatever its extension. Of a path of another computer the longest end
+/// that exists here is used, also as by [`find_alike`]. Returns its path and its name within the folder.
 pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str) -> Option<(PathBuf, &'n str)> {
     let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
-    starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)))
+    let mut ends = starts.map(|at| &name[at..]);
+    let exact = ends.clone().find_map(|end| Some((find_image(&folder.join(end))?, end)));
+    exact.or_else(|| ends.find_map(|end| Some((find_alike(folder, end)?, end))))
 }
 
-/// Gives frames for which one image was found under different names the paths that their file states: the image is at
-/// most one frame's, and the others are missing.
-pub(crate) fn keep_apart(frames: &mut [Frame], stated: &[PathBuf]) {
+/// Finds the image whose path below `folder` differs from `name` by upper and lower case, Unicode normalisation, `%`
+/// escapes or the extension; `None` if there are several.
+fn find_alike(folder: &Path, name: &str) -> Option<PathBuf> {
+    let key = |name: &str| -> String {
+        percent_decode_str(name).decode_utf8_lossy().nfc().flat_map(char::to_lowercase).collect()
+    };
+    let mut found = vec![folder.to_owned()];
+    let (folders, image) = name.rsplit_once('/').unwrap_or(("", name));
+    for part in folders.split('/').filter(|part| !part.is_empty()) {
+        let is_alike = |path: &PathBuf| path.is_dir() && key(&file_name(path)) == key(part);
+        found = found.iter().flat_map(|folder| entries(folder)).filter(is_alike).collect();
+    }
+    let wanted = key(&without_extension(image));
+    let images = found.iter().flat_map(|folder| list_images(folder).unwrap_or_default());
+    let mut alike = images.filter(|path| key(&without_extension(&file_name(path))) == wanted);
+    alike.next().filter(|_| alike.next().is_none())
+}
+
+/// Gives frames for which one image in `folder` was found under different names the paths that their file states: the image
+/// is at most one frame's, and the others are missing. Returns a warning of images that [`find_alike`] found.
+pub(crate) fn keep_apart(folder: &Path, frames: &mut [Frame], stated: &[PathBuf]) -> Option<String> {
     let mut names: HashMap<PathBuf, HashSet<&PathBuf>> = HashMap::new();
     for (frame, path) in frames.iter().zip(stated) {
         names.entry(frame.image.clone()).or_default().insert(path);
@@ -134,6 +157,15 @@ pub(crate) fn keep_apart(frames: &mut [Frame], stated: &[PathBuf]) {
     for (frame, path) in frames.iter_mut().zip(stated).filter(|(frame, _)| names[&frame.image].len() > 1) {
         frame.image.clone_from(path);
     }
+    let bare = |path: &Path| PathBuf::from(without_extension(&path.to_string_lossy()));
+    let is_alike = |(frame, path): &(&Frame, &PathBuf)| {
+        frame.image.strip_prefix(folder).is_ok_and(|found| !bare(path).ends_with(bare(found)))
+    };
+    let alike: Vec<(&Frame, &PathBuf)> = frames.iter().zip(stated).filter(is_alike).collect();
+    let [found, named] = alike.first().map(|(frame, path)| [&frame.image, path].map(|path| file_name(path)))?;
+    let (count, all) = (alike.len(), frames.len());
+    let text = "images whose stated names differ in case, accents or escapes";
+    Some(format!("{text}: {count} of {all}, such as {found} for {named}"))
 }
 
 /// Removes the extension of an image from a path.

@@ -24,9 +24,8 @@ const DISTANCES: std::ops::RangeInclusive<f64> = 4.0..=4.06;
 /// is missing; without any, every eighth training view is held out.
 ///
 /// Optional fields extend the format: `near` and `far`, `aabb`, and in a frame `ray_depth_file_path`, an `.npy` file of
-/// exact distances. Without them, NeRF's synthetic scenes have near 2, far 6 and a box of ±1.5. For other scenes these
-/// are estimated from the cameras, with a warning: photographs as in any capture, images with a transparent background
-/// as one object.
+/// exact distances. Without them, NeRF's synthetic scenes have near 2, far 6 and a box of ±1.5. For others these are
+/// estimated from the cameras, with a warning: as in any capture, or as of one object on a transparent background.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let mut train = read_transforms(&dir.join(MARKER))?;
     let (test, val) = (dir.join("transforms_test.json"), dir.join("transforms_val.json"));
@@ -246,7 +245,7 @@ mod tests {
         edit(&json, "/frames/1/transform_matrix", Some(json!(null)));
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.train.len(), 2);
-        let lost = "1 of 3 frames of transforms_train.json have no pose and are left out, the first train/r_1";
+        let lost = "1 of 3 frames of transforms_train.json left out for want of a pose: train/r_1";
         assert_eq!(scene.warnings, [lost]);
         // Poses as three rows, as sixteen numbers, and with a scaled rotation.
         let pose = pose(0);
@@ -276,7 +275,7 @@ mod tests {
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
         let resized = load(&dir, &SceneRequest { image_size: Some(4), ..request() }).unwrap();
         assert_eq!(resized.test[0].depth, None);
-        assert_warns(&resized, 0, "exact depths of 1 views are left out: ");
+        assert_warns(&resized, 0, "exact depths of 1 of 5 views are left out: ");
         crate::files::npy::write(&dir.join("test/d.npy"), &[16, 4], &depth).unwrap();
         assert!(message(&dir, &request()).contains("shape [8, 8]: shape [16, 4]"));
     }

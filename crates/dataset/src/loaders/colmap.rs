@@ -7,7 +7,7 @@ use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
-use crate::capture::{Estimate, Found, list_photographs, same_proportions};
+use crate::capture::{Estimate, Found, list_photographs, same_proportions, some_of};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
 use crate::frame::{Frame, find_by_end, keep_apart};
@@ -23,8 +23,7 @@ const WHOLE: [&str; 4] = ["images", "input", "photos", "rgb"];
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
 /// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`, `photos` or `rgb`. Frames
 /// without an image are left out with a warning. Every 8th by name, starting with the first, is held out for test. The
-/// points that training photographs see give bounds, near and far. If the reconstruction has no observations, all points
-/// do, with a warning.
+/// points that training photographs see give bounds, near and far; without observations all do, with a warning.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let models = models(dir);
     let place = models.first().map_or(dir, |(place, _)| place);
@@ -49,36 +48,36 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         let points = image.observations.iter().filter_map(|(_, id)| index.get(id).copied()).collect();
         frames.push(Frame { points, ..Frame::new(name, path, &camera) });
     }
-    keep_apart(&mut frames, &stated);
+    let alike = keep_apart(&folder, &mut frames, &stated);
     // Poses of the same photographs would leave out the same ones again.
     let is_final = !place.starts_with(dir.join("sparse")) || changed_photographs(dir)? == Some(Vec::new());
     let remedy = if is_final { "" } else { "; remove the scene's folder `sparse` to find the poses again" };
     let lost = without_pose(&folder, &frames).map(|lost| lost + remedy);
     let estimate = Estimate { points: read.points.values().copied().collect(), ..Estimate::default() };
     let mut found = Found::captured(dir, Format::Colmap, frames, &request.test, estimate);
-    found.warnings.extend(lost);
+    found.warnings.extend(lost.into_iter().chain(alike));
     if let [(place, count), (_, next), ..] = &models[..] {
-        let (name, others) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len() - 1);
-        found.warnings.push(format!("{name} with {count} images is read; {others} others have {next} or fewer"));
+        let (name, all) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len());
+        found
+            .warnings
+            .push(format!("of {all} reconstructions {name} is read, with {count} images; the next has {next}"));
     }
     Ok(found)
 }
 
-/// Returns folders that may hold the folder of images: the parents of the reconstruction up to `dir`, the nearest
-/// first.
+/// Returns the folders that may hold the folder of images: those above the reconstruction up to `dir`, the nearest first.
 fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
     let above = place.ancestors().skip(1).take_while(|folder| folder.starts_with(dir));
     let roots: Vec<PathBuf> = above.map(Path::to_owned).collect();
     if roots.is_empty() { vec![dir.to_owned()] } else { roots }
 }
 
-/// Returns a warning that counts the photographs in `folder` without a pose.
+/// Returns a warning that names the photographs in `folder` without a pose.
 fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
     let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
     let all = list_photographs(folder).ok()?;
-    let lost: Vec<&PathBuf> = all.iter().filter(|path| !known.contains(path.as_path())).collect();
-    let (first, last) = (file_name(lost.first()?), file_name(lost.last()?));
-    Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
+    let lost = all.iter().filter(|path| !known.contains(path.as_path())).map(|path| file_name(path));
+    some_of(&lost.collect::<Vec<_>>(), all.len(), "photographs without a pose")
 }
 
 /// Returns the folder of the smallest images whose longest side is at least `size`, among those with all images of the whole
@@ -119,8 +118,7 @@ mod tests {
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest};
 
-    /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not
-    /// there.
+    /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera, without the file of image 8.
     fn folder(write: fn(&Path, &Reconstruction)) -> (TempDir, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path();
@@ -150,7 +148,7 @@ mod tests {
                 assert_same_view(view, camera);
             }
             assert_eq!(scene.warnings.len(), 1);
-            assert_warns(&scene, 0, "1 of 9 frames have no image");
+            assert_warns(&scene, 0, "1 of 9 frames without an image, such as ");
             assert_eq!((scene.space.layout, scene.backdrop), (Layout::Object, Backdrop::Colour));
             assert_eq!(scene.space.points.len(), 200);
             assert!((2.0..3.1).contains(&scene.space.near) && (4.9..6.5).contains(&scene.space.far), "{scene:?}");
@@ -208,9 +206,12 @@ mod tests {
     /// Covers images in `input` and `rgb`, paths from the project's folder or another computer, and other extensions.
     #[test]
     fn images_are_found_wherever_they_are() {
-        for (disk, named) in
-            [("images/v", "/home/me/scan/images/v/0.png"), ("rgb/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
-        {
+        for (disk, named) in [
+            ("images/v", "/home/me/scan/images/v/0.png"),
+            ("rgb/v", "images\\v\\0.JPG"),
+            ("input/v", "v/0.png"),
+            ("images/V", "v/0.png"),
+        ] {
             let (guard, _) = folder(write_text);
             let mut all = Reconstruction::read(guard.path()).unwrap();
             all.images.iter_mut().enumerate().for_each(|(i, image)| image.name = named.replace('0', &i.to_string()));
@@ -228,7 +229,7 @@ mod tests {
         let (guard, cameras) = folder(write_binary);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
-        assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png; remove"), "{warnings:?}");
+        assert!(warnings[1].contains("1 of 1 photographs without a pose: lost.png; remove"), "{warnings:?}");
         write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();

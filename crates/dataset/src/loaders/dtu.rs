@@ -123,12 +123,13 @@ pub(crate) fn camera(path: &Path, matrices: &Arrays, index: usize, size: (u32, u
     let fault =
         |name: &str, expected: &str, found: String| SceneError::field(path, format!("{name}_{index}"), expected, found);
     let camera = decompose(&world, size).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
-    let diagonal = DVec3::new(scale.x_axis.x, scale.y_axis.y, scale.z_axis.z);
-    let off = DMat3::from_mat4(scale) - DMat3::from_diagonal(diagonal);
-    if !(diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element())) {
-        return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
+    let factor = scale.x_axis.x;
+    let rest = DMat3::from_mat4(scale) - DMat3::from_diagonal(DVec3::splat(factor));
+    if !(factor > 1e-9 && rest.abs_diff_eq(DMat3::ZERO, 1e-4 * factor)) {
+        let found = format!("{:?}", scale.transpose().to_cols_array_2d());
+        return Err(fault("scale_mat", "one positive scale, three times on the diagonal, and a translation", found));
     }
-    let place = (camera.position_f64() - scale.w_axis.truncate()) / diagonal;
+    let place = (camera.position_f64() - scale.w_axis.truncate()) / factor;
     let pose = DMat4 { w_axis: place.extend(1.0), ..camera.to_world };
     match pose::fault(&pose) {
         Some(found) => Err(fault("world_mat", "a projection K [R | t]", found)),
@@ -302,7 +303,10 @@ mod tests {
         assert!(bad(&|a| a[2].2[5] = f64::NAN).contains("not finite"));
         assert!(bad(&|a| a[2].2[..12].fill(0.0)).contains("a last row of zeros"));
         assert!(bad(&|a| a[2].1 = vec![16]).contains("shape [16]"));
-        assert!(bad(&|a| a[3].2[0] = 0.0).contains("scale_mat_1"));
+        for scales in [[0.0; 3], [SCALE, SCALE, 1.01 * SCALE]] {
+            let text = bad(&|a| (0..3).for_each(|axis| a[3].2[5 * axis] = scales[axis]));
+            assert!(text.contains("cameras_sphere.npz: field `scale_mat_1`: expected one positive scale"), "{text}");
+        }
         let guard = tempfile::tempdir().unwrap();
         folder(guard.path(), 3, true);
         fs::remove_file(guard.path().join("mask/001.png")).unwrap();

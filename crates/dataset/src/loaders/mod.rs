@@ -104,8 +104,7 @@ pub(crate) mod testing {
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Camera, Rgba8, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-    /// Returns the path of `part` in the shared test data: `$INFONERF_DATA`, or a folder next to the workspace. For
-    /// ignored tests only.
+    /// Returns the path of `part` in the data of ignored tests: `$INFONERF_DATA`, or a folder next to the workspace.
     pub fn shared_data(part: &str) -> PathBuf {
         let root = std::env::var_os("INFONERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);

@@ -43,7 +43,10 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
             let count = train.iter().filter(|frame| is_tested(frame)).count();
             if count > 0 && count < train.len() && request.test != TestProtocol::Training {
                 train.retain(|frame| !is_tested(frame));
-                warnings.push(format!("{count} frames of `{test_field}` are in `train_filenames`: none is trained on"));
+                let all = test.len();
+                warnings.push(format!(
+                    "{count} of {all} frames in `{test_field}` also in `train_filenames`: not trained on"
+                ));
             }
             if test.is_empty() {
                 (train, test) = hold_out(train, &request.test);
@@ -184,7 +187,8 @@ mod tests {
             edit(&json, "/test_filenames", tested.map(names));
             let scene = load(&dir, &request()).unwrap();
             assert_eq!((scene.train.len(), scene.test.len()), (train, 10 - train));
-            let is_shared = scene.warnings.iter().any(|text| text.starts_with("3 frames of `test_filenames` are in"));
+            let is_shared =
+                scene.warnings.iter().any(|text| text.starts_with("3 of 3 frames in `test_filenames` also in"));
             assert_eq!(is_shared, trained == Some(10));
         }
     }
@@ -220,7 +224,7 @@ mod tests {
         edit(&json, "/frames/2/file_path", Some(json!("./images/r_2")));
         let scene = load(dir, &request()).unwrap();
         assert_eq!((scene.train.len(), scene.test.len(), scene.warnings.len()), (5, 1, 1));
-        assert_warns(&scene, 0, "1 of 7 frames have no image, the first ");
+        assert_warns(&scene, 0, "1 of 7 frames without an image, such as ");
         assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
         // Cameras that are written load back.
         write_json(&json, &crate::transforms(&scene));
@@ -247,7 +251,11 @@ mod tests {
         assert!(!kept[13] && kept[14] && kept.len() == 64 && view.valid == view.mask);
         // The photograph is left as it is.
         assert_eq!(*view.image, image(8, 2).to_f32().composite([1.0; 3]));
-        assert_warns(&scene, 0, "masks leave out pixels of 3 views: those pixels are neither trained on nor measured");
+        assert_warns(
+            &scene,
+            0,
+            "in 3 of 4 views masks leave out pixels: those pixels are neither trained on nor measured",
+        );
         let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
         let scored = load(&dir, &score).unwrap();
         assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
@@ -255,11 +263,11 @@ mod tests {
         mask(8, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
-        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/r_8: they are not tested");
+        assert_eq!(scene.warnings[0], "not tested, as masks leave no pixel: test views images/r_8");
         mask(1, 64);
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!((scene.train.len(), scene.train[0].id), (1, 1));
-        assert_warns(&scene, 0, "masks leave no pixel of the training views images/r_1: they are not trained on");
+        assert_warns(&scene, 0, "not trained on, as masks leave no pixel: training views images/r_1");
         mask(2, 64);
         assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
         assert_eq!(load(&dir, &score).unwrap().test.len(), 2);

@@ -6,8 +6,7 @@ use infonerf_scene::SceneError;
 use crate::files::MAX_COORDINATE;
 use crate::files::json::Node;
 
-/// Max difference of `RᵀR` from the identity in any element for an exact rotation R: rounding to 4 digits passes, a
-/// scale of 1.001 does not.
+/// Max difference of an element of `RᵀR` from the identity: rounding to 4 digits passes, a scale of 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
 /// Max cosine between axes that are corrected to right angles.
 const SHEAR: f64 = 0.02;

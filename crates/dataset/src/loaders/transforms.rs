@@ -11,6 +11,7 @@ use infonerf_scene::{Aabb, Lens, SceneError};
 use serde_json::Value;
 
 use super::pose::read_pose;
+use crate::capture::some_of;
 use crate::colmap::lens;
 use crate::files::json::{self, Node, PIXELS, pair};
 use crate::files::{MAX_COORDINATE, file_name};
@@ -67,18 +68,16 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     if frames.is_empty() {
         return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
-    keep_apart(&mut frames, &stated);
+    let alike = keep_apart(dir, &mut frames, &stated);
     let mut known = HashSet::new();
     let mut is_new = |frame: &Frame| known.insert((frame.image.clone(), frame.pose.to_cols_array().map(f64::to_bits)));
     let again: Vec<String> = frames.extract_if(.., |frame| !is_new(frame)).map(|frame| frame.name).collect();
-    let of = |names: &[String], what: &str| {
-        let (some, all, first, file) = (names.len(), items.len(), names.first()?, file_name(path));
-        Some(format!("{some} of {all} frames of {file} {what}, the first {first}"))
-    };
-    let left_out = of(&lost, "have no pose and are left out");
-    let corrected = of(&scaled, "have matrices that are no exact rotations and are corrected");
-    let repeated = of(&again, "repeat others and are left out");
-    let mut warnings: Vec<String> = left_out.into_iter().chain(corrected).chain(repeated).collect();
+    let of =
+        |names: &[String], what: &str| some_of(names, items.len(), &format!("frames of {} {what}", file_name(path)));
+    let left_out = of(&lost, "left out for want of a pose");
+    let corrected = of(&scaled, "corrected to an exact rotation");
+    let repeated = of(&again, "left out as a repetition");
+    let mut warnings: Vec<String> = [left_out, corrected, repeated, alike].into_iter().flatten().collect();
     let (range, bounds) = (read_range(&root)?, root.optional("aabb", read_bounds)?);
     let cube = root.optional("aabb_scale", |node| read_aabb_scale(&root, node, &mut warnings))?;
     let split = read_split(dir, &root)?;
@@ -162,16 +161,14 @@ fn name_of(dir: &Path, image: &Path) -> String {
     without_extension(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy())
 }
 
-/// Returns the path of the image that a file names; `\` separates folders too. If there is no such image, returns the
-/// path as by [`stated_path`].
+/// Returns the path of the image that a file names, where `\` separates folders too; without such an image, [`stated_path`].
 fn image_path(dir: &Path, named: &str) -> PathBuf {
     let relative = named.replace('\\', "/");
     let found = find_by_end(dir, relative.trim_start_matches("./"));
     found.map_or_else(|| stated_path(dir, named), |(path, _)| path)
 }
 
-/// Returns the path that a file states, with `.png` appended unless it has an image's extension: `r_0.5` becomes
-/// `r_0.5.png`.
+/// Returns the path that a file states; without an image's extension `.png` is appended: `r_0.5` becomes `r_0.5.png`.
 fn stated_path(dir: &Path, named: &str) -> PathBuf {
     let relative = named.replace('\\', "/");
     let relative = relative.trim_start_matches("./");
@@ -281,6 +278,8 @@ mod tests {
             let found = image_path(dir, named);
             assert_eq!((found.is_file(), name_of(dir, &found)), (true, "scan/images/0".into()), "{named}");
         }
+        fs::write(dir.join("scan/images/0.webp"), "").unwrap();
+        assert!(!image_path(dir, "Scan/images/0").is_file(), "two images are alike");
         let dotted = image_path(dir, "./train/r_0.5");
         assert_eq!((name_of(dir, &dotted), dotted), ("train/r_0.5".into(), dir.join("train/r_0.5.png")));
         assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
@@ -290,17 +289,21 @@ mod tests {
     fn no_image_takes_the_place_of_another() {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path();
-        ["0.png", "1.jpg"].iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
+        fs::create_dir(dir.join("D")).unwrap();
+        // The name of the last image has a composed Ä, in the file a decomposed one.
+        ["0.png", "1.jpg", "D/\u{c4} 2.png"].iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
         let frame = |path: &str| json!({"file_path": path, "mask": "masks/1.png", "transform_matrix": pose(0)});
-        let frames = ["a/0.png", "b/0.png", "c/1.png", "b/0.png"].map(frame);
+        let frames = ["a/0.png", "b/0.png", "c/1.png", "b/0.png", "s/d/a\u{308}%202.JPG"].map(frame);
         let value =
             json!({"camera_angle_x": 0.7, "aabb_scale": 3, "scale": 0.5, "offset": [0, 1, 0.5], "frames": frames});
         let read = transforms(&dir.join("transforms.json"), &value).unwrap();
         let images: Vec<&Path> = read.frames.iter().map(|frame| frame.image.as_path()).collect();
-        assert_eq!(images, ["a/0.png", "b/0.png", "1.jpg"].map(|name| dir.join(name)));
+        assert_eq!(images, ["a/0.png", "b/0.png", "1.jpg", "D/\u{c4} 2.png"].map(|name| dir.join(name)));
         assert_eq!(read.frames[2].mask, Some((dir.join("masks/1.png"), MaskRole::Capture)));
         assert_eq!(read.cube, Some(Aabb::cube(Vec3::new(1.0, -1.0, 0.0), 4.0)), "instant-ngp's box");
-        let repeated = "1 of 4 frames of transforms.json repeat others and are left out, the first 0";
-        assert_eq!(read.warnings, [repeated, "`aabb_scale` is 3, which is no power of two: 4 is taken"]);
+        let repeated = "1 of 5 frames of transforms.json left out as a repetition: 0";
+        let alike = "images whose stated names differ in case, accents or escapes: 1 of 5, such as \u{c4} 2.png for \
+                     a\u{308}%202.JPG";
+        assert_eq!(read.warnings, [repeated, alike, "`aabb_scale` is 3, which is no power of two: 4 is taken"]);
     }
 }

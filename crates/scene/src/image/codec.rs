@@ -17,7 +17,9 @@ const MAX_SIDE: u32 = 16_384;
 /// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
 /// Extensions of the formats that are read, in lower case.
-const EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp"];
+const EXTENSIONS: [&str; 11] = ["png", "jpg", "jpeg", "jpe", "jfif", "webp", "tif", "tiff", "bmp", "ppm", "tga"];
+/// Names of these formats.
+const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP, PPM or TGA";
 /// Extensions of photographs that cameras, phones and programs write and that are not read.
 const UNREAD: [&str; 19] = [
     "heic", "heif", "avif", "jxl", "jp2", "exr", "hdr", "gif", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2",
@@ -161,7 +163,7 @@ pub fn unread_format(path: &Path) -> Option<SceneError> {
     let extension = path.extension()?.to_str()?;
     let convert = format!("such as with ImageMagick: `magick mogrify -format jpg *.{extension}`");
     let reason = format!("{} is not read; convert it, {convert}", extension.to_ascii_uppercase());
-    has_extension(path, &UNREAD).then(|| SceneError::malformed(path, "PNG, JPEG, WebP, TIFF or BMP", reason))
+    has_extension(path, &UNREAD).then(|| SceneError::malformed(path, FORMATS, reason))
 }
 
 fn open(path: &Path) -> Result<ImageReader<Source<'static>>, SceneError> {
@@ -180,9 +182,13 @@ fn open(path: &Path) -> Result<ImageReader<Source<'static>>, SceneError> {
     guessed(path, Box::new(BufReader::new(File::open(path).map_err(fault)?)))
 }
 
-/// Makes a reader for the format that the first bytes of `source` show.
+/// Makes a reader for the format that the first bytes of `source` show, or TGA, in which they show nothing, by its name.
 fn guessed<'a>(path: &Path, source: Source<'a>) -> Result<ImageReader<Source<'a>>, SceneError> {
-    ImageReader::new(source).with_guessed_format().map_err(|error| SceneError::io(path, error))
+    let mut reader = ImageReader::new(source);
+    if has_extension(path, &["tga"]) {
+        reader.set_format(ImageFormat::Tga);
+    }
+    reader.with_guessed_format().map_err(|error| SceneError::io(path, error))
 }
 
 /// Returns the `(width, height)` that the header of an image states, or an error if a side is too long.
@@ -219,7 +225,7 @@ fn decode_error(path: &Path, error: impl Display) -> SceneError {
         b"version http" => "it is a pointer of Git LFS; `git lfs pull` fetches the image".to_owned(),
         _ => error.to_string(),
     };
-    SceneError::malformed(path, "a complete PNG, JPEG, WebP, TIFF or BMP image", reason)
+    SceneError::malformed(path, format!("a complete {FORMATS} image"), reason)
 }
 
 /// Encodes 8-bit pixels as PNG.
@@ -262,8 +268,8 @@ mod tests {
         fs::write(&jpeg, &phone).unwrap();
         assert_eq!(read_rgba(&jpeg).unwrap().pixels.len(), 64 * 64);
         fs::write(&jpeg, &phone[..phone.len() / 2]).unwrap();
-        let cut = "bad.jpg: expected a complete PNG, JPEG, WebP, TIFF or BMP image: the file is cut short";
-        assert!(refusal(&jpeg).ends_with(cut));
+        let cut = format!("bad.jpg: expected a complete {FORMATS} image: the file is cut short");
+        assert!(refusal(&jpeg).ends_with(&cut));
         write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
         assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })), "refused before it is decoded");
         assert!(refusal(dir.path()).ends_with("it is no regular file"));
@@ -281,8 +287,8 @@ mod tests {
         }
         let raw = dir.path().join("DSCF1.RAF");
         fs::write(&raw, "FUJI").unwrap();
-        let expected = "DSCF1.RAF: expected PNG, JPEG, WebP, TIFF or BMP: RAF is not read; convert it";
-        assert!(refusal(&raw).contains(expected));
+        let expected = format!("DSCF1.RAF: expected {FORMATS}: RAF is not read; convert it");
+        assert!(refusal(&raw).contains(&expected));
     }
 
     #[test]
@@ -301,8 +307,7 @@ mod tests {
         assert!(!grey.has_alpha && (r - 0.2).abs() < 1e-6 && (r, r, 1.0) == (g, b, a), "{:?}", grey.pixels);
     }
 
-    /// A baseline JPEG of 2 × 1 blocks (16 × 8 pixels), black on the left, with orientation 6: shown upright it is 8 × 16
-    /// with black above.
+    /// Reads a JPEG of 16 × 8 pixels, black on the left, with orientation 6: shown upright it is 8 × 16, black above.
     #[test]
     fn images_are_turned_as_exif_states() {
         let dir = tempfile::tempdir().unwrap();
@@ -338,9 +343,9 @@ mod tests {
     }
 
     #[test]
-    fn webp_tiff_and_bmp_are_read() {
+    fn other_formats_than_png_and_jpeg_are_read() {
         let dir = tempfile::tempdir().unwrap();
-        for extension in ["webp", "tiff", "bmp"] {
+        for extension in ["webp", "tiff", "bmp", "ppm", "tga"] {
             let path = dir.path().join(format!("a.{extension}"));
             let pixels = ::image::RgbImage::from_fn(3, 2, |x, y| ::image::Rgb([40 * x as u8, 90 * y as u8, 7]));
             pixels.save(&path).unwrap();

@@ -86,8 +86,7 @@ impl Image {
         Ok(read_rgba(path)?.composite(background))
     }
 
-    /// Writes the colours as an 8-bit RGB PNG, rounded by [`Self::to_rgb8`]. Alpha is not written: it
-    /// is composited already.
+    /// Writes the colours as an 8-bit RGB PNG, rounded by [`Self::to_rgb8`], without alpha.
     ///
     /// # Errors
     /// The file cannot be written, or `rgb` does not hold `width · height` pixels.
