@@ -54,7 +54,7 @@ fn few_photographs_without_poses_are_learned_from() {
     let capture = || place.tiny_without("eval.test", command).env("PATH", place.path(""));
     let unmeasured = "no photograph is held out, so no figure is measured";
     let stdout = capture().succeeds_with(&["4 photographs, about ", "4 of 4 photographs placed", unmeasured]);
-    assert!(!stdout.contains("PSNR") && stdout.matches("in masks belong to no image").count() == 1, "{stdout}");
+    assert!(!stdout.contains("PSNR") && stdout.matches("in masks without an image").count() == 1, "{stdout}");
     let record = &records(&place.path("runs/capture"))[0];
     assert_eq!(record["train_views"].as_array().unwrap().len(), 4);
     assert_eq!(record["train_files"], serde_json::json!(["00.png", "01.png", "03.png", "09.png"]));
@@ -76,6 +76,7 @@ fn what_is_no_folder_of_photographs_is_refused() {
     let place = Workplace::new();
     place.run("capture absent").fails_with(&["absent: expected a folder of photographs or a video file"]);
     place.write("walk.mp4", "");
+    place.run("capture walk.mp4 --set scene.sise=9").env("PATH", place.path("")).fails_with(&["sise"]);
     let run = place.run("capture walk.mp4").env("PATH", place.path(""));
     run.fails_with(&["walk.mp4: expected the ffmpeg program", "ffmpeg is not on PATH"]);
     assert!(!place.path("runs").exists());

@@ -74,10 +74,10 @@ const SECONDS_PER_PHOTOGRAPH: [f64; 2] = [0.1, 2.0];
 const MAX_RENDERED: usize = 30;
 
 pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
-    let photographs = photograph_folder(&args.path, &args.out)?;
-    let dir = photographs.canonicalize().with_context(|| photographs.display().to_string())?;
     let device = open_device(args.device.device)?;
     let networks = args.networks.open(&device)?;
+    let photographs = photograph_folder(args)?;
+    let dir = photographs.canonicalize().with_context(|| photographs.display().to_string())?;
     let session = Session::new(device, &args.out, args.existing.existing()).with_networks(networks);
     let changed = changed_photographs(&dir)?.unwrap_or_default();
     let is_posed = changed.is_empty() && SceneSource::Folder { path: dir.clone() }.is_scene();
@@ -132,15 +132,18 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns `path` if it is a folder of photographs, or the folder that the frames of the video `path` are written to.
-fn photograph_folder(path: &Path, out: &Path) -> Result<PathBuf> {
+/// Returns the folder of photographs: the given one, or the folder that the frames of the given video are written to.
+fn photograph_folder(args: &CaptureArgs) -> Result<PathBuf> {
+    let path = &args.path;
     if path.is_dir() {
         return Ok(path.to_owned());
     }
     let expected = format!("{}: expected a folder of photographs or a video file", path.display());
     ensure!(path.is_file(), "{expected}: not found");
     ensure!(!is_image_name(path), "{expected}: it is one photograph; give its folder");
-    let frames = video_folder(path, out);
+    // Refuses a faulty setting before the video is taken apart, by a plan for any scene.
+    Experiment::plan("capture", &selection(args, None, "room", MIN_MEASURED))?;
+    let frames = video_folder(path, &args.out);
     video_frames(path, &frames, |line| outln!("{line}"))?;
     Ok(frames)
 }
@@ -155,29 +158,35 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     // From 0.2 to 1.1 s per pair: docs/photographs.md.
     let (quick, slow) = (pairs as u64 / 5, pairs as u64);
     let poses = if pairs == 0 { "none to find".to_owned() } else { format!("{} to {}", time(quick), time(slow)) };
-    let [least, most] = [quick, slow].map(|poses| time(poses + budget + orbit + around));
+    let [least, most] = [quick, slow].map(|poses| time(poses + budget + orbit + around).to_string());
+    let whole = if least == most { least } else { format!("{least} to {most}") };
     let [budget, around, orbit] = [budget, around, orbit].map(time);
-    outln!("{}: {}, about {least} to {most} in all:", args.path.display(), counted(count, "photograph"));
+    outln!("{}: {}, about {whole} in all:", args.path.display(), counted(count, "photograph"));
     outln!("  poses            {poses}\n  check            seconds");
     outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
 
-/// Plans the run of `exp capture --variant infonerf+` on `dir`. Of fewer than [`MIN_MEASURED`] photographs none is held out.
+/// Plans the run on the `count` photographs in `dir`.
 fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
     let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
         bail!("{}: expected a folder of photographs whose name is text", args.path.display());
     };
+    Experiment::plan("capture", &selection(args, Some(data.to_owned()), name, count))
+}
+
+/// Selects the run of `exp capture --variant infonerf+` on a scene, by default a built-in one. Of fewer than
+/// [`MIN_MEASURED`] photographs none is held out.
+fn selection(args: &CaptureArgs, data: Option<PathBuf>, scene: &str, count: usize) -> Selection {
     let (test, views) = if count < MIN_MEASURED { ("training", MAX_SHOWN) } else { ("split", MAX_MEASURED) };
     let test = [format!("eval.test={test}"), format!("eval.max_views={views}")];
-    let selection = Selection {
-        data: Some(data.to_owned()),
-        scenes: vec![name.to_owned()],
+    Selection {
+        data,
+        scenes: vec![scene.to_owned()],
         variants: vec!["infonerf+".into()],
         set: test.into_iter().chain(args.set.iter().cloned()).collect(),
         budget: Some(args.budget.as_secs_f64()),
         ..Selection::default()
-    };
-    Experiment::plan("capture", &selection)
+    }
 }
 
 /// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the

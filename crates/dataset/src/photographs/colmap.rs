@@ -86,8 +86,7 @@ pub(super) fn find(
 }
 
 /// Returns the arguments of a step: its paths, and the options that `help` lists. COLMAP 3.12 renamed the groups of
-/// options that are not specific to SIFT, so both names are looked for. Options that `help` does not list keep their
-/// defaults.
+/// options that are not specific to SIFT, so both names are looked for.
 fn arguments((_, count, options): (&str, usize, &str), paths: [&Path; 3], help: &str) -> Vec<OsString> {
     let named = ["--database_path", "--image_path", "--output_path"].into_iter().zip(paths).take(count);
     let mut all: Vec<OsString> = named.flat_map(|(name, path)| [name.into(), path.into()]).collect();

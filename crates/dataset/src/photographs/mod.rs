@@ -173,8 +173,7 @@ fn keep_colmap(
     fs::rename(work.join("sparse"), poses).map_err(|e| SceneError::io(poses, e))
 }
 
-/// Returns the number of placed photographs among `names`, and the median reprojection error of their observations in
-/// pixels; infinite without points.
+/// Returns how many photographs of `names` are placed, and their median reprojection error in pixels, infinite without points.
 fn quality(found: &Reconstruction, names: &[String]) -> (usize, f64) {
     let placed: Vec<&ColmapImage> = found.images.iter().filter(|image| names.contains(&image.name)).collect();
     let mut residuals = Vec::new();
@@ -300,7 +299,7 @@ mod tests {
         assert!(text.ends_with("at least two photographs: it has 0"), "{text}");
         fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
         let text = fault(guard.path());
-        let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF or BMP: HEIC is not read; convert it";
+        let unread = "IMG_1.HEIC: expected PNG, JPEG, WebP, TIFF, BMP, PPM or TGA: HEIC is not read; convert it";
         assert!(text.contains(unread), "{text}");
         assert_eq!(missing_poses_error(guard.path()).unwrap().to_string(), text);
         let shots = guard.path().join("my shots");

@@ -75,7 +75,7 @@ pub(super) fn find(
     let fault = |reason: String| SceneError::malformed(images, OVERLAPPING, reason);
     let masked = photographs.iter().filter(|photograph| photograph.mask.is_some()).count();
     if masked > 0 {
-        progress(&format!("features are looked for within the masks of {masked} photographs"));
+        progress(&format!("features count within masks: {masked} of {} photographs", photographs.len()));
     }
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
     let found = reconstruct(&input, focal, &mut progress).map_err(|reason| fault(reason + cause(&photographs)))?;
@@ -235,6 +235,8 @@ mod tests {
         let found = find(guard.path(), guard.path(), None, |line| lines.push(line.to_owned())).unwrap();
         let small = "small.png: not placed: its longest side of 100 pixels is below half of the usual 360";
         assert!(found.left_out == 1 && lines.iter().any(|line| line == small), "{lines:?}");
+        let focal = found.model.cameras[&1].parameters[0] / truth.train[0].camera.fx;
+        assert!((focal - 1.0).abs() < 0.05, "{focal}");
         found.write(&guard.path().join("sparse")).unwrap();
         let tested = SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..Default::default() };
         let found = load(guard.path(), &tested).unwrap();

@@ -23,8 +23,7 @@ const SOURCE: &str = "video.txt";
 const LOG: &str = "ffmpeg.log";
 /// Transfer functions of HDR videos: HLG and PQ.
 const HDR: [&str; 2] = ["arib-std-b67", "smpte2084"];
-/// Filters from HDR to the colours of a screen, with a comma at their end. HDR videos have the colours of BT.2020, but some do
-/// not say so.
+/// Filters from HDR to the colours of a screen, with a comma at their end. Some HDR videos do not state that they are in BT.2020.
 const TONE_MAPPING: &str = "setparams=color_primaries=bt2020:colorspace=bt2020nc,zscale=t=linear:npl=100,tonemap=hable,\
                             zscale=p=bt709:t=bt709:m=bt709:r=pc,";
 
@@ -163,9 +162,12 @@ fn sharpest(values: &[u64]) -> Vec<usize> {
     (0..count).filter_map(|i| (bound(i)..bound(i + 1)).max_by_key(|&frame| values[frame])).collect()
 }
 
-/// Returns the folder of the frames of `video` below the folder for results `out`.
+/// Returns the folder of the frames of `video` below the folder for results `out`: the video's name without extension, in
+/// which `_` replaces what some file system does not allow.
 pub fn video_folder(video: &Path, out: &Path) -> PathBuf {
-    out.join("frames").join(video.file_stem().unwrap_or_default())
+    let name = video.file_stem().unwrap_or_default().to_string_lossy();
+    let name = name.replace(|c: char| c.is_control() || r#"\<>:"|?*"#.contains(c), "_");
+    out.join("frames").join(name.trim_end_matches(['.', ' ']))
 }
 
 #[cfg(test)]
@@ -211,6 +213,8 @@ mod tests {
             fs::write(frames.join(SOURCE), format!("{typed}\n4 bytes\n")).unwrap();
             video_frames(&video, &frames, |_| {}).unwrap();
         }
+        let named = video_folder(Path::new("films/12:30 .mp4"), Path::new("runs"));
+        assert_eq!(named, Path::new("runs/frames/12_30"));
         fs::write(&video, "other film").unwrap();
         let text = video_frames(&video, &frames, |_| {}).unwrap_err().to_string();
         assert!(text.contains("it is of `./walk.mp4, 4 bytes`; remove it"), "{text}");
