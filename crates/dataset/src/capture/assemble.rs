@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::compare::implausible;
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
-use super::{Capture, Found, StatedExtent, same_proportions};
+use super::{Capture, Found, StatedExtent, join_names, same_proportions};
 use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
@@ -70,7 +70,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     {
         let (count, total, path) = (all.len() - there.len(), all.len(), lost.image.display());
         warnings.push(format!(
-            "{count} of {total} training images are not there, such as {path}: views are chosen among the others"
+            "{count} of {total} training images not found, such as {path}: views are chosen among the others"
         ));
         train = select(&selection, &there, &found.selections)?;
     }
@@ -87,7 +87,7 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
             && (request.test == TestProtocol::All || is_capture && !matches!(request.test, TestProtocol::Ids(_)))
         {
             let (count, total, path) = (lost.len(), test.len(), first.image.display());
-            warnings.push(format!("{count} of {total} test images are not there, such as {path}: they are not tested"));
+            warnings.push(format!("{count} of {total} test images not found, such as {path}"));
             test.retain(is_there);
         }
         test
@@ -105,28 +105,30 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     Ok(Chosen { alpha, train, test, cameras, scale, warnings })
 }
 
-/// Replaces names of images, with or without folder and extension, by the ids of their frames.
+/// Replaces names of images, with or without folder and extension, by the ids of their frames. A single name that no image has
+/// is left to the selections that the format knows.
 fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) -> Result<ViewSelection, SceneError> {
     let ViewSelection::Named { name: text } = selection else { return Ok(selection.clone()) };
-    let id = |name: &str| {
-        let is_named = |frame: &&Frame| {
-            let part = |part: Option<&std::ffi::OsStr>| part.is_some_and(|part| part == name);
-            frame.name == name || part(frame.image.file_name()) || part(frame.image.file_stem())
-        };
-        frames.iter().find(is_named).map(|frame| frame.id)
+    let named = |name: &str| -> Vec<&Frame> {
+        let parts = |frame: &Frame| [frame.image.file_name(), frame.image.file_stem()].contains(&Some(name.as_ref()));
+        let whole: Vec<&Frame> = frames.iter().filter(|frame| frame.name == name).collect();
+        if whole.is_empty() { frames.iter().filter(|frame| parts(frame)).collect() } else { whole }
     };
     // A name may have a comma itself.
-    let names: Vec<&str> = if id(text).is_some() { vec![text.as_str()] } else { text.split(',').collect() };
-    match names.iter().map(|name| id(name)).collect::<Option<Vec<usize>>>() {
-        Some(ids) if known.iter().all(|(name, _)| name != text) => Ok(ViewSelection::Ids { ids }),
-        None if names.len() > 1 => {
-            let unknown = names.iter().find(|name| id(name).is_none()).copied().unwrap_or_default();
-            let example = frames.first().map_or("", |frame| frame.name.as_str());
-            let expected = format!("names of training images, such as {example}");
-            Err(SceneError::request("train", expected, format!("`{unknown}`")))
-        }
-        _ => Ok(selection.clone()),
+    let names: Vec<&str> = if named(text).is_empty() { text.split(',').collect() } else { vec![text.as_str()] };
+    if known.iter().any(|(name, _)| name == text) || names.len() == 1 && named(text).is_empty() {
+        return Ok(selection.clone());
     }
+    let id = |name: &&str| {
+        let (expected, several) = match &named(name)[..] {
+            [frame] => return Ok(frame.id),
+            [] => (frames.first().map_or("", |frame| &frame.name).to_owned(), ""),
+            all => (join_names(all.iter().map(|frame| frame.name.as_str())), ", which several have"),
+        };
+        let expected = format!("names of training images, such as {expected}");
+        Err(SceneError::request("train", expected, format!("`{name}`{several}")))
+    };
+    Ok(ViewSelection::Ids { ids: names.iter().map(id).collect::<Result<_, _>>()? })
 }
 
 /// Returns the selected `frames`. Rules depend on poses only, so the cameras get a size of 1×1 pixels.
@@ -190,7 +192,8 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let stored = train.iter().chain(tested).zip(&cameras);
     let resized = stored.filter(|(_, camera)| (camera.width, camera.height) != scale.canvas);
     let lost = resized.filter(|(frame, _)| frame.depth.is_some()).count();
-    warnings.extend((lost > 0).then(|| format!("exact depths of {lost} views {DEPTHS_LEFT_OUT}")));
+    let all = train.len() + tested.len();
+    warnings.extend((lost > 0).then(|| format!("exact depths of {lost} of {all} views {DEPTHS_LEFT_OUT}")));
     let is_known = train_views.iter().zip(shown).all(|(view, [border, _])| view.image.alpha.is_some() || border);
     warnings.extend(check_valid(&train, &mut train_views, &mut test)?);
     if request.test != TestProtocol::Training {
@@ -240,8 +243,8 @@ fn mixed_alpha(views: Vec<(&View, &[bool; 2])>) -> Option<String> {
     let transparent = views.iter().filter(|(_, [_, is_opaque])| !is_opaque).count();
     let mut others = views.iter().filter(|(view, [border, _])| view.image.alpha.is_none() && !border);
     let (first, count) = (&others.next()?.0.file, 1 + others.count());
-    let effect = "their background is taken as part of the photograph";
-    let text = format!("{transparent} images are transparent, {count} are not, such as {first}: {effect}");
+    let effect = "there the background is taken as part of the photograph";
+    let text = format!("images with transparency: {transparent}, without: {count}, such as {first}; {effect}");
     (transparent > 0).then_some(text)
 }
 

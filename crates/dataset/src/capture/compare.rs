@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::image::{GreyImage, read_rgba, resized_dimensions};
-use infonerf_scene::{Camera, Format, SceneError, Space};
+use infonerf_scene::{Camera, Format, Lens, LensModel, Ray, SceneError, Space};
 use infonerf_sfm::{ImageMatches, Pose, explains, ray, verified_matches};
 use rayon::prelude::*;
 
 use super::extent::quantile;
+use super::sizes::long_side;
 use super::{Capture, StatedExtent, join_names};
 use crate::frame::Frame;
 
@@ -45,21 +46,25 @@ const GROUPED: f64 = 0.25;
 const CONTACT: f64 = 0.02;
 /// Min sine of the angle between the rays of a match from which a distance is measured: 1°.
 const MIN_PARALLAX: f32 = 0.0175;
-/// Share of measured points outside near, far and a stated box above which these are doubted.
+/// Share of measured points outside near, far and a stated box above which these are doubted, and the share outside stated
+/// depths, which reconstructions leave a thousandth of their points out of.
 const OUTSIDE: f64 = 0.8;
+const OUTSIDE_STATED: f64 = 0.1;
+/// Min ratio of a stated far depth to 99 % of the measured ones at which it is doubted.
+const TOO_FAR: f32 = 20.0;
 /// Plausible principal points divided by the image side (`CENTRAL`), and plausible ratios fy / fx (`SQUARE`).
-const CENTRAL: std::ops::RangeInclusive<f64> = 0.25..=0.75;
+const CENTRAL: std::ops::RangeInclusive<f64> = 0.3..=0.7;
 const SQUARE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
 /// Plausible focal lengths divided by the longer side of the image: fields of view from 5° to 118°.
 const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
-
 /// Compares the poses of a capture with its photographs and returns one line per doubt: poses that do not explain matches
 /// between photographs, with the convention that explains most of them, or near, far and a box that the matches contradict.
 /// Returns a note, too, if some photographs were not compared.
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<(Vec<String>, Option<String>), SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());
-    frames.sort_by_key(|frame| natural(&frame.name));
+    // Numbers at the ends of names count by their value.
+    frames.sort_by_key(|frame| (frame.name.len(), &frame.name));
     frames.dedup_by(|a, b| a.image == b.image);
     let chosen = spread(frames.len());
     let read: Result<Vec<_>, _> = chosen.par_iter().map(|&i| small(frames[i])).collect();
@@ -68,15 +73,17 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<(Vec<String>, Option<Stri
     let matches = verified_matches(&images, &focal, FEATURES);
     let count: usize = matches.iter().map(|pair| pair.pixels.len()).sum();
     if count < MIN_MATCHES {
-        let note = format!("no poses were compared with the photographs: {count} matches between these are too few");
+        let note = format!("too few matches between the photographs for a comparison with their poses: {count}");
         return Ok((Vec::new(), Some(note)));
     }
     let (compared, total) = (chosen.len(), frames.len());
     let note = (compared < total).then(|| format!("{compared} of {total} photographs were compared with their poses"));
     let all = Matched { frames, chosen, cameras, matches, count, format: capture.found.format };
-    let has_box = matches!(&capture.found.extent, StatedExtent::Estimated(known) if known.bounds.is_some());
-    Ok((all.doubts(&capture.space, has_box), note))
+    Ok((all.doubts(&capture.space, &capture.found.extent), note))
 }
+
+/// Positions of points in both photographs of a pair.
+type Pixels = Vec<(DVec2, DVec2)>;
 
 /// Photographs of a capture by name, with the cameras and all `count` matches of the chosen ones.
 struct Matched<'a> {
@@ -93,33 +100,30 @@ impl Matched<'_> {
         &self.frames[self.chosen[chosen]].name
     }
 
-    /// Returns the explained matches of each pair, for cameras at `poses` with focal lengths multiplied by `factor`. Other pairs
-    /// than those of photograph `only` have none.
-    fn explained(&self, poses: &[DMat4], factor: f64, only: Option<usize>) -> Vec<Vec<(DVec2, DVec2)>> {
+    /// Returns the matches of each pair that `cameras` explain. Other pairs than those of photograph `only` have none.
+    fn explained(&self, cameras: &[Camera], only: Option<usize>) -> Vec<Pixels> {
         let of_pair = |pair: &ImageMatches| {
-            let [a, b] = [pair.a, pair.b].map(|i| Pose::of(&poses[i]));
-            let longer = f64::from(self.cameras[pair.a].width.max(self.cameras[pair.a].height));
-            let tolerance = TOLERANCE * longer / (factor * self.cameras[pair.a].fx);
+            let [a, b] = [&cameras[pair.a], &cameras[pair.b]];
+            let poses = [a, b].map(|camera| Pose::of(&camera.to_world));
+            let tolerance = TOLERANCE * long_side(a) / a.fx;
             let is_explained = |&(in_a, in_b): &(DVec2, DVec2)| {
-                let rays = ray(&self.cameras[pair.a], in_a, factor).zip(ray(&self.cameras[pair.b], in_b, factor));
-                rays.is_some_and(|rays| explains([&a, &b], rays, tolerance))
+                ray(a, in_a).zip(ray(b, in_b)).is_some_and(|rays| explains(poses.each_ref(), rays, tolerance))
             };
-            let is_meant = only.is_none_or(|only| pair.a == only || pair.b == only);
+            let is_meant = only.is_none_or(|only| [pair.a, pair.b].contains(&only));
             pair.pixels.iter().copied().filter(|pixels| is_meant && is_explained(pixels)).collect()
         };
         self.matches.par_iter().map(of_pair).collect()
     }
 
-    fn share(&self, poses: &[DMat4], factor: f64, only: Option<usize>) -> f64 {
-        self.explained(poses, factor, only).iter().map(Vec::len).sum::<usize>() as f64 / self.count as f64
+    fn share(&self, cameras: &[Camera], only: Option<usize>) -> f64 {
+        self.explained(cameras, only).iter().map(Vec::len).sum::<usize>() as f64 / self.count as f64
     }
 
-    fn doubts(&self, space: &Space, has_box: bool) -> Vec<String> {
-        let poses: Vec<DMat4> = self.cameras.iter().map(|camera| camera.to_world).collect();
-        let explained = self.explained(&poses, 1.0, None);
+    fn doubts(&self, space: &Space, stated: &StatedExtent) -> Vec<String> {
+        let explained = self.explained(&self.cameras, None);
         let share = explained.iter().map(Vec::len).sum::<usize>() as f64 / self.count as f64;
         let (worlds, mut doubts) = self.apart(&explained);
-        let better = self.better(&poses, share);
+        let better = self.better(share);
         if better.is_some() || share < EXPLAINED && worlds.is_empty() {
             let advice = better.unwrap_or_else(|| "are they of these photographs, and in this order?".into());
             let (share, count, images) = (percent(share), self.count, self.chosen.len());
@@ -127,60 +131,55 @@ impl Matched<'_> {
             return vec![format!("{text}: {advice}")];
         }
         if doubts.is_empty() && worlds.is_empty() {
-            doubts.extend(self.contradicted_extent(&explained, space, has_box));
+            doubts.extend(self.contradicted_extent(&explained, space, stated));
         }
         if worlds.is_empty() { doubts } else { worlds }
     }
 
-    /// Returns advice if the cameras explain clearly more matches with another focal length, or all or some of them in another
-    /// convention.
-    fn better(&self, given: &[DMat4], share: f64) -> Option<String> {
+    /// Returns advice if cameras with other intrinsics, or all or some in another convention, explain clearly more matches.
+    fn better(&self, share: f64) -> Option<String> {
         let is_better = |other: f64| {
             other >= CONVINCING && share < EXPLAINED || other >= MIN_BETTER_SHARE && other >= share + MIN_LEAD
         };
         if !is_better(1.0) {
             return None;
         }
-        let mean = self.cameras.iter().map(|c| (c.fx * c.fy).sqrt()).sum::<f64>() / self.cameras.len() as f64;
-        let longer = f64::from(self.cameras[0].width.max(self.cameras[0].height));
-        let focal_lengths = (0..17).map(|i| 0.5 * 1.12f64.powi(i)).map(|times| {
-            let text = format!("with focal lengths of about {times:.2} image widths");
-            (self.share(given, times * longer / mean, None), text)
-        });
         let (all, names): (Vec<DMat4>, Vec<&str>) = self.frames.iter().map(|f| (f.pose, f.name.as_str())).unzip();
-        let chosen = |all: Vec<DMat4>| self.chosen.iter().map(|&i| all[i]).collect::<Vec<_>>();
-        let read = conventions(&all, &names, self.format).into_iter();
-        let readings: Vec<_> = read.map(|(name, poses)| (name, chosen(poses))).collect();
-        let whole = readings.iter().map(|(name, poses)| (self.share(poses, 1.0, None), (*name).into()));
-        let best = focal_lengths.chain(whole).max_by(|a, b| a.0.total_cmp(&b.0));
+        let posed = |(name, poses): (&'static str, Vec<DMat4>)| {
+            let camera = |(camera, &i): (&Camera, &usize)| camera.with_pose(poses[i]);
+            (name.to_owned(), self.cameras.iter().zip(&self.chosen).map(camera).collect())
+        };
+        let read: Vec<(String, Vec<Camera>)> = conventions(&all, &names, self.format).into_iter().map(posed).collect();
         // Axes and inverse matrices may be those of some cameras only.
-        let mixed = readings[..3].iter().map(|(name, poses)| self.mixed(given, poses, name));
+        let mixed = read[..3].iter().map(|(name, cameras)| self.mixed(cameras, name));
         let mixed = mixed.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(share, _)| *share >= MIN_BETTER_SHARE);
+        let whole = intrinsics(&self.cameras).into_iter().chain(read);
+        let best = whole.map(|(name, cameras)| (self.share(&cameras, None), name)).max_by(|a, b| a.0.total_cmp(&b.0));
         let mixed = mixed.filter(|mixed| best.as_ref().is_none_or(|best| mixed.0 >= best.0 + MIN_LEAD));
         let (share, name) = mixed.or(best).filter(|(share, _)| is_better(*share))?;
         Some(format!("{name} they would explain {}", percent(share)))
     }
 
-    /// Replaces those poses with which more matches are explained by the ones of another convention. Returns the share of
+    /// Replaces those cameras with which more matches are explained by the ones of another convention. Returns the share of
     /// explained matches, and words that name the convention and the cameras.
-    fn mixed(&self, given: &[DMat4], other: &[DMat4], convention: &str) -> (f64, String) {
-        let mut poses = given.to_vec();
-        for i in (0..poses.len()).chain(0..poses.len()) {
-            let before = self.share(&poses, 1.0, Some(i));
-            let kept = poses[i];
-            poses[i] = if kept == given[i] { other[i] } else { given[i] };
-            if self.share(&poses, 1.0, Some(i)) <= before {
-                poses[i] = kept;
+    fn mixed(&self, other: &[Camera], convention: &str) -> (f64, String) {
+        let mut cameras = self.cameras.clone();
+        for i in (0..cameras.len()).chain(0..cameras.len()) {
+            let before = self.share(&cameras, Some(i));
+            let changed = if cameras[i] == other[i] { &self.cameras[i] } else { &other[i] };
+            let kept = std::mem::replace(&mut cameras[i], changed.clone());
+            if self.share(&cameras, Some(i)) <= before {
+                cameras[i] = kept;
             }
         }
-        let changed: Vec<usize> = (0..poses.len()).filter(|&i| poses[i] != given[i]).collect();
-        let (count, all, names) = (changed.len(), poses.len(), join_names(changed.iter().map(|&i| self.name(i))));
-        (self.share(&poses, 1.0, None), format!("{convention} for {count} of {all} cameras ({names})"))
+        let changed: Vec<usize> = (0..cameras.len()).filter(|&i| cameras[i] != self.cameras[i]).collect();
+        let (count, all, names) = (changed.len(), cameras.len(), join_names(changed.iter().map(|&i| self.name(i))));
+        (self.share(&cameras, None), format!("{convention} for {count} of {all} cameras ({names})"))
     }
 
     /// Joins photographs to groups within which matches are explained, the pair with most explained matches first. Describes
     /// groups whose poses do not fit the largest group, and single photographs that do not, or that have hardly any matches.
-    fn apart(&self, explained: &[Vec<(DVec2, DVec2)>]) -> (Vec<String>, Vec<String>) {
+    fn apart(&self, explained: &[Pixels]) -> (Vec<String>, Vec<String>) {
         let mut group: Vec<usize> = (0..self.chosen.len()).collect();
         loop {
             let mut weights = BTreeMap::<[usize; 2], f64>::new();
@@ -230,47 +229,58 @@ impl Matched<'_> {
         (worlds, single)
     }
 
-    /// Describes near, far and a stated box outside which most of the points lie that `explained` matches show.
-    fn contradicted_extent(&self, explained: &[Vec<(DVec2, DVec2)>], space: &Space, has_box: bool) -> Option<String> {
-        let (mut distances, mut outside) = (Vec::new(), 0);
-        for (pair, pixels) in self.matches.iter().zip(explained) {
-            let [a, b] = [&self.cameras[pair.a], &self.cameras[pair.b]];
-            let apart = (b.position_f64() - a.position_f64()).as_vec3();
-            for (in_a, in_b) in pixels {
-                let [a, b] = [(a, in_a), (b, in_b)].map(|(camera, p)| camera.ray(p.x as f32, p.y as f32));
+    /// Returns the points that `explained` matches show: a ray to each, and the distance along it.
+    fn points(&self, explained: &[Pixels]) -> Vec<(Ray, f32)> {
+        let of_pair = |(pair, pixels): (&ImageMatches, &Pixels)| {
+            let cameras = [&self.cameras[pair.a], &self.cameras[pair.b]];
+            let apart = (cameras[1].position_f64() - cameras[0].position_f64()).as_vec3();
+            let point = |&(in_a, in_b): &(DVec2, DVec2)| {
+                let [a, b] = [(cameras[0], in_a), (cameras[1], in_b)].map(|(c, p)| c.ray(p.x as f32, p.y as f32));
                 let normal = a.direction.cross(b.direction);
-                if normal.length() >= MIN_PARALLAX {
-                    let distance = apart.cross(b.direction).dot(normal) / normal.length_squared();
-                    let is_within = space.range.along(&a).is_some_and(|(near, far)| (near..=far).contains(&distance));
-                    outside += usize::from(!is_within || has_box && !space.bounds.contains(a.at(distance)));
-                    distances.push(distance);
-                }
-            }
+                let distance = apart.cross(b.direction).dot(normal) / normal.length_squared();
+                (normal.length() >= MIN_PARALLAX).then_some((a, distance))
+            };
+            pixels.iter().filter_map(point).collect::<Vec<_>>()
+        };
+        self.matches.iter().zip(explained).flat_map(of_pair).collect()
+    }
+
+    /// Describes near, far and a stated box outside which many of the matched points lie, or a stated far depth far beyond them.
+    fn contradicted_extent(&self, explained: &[Pixels], space: &Space, stated: &StatedExtent) -> Option<String> {
+        let (has_depths, has_box) = match stated {
+            StatedExtent::Known(_) => (false, false),
+            StatedExtent::Depths(..) => (true, false),
+            StatedExtent::Estimated(known) => (known.range.is_some(), known.bounds.is_some()),
+        };
+        let points = self.points(explained);
+        if points.len() < MIN_MATCHES {
+            return None;
         }
+        let share = |is_meant: &dyn Fn(&Ray, f32) -> bool| {
+            points.iter().filter(|(ray, distance)| is_meant(ray, *distance)).count() as f64 / points.len() as f64
+        };
+        let depths = |ray: &Ray| space.range.along(ray).unwrap_or_default();
+        let is_outside = |ray: &Ray, distance: f32| !(depths(ray).0..=depths(ray).1).contains(&distance);
+        let is_off_box = |ray: &Ray, distance: f32| has_box && !space.bounds.contains(ray.at(distance));
+        let Space { near, far, .. } = space;
+        if has_depths && share(&|ray, distance| TOO_FAR * distance > depths(ray).1) < 0.01 {
+            let text = "times as far away as 99 % of the matched points: is it right?";
+            return Some(format!("far ({far:.3}) is more than {TOO_FAR} {text}"));
+        }
+        let (of_depths, max) = (share(&is_outside), if has_depths { OUTSIDE_STATED } else { OUTSIDE });
+        let of_all = share(&|ray, distance| is_outside(ray, distance) || is_off_box(ray, distance));
+        let found = [(of_depths, max, "near and far"), (of_all, OUTSIDE, "the box, near and far")];
+        let (share, _, limits) = found.into_iter().find(|(share, max, _)| share > max)?;
+        let mut distances: Vec<f32> = points.iter().map(|(_, distance)| *distance).collect();
         distances.sort_by(f32::total_cmp);
-        let share = outside as f64 / distances.len() as f64;
         let [from, to] = [0.1, 0.9].map(|share| quantile(&distances, share));
-        let (limits, Space { near, far, .. }) = (if has_box { "the box, near and far" } else { "near and far" }, space);
         let text = format!("of matched points lie outside {limits} ({near:.3} to {far:.3}), {from:.3} to {to:.3} away");
-        (distances.len() >= MIN_MATCHES && share > OUTSIDE)
-            .then(|| format!("{} {text}: are these and the poses in one unit?", percent(share)))
+        Some(format!("{} {text}: are these and the poses in one unit?", percent(share)))
     }
 }
 
 fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
-}
-
-/// Returns a sort key of a name in which numbers count by their value.
-fn natural(name: &str) -> Vec<(String, u64)> {
-    let (mut key, mut rest) = (Vec::new(), name);
-    while !rest.is_empty() {
-        let text = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let end = rest[text..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |digits| text + digits);
-        key.push((rest[..text].to_owned(), rest[text..end].parse().unwrap_or(0)));
-        rest = &rest[end..];
-    }
-    key
 }
 
 /// Chooses at most [`MAX_IMAGES`] of `count` images: runs of neighbours spread over all.
@@ -292,10 +302,10 @@ fn small(frame: &Frame) -> Result<(GreyImage, Camera), SceneError> {
     Ok((grey, frame.camera(width, height).resized(size.0, size.1)))
 }
 
-/// Describes implausible focal lengths, principal points and ratios fy / fx.
+/// Describes implausible focal lengths, principal points, ratios fy / fx and proportions.
 pub(crate) fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     let first = |is_odd: &dyn Fn(&Camera) -> bool| cameras.iter().position(is_odd).map(|i| (names[i], &cameras[i]));
-    let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / f64::from(c.width.max(c.height));
+    let over_longer = |c: &Camera| (c.fx * c.fy).sqrt() / long_side(c);
     let focal = first(&|c| c.lens.is_perspective() && !FOCAL_LENGTHS.contains(&over_longer(c))).map(|(name, c)| {
         let doubt = "image widths: is it in pixels, and for images of this size?";
         format!("the focal length of {name} is {:.2} {doubt}", over_longer(c))
@@ -309,11 +319,35 @@ pub(crate) fn implausible(names: &[&str], cameras: &[Camera]) -> Vec<String> {
     let ratio = first(&|c| !SQUARE.contains(&(c.fy / c.fx))).map(|(name, c)| {
         format!("the focal lengths of {name} differ by a factor of {:.2}: are its pixels not square?", c.fy / c.fx)
     });
-    [focal, centre, ratio].into_iter().flatten().collect()
+    let wide = first(&|c| c.lens.is_perspective() && c.width == 2 * c.height).map(|(name, _)| {
+        format!("{name} is twice as wide as high: is it a panorama? Only views cut out of panoramas are read")
+    });
+    [focal, centre, ratio, wide].into_iter().flatten().collect()
 }
 
-/// Returns the given matrices read in the conventions of other programs, each with the words that name the convention in a
-/// file of `format`.
+/// Returns `given` with other intrinsics, each time with words that name these.
+fn intrinsics(given: &[Camera]) -> Vec<(String, Vec<Camera>)> {
+    let each = |change: &dyn Fn(&Camera) -> Camera| given.iter().map(change).collect::<Vec<_>>();
+    let mean = given.iter().map(|c| (c.fx * c.fy).sqrt() / long_side(c)).sum::<f64>() / given.len() as f64;
+    let focal_lengths = (0..17).map(|i| 0.5 * 1.12f64.powi(i)).map(|widths| {
+        let times = |c: &Camera| Camera { fx: widths / mean * c.fx, fy: widths / mean * c.fy, ..c.clone() };
+        (format!("with focal lengths of about {widths:.2} image widths"), each(&times))
+    });
+    let centred = |c: &Camera| Camera { cx: 0.5 * f64::from(c.width), cy: 0.5 * f64::from(c.height), ..c.clone() };
+    let reversed = |c: &Camera| match c.lens.model() {
+        LensModel::RadialTangential { k, p, .. } => c.with_lens(Lens::radial_tangential(k.map(|k| -k), p.map(|p| -p))),
+        _ => c.clone(),
+    };
+    let lenses = [
+        ("with the principal point in the middle", each(&centred)),
+        ("with lens coefficients of the other sign", each(&reversed)),
+        ("without lens distortion", each(&|c| c.with_lens(Lens::PERSPECTIVE))),
+        ("as fisheyes", each(&|c| c.with_lens(Lens::fisheye([0.0; 4])))),
+    ];
+    focal_lengths.chain(lenses.map(|(name, cameras)| (name.to_owned(), cameras))).collect()
+}
+
+/// Returns the given matrices in the conventions of other programs, each time with words that name these in a file of `format`.
 fn conventions(given: &[DMat4], names: &[&str], format: Format) -> Vec<(&'static str, Vec<DMat4>)> {
     let [flip, mirror] = [-1.0, 1.0].map(|y| DMat4::from_scale(DVec3::new(1.0, y, -1.0)));
     let (mut axes, mut inverse) = ("with OpenCV's axes (y down, z forward)", "as world-to-camera matrices");
@@ -379,40 +413,40 @@ fn conventions(given: &[DMat4], names: &[&str], format: Format) -> Vec<(&'static
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::Estimate;
     use crate::loaders::testing::{photographs_of, request};
     use infonerf_scene::Aabb;
-
-    /// Pose and focal length that a capture states for a camera of a list.
-    type Stated<'a> = &'a dyn Fn(usize, &[Camera]) -> (DMat4, f64);
 
     fn table() -> Vec<Camera> {
         infonerf_procedural::photographs("table", 160, 40)[..12].to_vec()
     }
 
-    fn stated(given: Stated<'_>) -> Vec<Camera> {
-        let camera = |i: usize| {
-            let (pose, focal) = given(i, &table());
-            Camera { fx: focal, fy: focal, ..table()[i].with_pose(pose) }
-        };
-        (0..12).map(camera).collect()
-    }
-
-    /// Returns the doubts about twelve photographs of sixty points; no matches of photograph `unmatched` are known.
-    fn doubts(given: Stated<'_>, format: Format, unmatched: usize) -> Vec<String> {
-        let (exact, cameras) = (table(), stated(given));
+    /// Returns the doubts about photographs of sixty points that `taken` took; no matches of photograph `unmatched` are known.
+    fn doubts(
+        taken: &[Camera],
+        given: &[Camera],
+        (format, unmatched): (Format, usize),
+        (far, stated): (f32, StatedExtent),
+    ) -> Vec<String> {
         let frame = |(i, camera): (usize, &Camera)| Frame::new(&format!("p{i}"), format!("p{i}.png").into(), camera);
-        let frames: Vec<Frame> = cameras.iter().enumerate().map(frame).collect();
+        let frames: Vec<Frame> = given.iter().enumerate().map(frame).collect();
         let seen = |camera: usize, i: u8| {
             let point = [0.7, 1.3, 2.9].map(|times| (times * f32::from(i)).sin());
-            exact[camera].project(point.into()).map(|pixel| pixel.as_dvec2())
+            taken[camera].project(point.into()).map(|pixel| pixel.as_dvec2())
         };
         let pixels = |a, b| (0..60).filter_map(|i| seen(a, i).zip(seen(b, i))).collect();
         let pairs = (0..12).flat_map(|b| (0..b).map(move |a| (a, b))).filter(|(a, b)| ![*a, *b].contains(&unmatched));
         let matches: Vec<ImageMatches> = pairs.map(|(a, b)| ImageMatches { a, b, pixels: pixels(a, b) }).collect();
         let count = matches.iter().map(|pair| pair.pixels.len()).sum();
-        let (frames, chosen) = (frames.iter().collect(), (0..12).collect());
-        let space = Space::known(&exact, (0.5, 20.0), Aabb::cube(glam::Vec3::ZERO, 1.0));
-        Matched { frames, chosen, cameras, matches, count, format }.doubts(&space, false)
+        let (frames, chosen, cameras) = (frames.iter().collect(), (0..12).collect(), given.to_vec());
+        let bounds = if let StatedExtent::Estimated(Estimate { bounds, .. }) = &stated { *bounds } else { None };
+        let space = Space::known(taken, (0.5, far), Aabb::cube(glam::Vec3::ZERO, 1.0)).with(None, bounds);
+        Matched { frames, chosen, cameras, matches, count, format }.doubts(&space, &stated)
+    }
+
+    /// Returns an extent of which nothing is stated, with a far end of 20.
+    fn unstated() -> (f32, StatedExtent) {
+        (20.0, StatedExtent::Estimated(Estimate::default()))
     }
 
     #[test]
@@ -458,8 +492,10 @@ mod tests {
             ),
         ];
         for (change, format, said) in cases {
-            let poses = |all: &[Camera]| all.iter().map(|camera| camera.to_world).collect::<Vec<_>>();
-            let found = doubts(&|i, all| (change(i, &poses(all)), all[i].fx), format, 12);
+            let all = table();
+            let poses: Vec<DMat4> = all.iter().map(|camera| camera.to_world).collect();
+            let given: Vec<Camera> = (0..12).map(|i| all[i].with_pose(change(i, &poses))).collect();
+            let found = doubts(&all, &given, (format, 12), unstated());
             assert!(found.len() == 1 && found[0].contains(said), "{said}: {found:?}");
         }
     }
@@ -467,19 +503,70 @@ mod tests {
     /// Turns the camera of photograph 3 away, and gives photograph 8 the pose of photograph 5; photograph 2 is of another scene.
     #[test]
     fn photographs_that_do_not_fit_are_named() {
-        let away = DMat4::from_rotation_y(std::f64::consts::PI);
-        let wrong = |i: usize, all: &[Camera]| match i {
-            3 => (all[3].to_world * away, all[3].fx),
-            8 => (all[5].to_world, all[8].fx),
-            _ => (all[i].to_world, all[i].fx),
-        };
-        let found = doubts(&wrong, Format::Transforms, 2);
+        let mut given = table();
+        given[3].to_world *= DMat4::from_rotation_y(std::f64::consts::PI);
+        given[8].to_world = given[5].to_world;
+        let found = doubts(&table(), &given, (Format::Transforms, 2), unstated());
         let starts = ["p2 has hardly any matches", "the camera of p3 explains", "the camera of p8 explains"];
         assert!(
             found.iter().zip(starts).all(|(doubt, start)| doubt.starts_with(start)) && found.len() == 3,
             "{found:?}"
         );
-        assert_eq!(doubts(&|i, all| (all[i].to_world, all[i].fx), Format::Transforms, 12), [""; 0]);
+        assert_eq!(doubts(&table(), &table(), (Format::Transforms, 12), unstated()), [""; 0]);
+    }
+
+    /// Gives cameras other intrinsics than those that took the photographs.
+    #[test]
+    fn wrong_principal_points_and_lenses_are_named() {
+        let with = |lens: Lens| table().iter().map(|camera| camera.with_lens(lens)).collect::<Vec<_>>();
+        let bent = |k1: f64| with(Lens::radial_tangential([k1, 0.0, 0.0, 0.0], [0.0; 2]));
+        let off = table().into_iter().map(|camera| Camera { cx: 0.0, cy: 0.0, ..camera }).collect();
+        for (taken, given, said) in [
+            (table(), off, "with the principal point in the middle they"),
+            (table(), bent(2.0), "without lens distortion they"),
+            (bent(-0.8), bent(0.8), "with lens coefficients of the other sign they"),
+            (with(Lens::fisheye([0.0; 4])), bent(-3.0), "as fisheyes they"),
+        ] {
+            let found = doubts(&taken, &given, (Format::Transforms, 12), unstated());
+            assert!(found.len() == 1 && found[0].contains(said), "{said}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_stated_extent_without_the_matched_points_is_doubted() {
+        let bounds = |middle: f32| {
+            let bounds = Some(Aabb::cube(glam::Vec3::splat(middle), 1.0));
+            StatedExtent::Estimated(Estimate { bounds, ..Estimate::default() })
+        };
+        let depths = |far| (far, StatedExtent::Depths(0.5, far));
+        for (stated, said) in [
+            (depths(20.0), None),
+            ((20.0, bounds(0.0)), None),
+            (
+                (20.0, bounds(9.0)),
+                Some("100 % of matched points lie outside the box, near and far (0.500 to 20.000), "),
+            ),
+            ((4.0, bounds(0.0)), None),
+            (depths(4.0), Some("% of matched points lie outside near and far (0.500 to 4.000), ")),
+            (depths(200.0), Some("far (200.000) is more than 20 times as far away as 99 % of the matched points")),
+        ] {
+            let found = doubts(&table(), &table(), (Format::Llff, 12), stated);
+            let is_said = found.iter().zip(said).all(|(doubt, said)| doubt.contains(said));
+            assert!(found.len() == said.iter().len() && is_said, "{said:?}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn photographs_that_were_not_compared_are_counted() {
+        for (size, count, said) in [
+            (64, 49, "48 of 49 photographs were compared with their poses"),
+            (8, 2, "too few matches between the photographs for a comparison with their poses: 0"),
+        ] {
+            let cameras = vec![infonerf_procedural::photographs("table", size, 1).remove(0); count];
+            let guard = photographs_of("table", &cameras, &cameras, |i| format!("images/p{i}.png"));
+            let capture = crate::loaders::read(guard.path(), &request()).unwrap().prepared().unwrap();
+            assert_eq!(compare(&capture).unwrap().1.as_deref(), Some(said));
+        }
     }
 
     #[test]
@@ -487,7 +574,8 @@ mod tests {
         for (times, said) in
             [(1.0, None), (0.7, Some("with focal lengths of about 1.39 image widths they would explain"))]
         {
-            let given = stated(&|i, all| (all[i].to_world, times * all[i].fx));
+            let scaled = |c: &Camera| Camera { fx: times * c.fx, fy: times * c.fy, ..c.clone() };
+            let given: Vec<Camera> = table().iter().map(scaled).collect();
             let guard = photographs_of("table", &table(), &given, |i| format!("images/p{i}.png"));
             let capture = crate::loaders::read(guard.path(), &request()).unwrap().prepared().unwrap();
             let (found, note) = compare(&capture).unwrap();
@@ -505,16 +593,10 @@ mod tests {
             (Camera { fx: 3.0, fy: 3.0, ..camera.clone() }, "the focal length of b is 0.03 image widths"),
             (Camera { cx: 0.0, ..camera.clone() }, "the principal point of b is at 0.00 of the width and 0.50"),
             (Camera { fy: 180.0, ..camera.clone() }, "the focal lengths of b differ by a factor of 2.00"),
+            (Camera { width: 160, cx: 80.0, ..camera.clone() }, "b is twice as wide as high: is it a panorama?"),
         ] {
             let found = doubts(other);
             assert!(found.len() == 1 && found[0].starts_with(said), "{found:?}");
         }
-    }
-
-    #[test]
-    fn numbers_in_names_count_by_their_value() {
-        let mut names = ["p10", "p9", "a/p1", "p9b", "q1"];
-        names.sort_by_key(|name| natural(name));
-        assert_eq!(names, ["a/p1", "p9", "p9b", "p10", "q1"]);
     }
 }

@@ -143,15 +143,18 @@ pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Op
     let range = Range::Depth { near, far };
     let bounds = frusta_bounds(cameras, range)?;
     let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
-    let mut space = Space { range, bounded: false, ..Space::known(cameras, (near, farthest), bounds) };
-    if space.layout == Layout::Forward {
-        // Harmonic mean of near and far.
-        let middle = 2.0 / (1.0 / near + 1.0 / far);
-        let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
-        let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
-        space = space.centred(mean + middle * ahead, cameras);
-    }
-    Some(space)
+    let space = Space { range, bounded: false, ..Space::known(cameras, (near, farthest), bounds) };
+    let centre = match space.layout {
+        Layout::Object => ViewRegion::new(cameras).centre().as_vec3(),
+        Layout::Inside => space.centre,
+        Layout::Forward => {
+            let harmonic_mean = 2.0 / (1.0 / near + 1.0 / far);
+            let position = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
+            let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
+            position + harmonic_mean * ahead
+        }
+    };
+    Some(space.centred(centre, cameras))
 }
 
 /// Returns the space of cameras around one object on a transparent background. Its cube about their centre fits into
@@ -204,6 +207,12 @@ pub(crate) fn join_names<'a>(names: impl Iterator<Item = &'a str>) -> String {
     listed.collect::<Vec<_>>().join(", ")
 }
 
+/// Describes `names` among `all`: `N of M WHAT: NAMES`; `None` without names.
+pub(crate) fn some_of<S: AsRef<str>>(names: &[S], all: usize, what: &str) -> Option<String> {
+    let listed = join_names(names.iter().map(AsRef::as_ref));
+    (!names.is_empty()).then(|| format!("{} of {all} {what}: {listed}", names.len()))
+}
+
 fn place(frame: &Frame) -> DVec3 {
     frame.pose.w_axis.truncate()
 }
@@ -218,20 +227,18 @@ pub(super) fn leave_out(train: &mut Vec<Frame>, test: &mut Vec<Frame>) -> Option
     let times = |frame: &Frame| place(frame).distance(middle) / spread;
     let is_far = |frame: &Frame| spread > 0.0 && times(frame) > far_out;
     let far: Vec<&Frame> = train.iter().chain(test.iter()).filter(|frame| is_far(frame)).collect();
-    let first = far.iter().map(|frame| times(frame)).fold(0.0, f64::max);
-    let (count, all) = (far.len(), train.len() + test.len());
-    if count == 0 || count as f64 > (MAX_SHARE * all as f64).max(1.0) {
+    let (most, all) = (far.iter().map(|frame| times(frame)).fold(0.0, f64::max), train.len() + test.len());
+    if far.len() as f64 > (MAX_SHARE * all as f64).max(1.0) {
         return None;
     }
-    let names = join_names(far.iter().map(|frame| frame.name.as_str()));
-    let text = format!("{count} of {all} cameras are up to {first:.0} times farther out than the others");
-    if train.len() < MIN_CAMERAS {
-        return Some(format!("{text} (are their poses right?): {names}"));
+    let names: Vec<&str> = far.iter().map(|frame| frame.name.as_str()).collect();
+    let end = if train.len() < MIN_CAMERAS { " (is every pose right?)" } else { ", left out" };
+    let warning = some_of(&names, all, &format!("cameras up to {most:.0} times farther out than the others{end}"));
+    if train.len() >= MIN_CAMERAS {
+        train.retain(|frame| !is_far(frame));
+        test.retain(|frame| !is_far(frame));
     }
-    let warning = format!("{text} and left out: {names}");
-    train.retain(|frame| !is_far(frame));
-    test.retain(|frame| !is_far(frame));
-    Some(warning)
+    warning
 }
 
 /// Returns the middle of the training cameras if the world's origin is so far away that `f32` would lose detail.
@@ -254,6 +261,16 @@ mod tests {
         assert!((bounds.max - Vec3::new(2.0, 2.0, -1.0)).length() < 1e-5);
         let bounds = frusta_bounds(&[camera], Range::Distance { near: 1.0, far: 2.0 }).unwrap();
         assert!((bounds.min.z + 2.0).abs() < 1e-5 && bounds.max.z > -0.6);
+    }
+
+    #[test]
+    fn a_far_sky_does_not_move_the_centre() {
+        let camera = |i: u32| {
+            let towards = DVec3::new((0.3 * f64::from(i)).sin(), (0.3 * f64::from(i)).cos(), 0.0);
+            Camera::from_fov(16, 12, 1.2, look_along(-3.0 * towards, towards, DVec3::Z))
+        };
+        let space = space_of_depths(&(0..8).map(camera).collect::<Vec<_>>(), (1.0, 1e4)).unwrap();
+        assert!(space.layout == Layout::Object && space.centre.length() < 1e-2, "{}", space.centre);
     }
 
     #[test]

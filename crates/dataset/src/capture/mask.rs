@@ -51,7 +51,7 @@ pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: 
     let images: BTreeSet<&Path> = train.iter().chain(test.iter()).map(|frame| frame.image.as_path()).collect();
     let counted = |first: &PathBuf| {
         let first = first.strip_prefix(dir).unwrap_or(first).display();
-        format!("{} of {} images have masks, such as {first}", found.len(), images.len())
+        format!("masks found for {} of {} images, such as {first}", found.len(), images.len())
     };
     let strays = folders.iter().filter_map(|folder| stray_masks(dir, folder));
     let masks = train.iter().chain(test.iter()).filter_map(|frame| Some(&*frame.mask.as_ref()?.0));
@@ -85,7 +85,7 @@ pub(crate) fn stray_masks(dir: &Path, images: &Path) -> Option<String> {
     let count = files.iter().filter(|file| !masks.contains(*file)).count();
     let (all, folder) = (files.len(), folder.strip_prefix(dir).unwrap_or(folder).display());
     let advice = "call the mask of a.jpg a.png, a.jpg.png or a_mask.png";
-    Some(format!("{count} of {all} files in {folder} belong to no image, such as {stray}: {advice}"))
+    Some(format!("{count} of {all} files in {folder} without an image, such as {stray}: {advice}"))
 }
 
 /// Returns the paths in folders of masks that correspond to the path of an image of the capture in `dir`.
@@ -152,8 +152,7 @@ pub(crate) fn read_stored_mask(image: &Path, (path, role): &(PathBuf, MaskRole))
     read_turned(path, *role, size, turned_back)
 }
 
-/// Reads which pixels of an image of `size` count, row-major, from a mask that is turned by `turn`. A capture's mask of the
-/// same proportions is resized.
+/// Reads which pixels of an image of `size` count, row-major, from a mask that is turned by `turn`, a capture's also resized.
 ///
 /// A pixel counts if it is not black. In a capture's mask of many values, or in a lossy format, it counts if it is brighter
 /// than half the brightest pixel: this rejects JPEG noise in black areas and accepts masks of zeros and ones.
@@ -174,7 +173,8 @@ fn read_turned(path: &Path, role: MaskRole, size: (u32, u32), turn: Orientation)
         labels.len() <= MAX_LABELS
     });
     let extension = path.extension().unwrap_or_default();
-    let is_lossless = ["png", "tif", "tiff", "bmp"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+    let is_lossless =
+        ["png", "tif", "tiff", "bmp", "ppm", "tga"].iter().any(|known| extension.eq_ignore_ascii_case(known));
     let is_exact = !is_capture || has_labels && is_lossless;
     let threshold = if is_exact { 0.0 } else { 0.5 * values().fold(0.0, f32::max) };
     let counts = image.pixels.iter().map(|pixel| (brightness(pixel) > threshold) != (role == MaskRole::Dynamic));
@@ -213,7 +213,7 @@ pub(super) fn check_valid(
         let blank: Vec<String> = views.extract_if(.., |view| is_blank(view)).map(|view| view.name).collect();
         let names = blank.join(", ");
         if !blank.is_empty() {
-            warnings.push(format!("masks leave no pixel of the {kind} views {names}: they are not {used}"));
+            warnings.push(format!("not {used}, as masks leave no pixel: {kind} views {names}"));
         }
     }
     if test.is_empty() {
@@ -222,11 +222,11 @@ pub(super) fn check_valid(
     let partial = train.iter().chain(test.iter()).filter(|view| view.valid.iter().any(|v| v.contains(&false)));
     let (bent, whole): (Vec<&View>, Vec<&View>) = partial.partition(|view| exceeds_lens(&view.camera));
     let masked = whole.into_iter().filter(|view| view.mask.is_some()).collect();
-    for (what, views) in [("the lens cannot be inverted at the border", bent), ("masks leave out pixels", masked)] {
-        if !views.is_empty() {
-            let count = views.len();
-            warnings.push(format!("{what} of {count} views: those pixels are neither trained on nor measured"));
-        }
+    let lens = "the lens cannot be inverted at the border (are its coefficients right?)";
+    for (what, views) in [(lens, bent), ("masks leave out pixels", masked)] {
+        let (count, all) = (views.len(), train.len() + test.len());
+        let text = format!("in {count} of {all} views {what}: those pixels are neither trained on nor measured");
+        warnings.extend((count > 0).then_some(text));
     }
     Ok(warnings)
 }
@@ -291,7 +291,7 @@ mod tests {
         ["images/a.jpg", "train/i.jpg"].iter().for_each(|name| std::fs::write(dir.join(name), "").unwrap());
         assert!(is_mask_name(&dir.join("train/i.mask.png")) && !is_mask_name(&dir.join("train/k_mask.png")));
         let warning = stray_masks(dir, &dir.join("images")).unwrap();
-        assert!(warning.starts_with("3 of 4 files in masks belong to no image, such as e.png: "), "{warning}");
+        assert!(warning.starts_with("3 of 4 files in masks without an image, such as e.png: "), "{warning}");
         let (other, images) = (dir.join("segmentation"), BTreeSet::from([Path::new("e.png")]));
         std::fs::create_dir(&other).unwrap();
         std::fs::write(other.join("e.npy"), "").unwrap();

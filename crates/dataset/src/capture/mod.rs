@@ -3,8 +3,7 @@
 //! A capture is examined before anything is trained on it. [`Found::prepared`] turns images and cameras as EXIF
 //! states, finds masks, leaves out cameras that are far from all others, moves the middle of a distant world to the
 //! origin, and estimates where the content lies. [`assemble`] brings the chosen images to one scale, and [`compare`]
-//! checks the poses against matches between the photographs. Whatever is changed or doubtful is a line of the scene's
-//! warnings.
+//! checks the poses against matches between the photographs. Changes and doubts are lines of the scene's warnings.
 
 mod assemble;
 mod compare;
@@ -14,7 +13,7 @@ mod sizes;
 
 pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
-pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names};
+pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, some_of};
 pub(crate) use mask::{list_photographs, mask_of, read_mask, read_stored_mask, stray_masks};
 
 use std::path::Path;
@@ -95,11 +94,7 @@ impl<'a> Found<'a> {
         self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
         let mut origin = DVec3::ZERO;
         if let StatedExtent::Estimated(estimate) = &mut self.extent {
-            if let Some(warning) = extent::leave_out(&mut self.train, &mut self.test) {
-                self.warnings.push(warning);
-                self.train = numbered(self.train);
-                self.test = numbered(self.test);
-            }
+            self.warnings.extend(extent::leave_out(&mut self.train, &mut self.test));
             if let Some(middle) = extent::distant_middle(&self.train) {
                 origin = middle;
                 let frames = self.train.iter_mut().chain(&mut self.test);
@@ -120,16 +115,18 @@ impl<'a> Found<'a> {
     /// Rotates each camera that is for the stored pixels of an image which EXIF data rotate, since images are decoded upright.
     ///
     /// A stated size decides whether a camera is for the stored pixels or the upright image. If it fits both (square images,
-    /// half turns), cameras of COLMAP, LLFF, DTU and ZJU-MoCap are taken for the stored pixels, and cameras of JSON files for
-    /// the upright image.
+    /// half turns), cameras of JSON files are taken for the upright image, and those of other formats for the stored pixels.
     fn turn(&mut self) {
         let by_stored = self.is_by_stored();
         let (mut doubtful, mut mirrored) = (Vec::new(), Vec::new());
+        let all = self.train.len() + self.test.len();
         for frame in self.train.iter_mut().chain(&mut self.test) {
-            let quarters = quarter_turns(orientation(&frame.image));
-            mirrored.extend(quarters.is_none().then(|| frame.name.clone()));
-            let Some(quarters @ 1..=3) = quarters else { continue };
-            let Ok((width, height)) = stored_dimensions(&frame.image) else { continue };
+            let Some(quarters) = quarter_turns(orientation(&frame.image)) else {
+                mirrored.push(&*frame.name);
+                continue;
+            };
+            let stored = if quarters > 0 { stored_dimensions(&frame.image).ok() } else { None };
+            let Some((width, height)) = stored else { continue };
             let shown = if quarters == 2 { (width, height) } else { (height, width) };
             let fits = |size: (u32, u32)| frame.stated_size().is_none_or(|stated| same_proportions(stated, size));
             let is_either = fits((width, height)) && fits(shown);
@@ -137,20 +134,12 @@ impl<'a> Found<'a> {
                 let camera = frame.camera(width, height).turned(quarters);
                 (frame.pose, frame.lens, frame.intrinsics) = (camera.to_world, camera.lens, Intrinsics::of(&camera));
             } else if is_either {
-                doubtful.push(&frame.name);
+                doubtful.push(&*frame.name);
             }
         }
-        if let Some(first) = mirrored.first() {
-            let count = mirrored.len();
-            self.warnings
-                .push(format!("EXIF data mirror {count} images, the first {first}: their cameras may not fit them"));
-        }
-        if let Some(first) = doubtful.first() {
-            self.warnings.push(format!(
-                "EXIF data turn {} images, the first {first}: their cameras are taken to be of the images as they are shown",
-                doubtful.len()
-            ));
-        }
+        let turned = "images turned by EXIF data, whose cameras are taken for the images as they are shown";
+        self.warnings.extend(some_of(&mirrored, all, "images mirrored by EXIF data, whose cameras may not fit"));
+        self.warnings.extend(some_of(&doubtful, all, turned));
     }
 
     /// Whether cameras are for the stored pixels of images that EXIF data turn, if no size tells.
@@ -211,7 +200,7 @@ mod tests {
     use std::fs;
 
     use glam::{DMat4, Vec3};
-    use infonerf_scene::{Backdrop, Layout, Scene, SceneRequest, ViewSelection};
+    use infonerf_scene::{Backdrop, Layout, Scene, SceneRequest, View, ViewSelection};
 
     use super::*;
     use crate::colmap::ColmapCamera;
@@ -272,6 +261,8 @@ mod tests {
             let scene = loaded(&all);
             assert!(scene.warnings[0].contains(&format!("images/p{index:02}")), "{:?}", scene.warnings);
             assert_eq!(scene.train.len() + scene.test.len(), 25);
+            let known = |view: &&View| exact.train.iter().any(|other| (other.id, &other.name) == (view.id, &view.name));
+            assert_eq!(scene.train.iter().filter(known).count(), scene.train.len(), "views keep their numbers");
             let (a, b) = (&scene.space, &exact.space);
             assert!((a.near / b.near - 1.0).abs() < 0.05 && (a.far / b.far - 1.0).abs() < 0.05, "{a:?}");
             assert!(a.centre.distance(b.centre) < 0.05 && (a.radius / b.radius - 1.0).abs() < 0.05, "{a:?}");
@@ -358,7 +349,11 @@ mod tests {
         let third = guard.path().join("images/p03.jpg");
         image::open(&third).unwrap().save(&third).unwrap();
         set_orientation(&third, 2);
-        assert_warns(&load(guard.path(), &request()).unwrap(), 0, "EXIF data mirror 1 images, the first p03");
+        assert_warns(
+            &load(guard.path(), &request()).unwrap(),
+            0,
+            "1 of 9 images mirrored by EXIF data, whose cameras may not fit: p03",
+        );
     }
 
     #[test]
@@ -387,6 +382,10 @@ mod tests {
         fs::rename(guard.path().join("images/p05.png"), guard.path().join("images/p05,p06.png")).unwrap();
         edit(&guard.path().join("transforms.json"), "/frames/5/file_path", Some("images/p05,p06.png".into()));
         assert_eq!(load(guard.path(), &named("p05,p06")).unwrap().train[0].file, "images/p05,p06.png");
+        fs::rename(guard.path().join("images/p05,p06.png"), guard.path().join("p06.png")).unwrap();
+        edit(&guard.path().join("transforms.json"), "/frames/5/file_path", Some("p06.png".into()));
+        let text = message(guard.path(), &named("p06.png"));
+        assert!(text.ends_with("such as p06, images/p06, found `p06.png`, which several have"), "{text}");
     }
 
     #[test]
@@ -407,7 +406,7 @@ mod tests {
         assert_eq!((cut.backdrop, backdrop), (Backdrop::Colour, Some(Backdrop::Colour)));
         let opaque = guard.path().join("images/p03.png");
         image::open(&opaque).unwrap().into_rgb8().save(&opaque).unwrap();
-        assert_warns(&load(guard.path(), &request()).unwrap(), 0, "9 images are transparent, 1 are not, such as ");
+        assert_warns(&load(guard.path(), &request()).unwrap(), 0, "images with transparency: 9, without: 1, such as ");
     }
 
     #[test]

@@ -16,8 +16,7 @@ pub(super) struct ImageScale {
 }
 
 impl ImageScale {
-    /// Chooses the scale for the images of `cameras`: no side is longer than `longest`, and no image is enlarged.
-    /// Returns `None` without cameras.
+    /// Chooses the scale for the images of `cameras`, if any: no side is longer than `longest`, and no image is enlarged.
     ///
     /// The most frequent size is the base. Images with about the base's focal length in pixels are scaled like the
     /// base. Others, of another resolution or lens, are resized to the base's longest side.
@@ -61,7 +60,7 @@ impl ImageScale {
     }
 }
 
-fn long_side(camera: &Camera) -> f64 {
+pub(super) fn long_side(camera: &Camera) -> f64 {
     f64::from(camera.width.max(camera.height))
 }
 
