@@ -42,8 +42,7 @@ impl CameraPath {
     /// (20), `render_width` and `render_height`. Other fields are ignored.
     ///
     /// # Errors
-    /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
-    /// cameras are not perspective.
+    /// The file cannot be read, has no such list, a pose is not rigid, a number out of range, or a camera not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         let file = json::read(path)?;
         let root = Node::root(path, &file);

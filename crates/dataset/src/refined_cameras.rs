@@ -119,8 +119,7 @@ mod tests {
         assert_warns(&refined, refined.warnings.len() - 1, "their photographs share too few points");
     }
 
-    /// Prints the table of errors in docs/cameras.md: of published captures, and of built-in scenes with views
-    /// within 40° of each other.
+    /// Prints the table of errors in docs/cameras.md: of published captures, and of views of built-in scenes within 40°.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn errors_of_refined_cameras() {

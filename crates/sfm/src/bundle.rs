@@ -1,5 +1,4 @@
-//! Bundle adjustment (Triggs et al. 2000): Levenberg–Marquardt on lens, poses and points, the points eliminated by
-//! Schur's complement.
+//! Bundle adjustment (Triggs et al. 2000): Levenberg–Marquardt on lens, poses and points, which Schur's complement eliminates.
 
 use std::iter::successors;
 
@@ -74,8 +73,7 @@ struct PointBlock {
 }
 
 impl Bundle {
-    /// Minimises `Σ s² ln(1 + |r|²/s²)` of the residuals r in pixels, plus the prior, over the parameters that `how`
-    /// leaves free.
+    /// Minimises `Σ s² ln(1 + |r|²/s²)` of the residuals r in pixels, plus the prior, over the free parameters.
     pub(crate) fn adjust(&mut self, how: &Adjustment) {
         let mut damping = 1e-4;
         let mut cost = self.cost(how);

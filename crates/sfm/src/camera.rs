@@ -40,11 +40,10 @@ impl Pose {
     }
 }
 
-/// Returns `(x, y) / z` (x right, y down, z forward) of the ray through a pixel of `camera`, whose focal lengths are
-/// multiplied by `factor`.
-pub fn ray(camera: &Camera, pixel: DVec2, factor: f64) -> Option<DVec2> {
-    let focal = factor * DVec2::new(camera.fx, camera.fy);
-    camera.lens.undistort((pixel - DVec2::new(camera.cx, camera.cy)) / focal)
+/// Returns `(x, y) / z` (x right, y down, z forward) of the ray through a pixel; `None` where the lens cannot be inverted.
+pub fn ray(camera: &Camera, pixel: DVec2) -> Option<DVec2> {
+    let (centre, focal) = (DVec2::new(camera.cx, camera.cy), DVec2::new(camera.fx, camera.fy));
+    camera.lens.undistort((pixel - centre) / focal)
 }
 
 /// Lens with square pixels, the centre of the image, and one coefficient of radial distortion (COLMAP's SIMPLE_RADIAL):
@@ -66,8 +65,7 @@ impl SimpleRadial {
         (point.z > 0.0).then(|| self.focal * (1.0 + self.k1 * p.length_squared()) * p + self.centre)
     }
 
-    /// Returns `(x, y) / z` of what is seen at `pixel`: the inverse of [`SimpleRadial::project`], by fixed-point
-    /// iteration.
+    /// Returns `(x, y) / z` of what is seen at `pixel`: inverts [`SimpleRadial::project`] by fixed-point iteration.
     pub fn unproject(&self, pixel: DVec2) -> DVec2 {
         let distorted = (pixel - self.centre) / self.focal;
         (0..20).fold(distorted, |p, _| distorted / (1.0 + self.k1 * p.length_squared()).max(0.1))

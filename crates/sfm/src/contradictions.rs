@@ -86,8 +86,7 @@ mod tests {
     use crate::bundle::Point;
     use crate::testing::world;
 
-    /// Turns the last two of six photographs away. They match each other, and the third by 60 matches. False matches join them
-    /// to the first.
+    /// Turns away the last two of six photographs, which match each other and the third. False matches join them to the first.
     #[test]
     fn pairs_that_stronger_ones_contradict_are_false() {
         let mut all = world(5, 6, 100);

@@ -3,8 +3,7 @@
 //! SIFT features (Lowe 2004) are matched between pairs of photographs. The relative pose that most matches of a pair
 //! agree on comes from the five-point method and RANSAC. The reconstruction starts from a pair with many matches
 //! under large angles; each further photograph is placed by the points that it sees (P3P and RANSAC), after which
-//! bundle adjustment refines all poses, all points and the lens. The same photographs give the same result, on any
-//! number of threads.
+//! bundle adjustment refines all poses, all points and the lens. The result does not depend on the number of threads.
 
 mod bundle;
 mod camera;

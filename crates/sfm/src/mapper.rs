@@ -159,8 +159,7 @@ impl<'a> Mapper<'a> {
         (angle(position, &centres) >= MIN_ANGLE).then_some(position)
     }
 
-    /// Triangulates a track: from the pair of views whose point most views agree with, then anew from all views that
-    /// agree.
+    /// Triangulates a track from the pair of views whose point most views agree with, then anew from all of these.
     fn triangulated(&self, track: usize) -> Option<DVec3> {
         let seen: Vec<(Pose, DVec2, DVec2)> =
             self.seen(track).into_iter().map(|(_, pose, pixel)| (pose, pixel, self.lens.unproject(pixel))).collect();

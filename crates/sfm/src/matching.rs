@@ -131,8 +131,7 @@ impl Best {
 /// Photographs and the pixels in which they see one point, each photograph once.
 pub(crate) type Track = Vec<(usize, DVec2)>;
 
-/// Returns the connected components of `matches` as tracks. A photograph that sees a track at two pixels is removed
-/// from that track.
+/// Returns the connected components of `matches` as tracks, without photographs that see the track at two pixels.
 pub(crate) fn tracks<'m>(features: &[Features], matches: impl IntoIterator<Item = &'m Matches>) -> Vec<Track> {
     let mut first = vec![0];
     for (i, all) in features.iter().enumerate() {

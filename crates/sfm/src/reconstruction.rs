@@ -27,8 +27,7 @@ const SAME_ZOOM: f64 = 1.1;
 /// Usual focal length divided by the longer side, and the deviation of its logarithm among cameras.
 const USUAL_FOCAL: f64 = 0.85;
 const USUAL_DEVIATION: f64 = 0.5;
-/// Min ratio of a reconstruction's score to the best one's at which its focal length is a rival: rivals show how
-/// uncertain the focal length is.
+/// Min ratio of a reconstruction's score to the best one's at which its focal length shows how uncertain that is.
 const MIN_RIVAL_RATIO: f64 = 0.9;
 /// Max difference between the logarithms of two focal lengths that place all photographs at which the search ends.
 const SAME_FOCAL: f64 = 0.02;
@@ -104,7 +103,7 @@ pub fn reconstruct(
     progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
     let matched = matches_of_pairs(&features);
     let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
-    progress(&format!("{} pairs of photographs have {MIN_MATCHES} matches or more, {most} at most", matched.len()));
+    progress(&format!("pairs of photographs with {MIN_MATCHES} matches or more: {}, at most {most}", matched.len()));
     let longer = size.max_element();
     let tolerance = TOLERANCE * longer;
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();

@@ -53,8 +53,7 @@ pub struct Refined {
     pub focal: f64,
     /// Points that two or more photographs see.
     pub points: Vec<Point>,
-    /// Median reprojection errors in pixels, of the given and of the refined cameras. Each time the cameras triangulate
-    /// the points anew.
+    /// Median reprojection errors in pixels of the given and the refined cameras, which triangulate the points anew.
     pub errors: [f64; 2],
 }
 
@@ -104,7 +103,7 @@ fn seen(view: &View, focal: f64) -> Features {
     };
     let mut seen = Features::default();
     for (pixel, descriptor) in found.pixels.iter().zip(found.descriptors.chunks_exact(LENGTH)) {
-        if let Some(p) = ray(&view.camera, *pixel, 1.0).filter(|_| is_valid(*pixel)) {
+        if let Some(p) = ray(&view.camera, *pixel).filter(|_| is_valid(*pixel)) {
             seen.pixels.push(focal * p);
             seen.descriptors.extend(descriptor);
         }

@@ -77,8 +77,7 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
     Some(TwoView { pose, inliers, angles, homography_share: homography_share(&agreed, threshold, seed) })
 }
 
-/// Returns the share of `rays` that the best homography maps from the first to the second camera, with squared errors
-/// below `threshold`.
+/// Returns the share of `rays` that the best homography maps to the second camera with squared errors below `threshold`.
 fn homography_share(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
     let ransac = Ransac { threshold, max_samples: HOMOGRAPHIES, seed };
     let solve = |sample: [usize; 4]| homography(sample.map(|i| rays[i])).into_iter().collect();
@@ -141,9 +140,8 @@ pub struct ImageMatches {
     pub pixels: Vec<(DVec2, DVec2)>,
 }
 
-/// Matches all pairs of `images`, and keeps of each pair the matches that agree with one relative pose, estimated from
-/// the matches alone. `focal` has the assumed focal lengths of the cameras in pixels. An image has at most `max_features`
-/// features.
+/// Matches all pairs of `images`, with at most `max_features` features each, and keeps the matches of a pair that agree with
+/// one relative pose, estimated from them alone. `focal` has the assumed focal lengths of the cameras in pixels.
 pub fn verified_matches(images: &[GreyImage], focal: &[f64], max_features: usize) -> Vec<ImageMatches> {
     let found: Vec<Features> = images.par_iter().map(|image| features(image, None, max_features)).collect();
     let verify = |matches: &Matches| {
@@ -162,8 +160,7 @@ pub fn verified_matches(images: &[GreyImage], focal: &[f64], max_features: usize
     matches_of_pairs(&found).par_iter().filter_map(verify).collect()
 }
 
-/// Whether two cameras see one point in front of them along `rays`, `(x, y, 1)` in their axes, up to `tolerance` (Sampson's
-/// distance in the plane at depth 1).
+/// Whether two cameras see one point in front of them along `rays`, `(x, y, 1)`, up to Sampson's distance of `tolerance`.
 pub fn explains(poses: [&Pose; 2], rays: (DVec2, DVec2), tolerance: f64) -> bool {
     let pose = relative(poses);
     sampson(&(cross(pose.translation) * pose.rotation), rays) < tolerance.powi(2) && point(&pose, rays).is_some()

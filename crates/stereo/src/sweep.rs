@@ -17,8 +17,7 @@ const HALF_WINDOW: usize = 3;
 /// Cost of a plane at which no other view can be compared.
 const UNSEEN_COST: f32 = 0.5;
 
-/// Candidate depths of each pixel of a view: the same number on each ray, evenly spaced between the min and max
-/// disparity that the ray can show.
+/// Candidate depths of each pixel of a view: equally many on each ray, evenly spaced in the disparity that it can show.
 pub(crate) struct PlaneSweep {
     width: usize,
     height: usize,

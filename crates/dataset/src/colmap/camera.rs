@@ -23,8 +23,7 @@ pub(super) const MODELS: [(&str, &[&str]); 12] = [
 ];
 
 /// Returns the lens of a model; `value` returns coefficients by name. `None` if the model is unknown, or the angle of
-/// FOV is 0 or not below π. Perspective models have OpenCV's polynomial lens; FULL_OPENCV, and any with k₅ or k₆, the
-/// rational one.
+/// FOV is 0 or not below π. Perspective models have a polynomial lens; FULL_OPENCV, and any with k₅ or k₆, a rational one.
 pub(crate) fn lens(model: &str, value: impl Fn(&str) -> f64) -> Option<Lens> {
     let k = ["k1", "k2", "k3", "k4", "k5", "k6"].map(&value);
     let p = ["p1", "p2"].map(&value);

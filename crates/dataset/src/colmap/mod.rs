@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::{Camera, SceneError};
+use infonerf_sfm::Pose;
 
 use crate::files::{MAX_COORDINATE, make_folder, read_file, write_file};
 use read::Values;
@@ -120,8 +121,7 @@ pub(crate) fn models(dir: &Path) -> Vec<(PathBuf, u64)> {
     models
 }
 
-/// Counts the images of the reconstruction in `place`, 0 if its file of images cannot be read; `None` without a file of
-/// cameras.
+/// Counts the images of the reconstruction in `place`, 0 if they cannot be read; `None` without a file of cameras.
 fn count_images(place: &Path) -> Option<u64> {
     if place.join("cameras.bin").is_file() {
         let mut count = [0; 8];
@@ -158,10 +158,9 @@ pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
 
 /// Returns COLMAP's world-to-camera quaternion (w, x, y, z) and translation: the inverse of [`pose`].
 fn world_to_camera(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
-    let axes = DMat3::from_cols(pose.x_axis.truncate(), -pose.y_axis.truncate(), -pose.z_axis.truncate());
-    let turned = axes.transpose();
-    let q = DQuat::from_mat3(&turned).normalize();
-    ([q.w, q.x, q.y, q.z], (-(turned * pose.w_axis.truncate())).to_array())
+    let Pose { rotation, translation } = Pose::of(pose);
+    let q = DQuat::from_mat3(&rotation).normalize();
+    ([q.w, q.x, q.y, q.z], translation.to_array())
 }
 
 // Writing in COLMAP's binary format.

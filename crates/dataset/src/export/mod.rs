@@ -25,8 +25,7 @@ const MARK: &str = ".infonerf-export";
 /// - [`Format::Blender`]: `transforms_{train,test}.json`, RGBA images, exact depth next to the test images. A scene
 ///   with a body also gets `vertices.ply`, the file for `field.vertices`. Loading the folder at its own size gives the
 ///   views of the procedural scene bit for bit.
-/// - [`Format::Llff`]: `poses_bounds.npy` and `images`, 40 photographs, with exact depths of the nearest and the
-///   farthest point.
+/// - [`Format::Llff`]: `poses_bounds.npy` and `images`, 40 photographs, with exact depths of the ends.
 /// - [`Format::Dtu`]: `cameras_sphere.npz`, `image` and `mask` as in IDR and NeuS: 49 photographs, masks of the
 ///   subject, and the unit sphere around it.
 /// - [`Format::Zju`]: `annots.npy`, `mask_cihp` and, for a scene with a body, `new_vertices` and `new_params`: one

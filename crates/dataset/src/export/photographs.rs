@@ -129,8 +129,7 @@ fn projection(camera: &Camera) -> DMat4 {
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
 
-/// Returns a sphere around the centre of the points' bounding box that contains all `points`, with a margin of a
-/// twentieth.
+/// Returns a sphere around the centre of the points' box that contains all `points`, with a margin of a twentieth.
 fn sphere(points: &[Vec3]) -> (DVec3, f64) {
     let centre = Aabb::containing(points.iter().copied()).map_or(Vec3::ZERO, |bounds| bounds.centre());
     let farthest = points.iter().map(|p| p.distance(centre)).fold(1e-3, f32::max);

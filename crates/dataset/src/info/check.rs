@@ -5,7 +5,7 @@ use std::path::Path;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, join_names};
+use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, some_of};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -63,9 +63,9 @@ fn check(scene: &Scene) -> Vec<String> {
     let mut warnings = scene.warnings.clone();
     let (bounds, diagonal) = (&scene.space.bounds, scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(bounds.centre()) > FAR_OFF * diagonal;
-    let far = format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
+    let far = format!("more than {FAR_OFF} box diagonals away from the box (are scale and box right?)");
     let is_blind = |camera: &Camera| grid(camera).all(|ray| bounds.intersect(&ray).is_none());
-    let blind = "do not see the box (are the axes of the poses OpenGL's?)";
+    let blind = "that see nothing of the box (are the axes of the poses OpenGL's?)";
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
     warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene)]).flatten());
     warnings.extend(images(scene));
@@ -76,8 +76,7 @@ fn check(scene: &Scene) -> Vec<String> {
 fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
     let all: Vec<&View> = scene.train.iter().chain(&scene.test).collect();
     let found: Vec<&str> = all.iter().filter(|view| is_faulty(&view.camera)).map(|view| &*view.name).collect();
-    let names = join_names(found.iter().copied());
-    (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
+    some_of(&found, all.len(), &format!("cameras {what}"))
 }
 
 fn tilted(scene: &Scene) -> Option<String> {
@@ -135,8 +134,7 @@ fn images(scene: &Scene) -> Vec<String> {
             whole.extend((!mask.contains(&false)).then_some(view.name.as_str()));
         }
     }
-    let names = join_names(whole.iter().copied());
-    found.extend((!whole.is_empty()).then(|| format!("masks of {} views hide nothing: {names}", whole.len())));
+    found.extend(some_of(&whole, scene.train.len() + scene.test.len(), "views with a mask that hides nothing"));
     found
 }
 
@@ -187,7 +185,7 @@ mod tests {
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
         let cases: [Case<'_>; 9] = [
             (&|s| s.warnings.push("x".into()), &["x"]),
-            (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["do not see the box"]),
+            (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["see nothing of the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
             (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
@@ -196,7 +194,10 @@ mod tests {
                 &["is dark"],
             ),
             (&|s| s.train[1].mask = Some(vec![false; 24 * 24].into()), &["leaves in 0.00 % of its pixels"]),
-            (&|s| s.test[0].mask = Some(vec![true; 24 * 24].into()), &["masks of 1 views hide nothing: "]),
+            (
+                &|s| s.test[0].mask = Some(vec![true; 24 * 24].into()),
+                &["1 of 6 views with a mask that hides nothing: "],
+            ),
             (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),
         ];
         let changed = |change: &dyn Fn(&mut Scene)| {

@@ -100,8 +100,7 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     })
 }
 
-/// Returns whether one image shows its content on a known background: by its matte, transparent pixels or a white
-/// border.
+/// Tells from its matte, transparent pixels or white border whether an image shows its content on a known background.
 fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let white = SceneRequest::default().background;
     let is_matted = matches!(frame.mask, Some((_, MaskRole::Matte)));
@@ -126,8 +125,7 @@ impl SceneSource {
         }
     }
 
-    /// Returns the background in the first image, if that exists, and the layout of the cameras. No other image is
-    /// read.
+    /// Returns the background in the first image, the only one that is read, if it exists, and the layout of the cameras.
     ///
     /// # Errors
     /// Errors of [`crate::load`] about poses, or that image cannot be read.

@@ -52,8 +52,7 @@ impl LensModel {
         (above / below, (above_derivative * below - above * below_derivative) / (below * below))
     }
 
-    /// Returns the radial part and its derivative: the distance in the image as a function of the angle's tangent, or
-    /// for fisheyes of the angle.
+    /// Returns the radial part, the distance in the image by the angle's tangent or for fisheyes the angle, and its derivative.
     pub(super) fn profile(&self, r: f64) -> (f64, f64) {
         match self {
             Self::Perspective => (r, 1.0),

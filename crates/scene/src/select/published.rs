@@ -15,8 +15,7 @@ pub fn forward_facing(n: usize) -> Named {
     [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(n, count))).into()
 }
 
-/// Returns RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy
-/// does. Empty if there are fewer.
+/// Returns RegNeRF's `count` training views of `n`, if there are as many: evenly spaced from end to end, rounded as by NumPy.
 fn spread(n: usize, count: usize) -> Vec<usize> {
     if count > n || count < 2 {
         return Vec::new();

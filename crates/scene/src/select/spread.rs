@@ -37,9 +37,8 @@ pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<
         .unwrap_or_default()
 }
 
-/// Returns `count` views that are pairwise within `angle` radians, or `None` if no set is found. Anchors are tried in
-/// random order. Each is completed greedily by its neighbours in random order, else in order of nearness; the first
-/// complete set is returned.
+/// Returns the first set found of `count` views that are pairwise within `angle` radians. Anchors are tried in random
+/// order. Each is completed greedily by its neighbours in random order, else in order of nearness.
 pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut impl Rng) -> Option<Vec<usize>> {
     let directions = view_directions(cameras);
     // Beyond π every pair is within the angle.

@@ -3,8 +3,7 @@ use crate::error::SceneError;
 
 /// Choice of the test views to evaluate on.
 ///
-/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, `training`, or
-/// the name of a published protocol.
+/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, `training` or a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TestProtocol {
     /// Every test view.
