@@ -20,7 +20,7 @@ macro_rules! built_in {
 
 built_in! {
     "synthetic-4view", "paper-regime", "fast-losses", "recipe", "time-against-error", "llff-2view", "llff-3view",
-    "dtu-3view", "zju-4view", "capture", "cameras", "loss-ablation", "unseen-rays", "baseline", "views",
+    "dtu-3view", "dtu-released", "zju-4view", "capture", "cameras", "loss-ablation", "unseen-rays", "baseline", "views",
     "information", "integration", "integration-pixelnerf", "pixelnerf-pretrain", "baselines", "baselines-paper",
     "released-small",
 }
