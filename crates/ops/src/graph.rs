@@ -72,11 +72,9 @@ pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
         (self.forward(inputs), B::Kept::default())
     }
 
-    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others. An
-    /// operation without gradients keeps the default body.
-    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>> {
-        vec![None; pass.inputs.len()]
-    }
+    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others. Inputs
+    /// beyond the end of the result have no gradient.
+    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
 }
 
 pub(crate) struct BackwardPass<'a, B: KernelBackend> {

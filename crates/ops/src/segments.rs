@@ -13,7 +13,7 @@ use crate::traffic::upload;
 /// Clones are cheap. They share the offsets on a GPU, which are uploaded once.
 #[derive(Clone, Debug)]
 pub struct Segments {
-    offsets: Arc<[u32]>,
+    offsets: Arc<[i32]>,
     #[cfg(feature = "cube")]
     pub(crate) on_gpu: Arc<OnceLock<burn_cubecl::tensor::CubeTensor>>,
 }
@@ -27,12 +27,12 @@ impl Segments {
     /// Creates segments in which ray `r` owns `counts[r]` samples.
     ///
     /// # Panics
-    /// If there are more than `u32::MAX` samples in all.
+    /// If there are more than `i32::MAX` samples in all.
     pub fn from_counts(counts: impl IntoIterator<Item = usize>) -> Self {
-        let mut total = 0u32;
+        let mut total = 0i32;
         let ends = counts.into_iter().map(|count| {
-            let sum = u32::try_from(count).ok().and_then(|count| total.checked_add(count));
-            total = sum.expect("a batch holds fewer than 2^32 samples");
+            let sum = i32::try_from(count).ok().and_then(|count| total.checked_add(count));
+            total = sum.expect("a batch holds fewer than 2^31 samples");
             total
         });
         let offsets = std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect();
@@ -43,7 +43,7 @@ impl Segments {
         }
     }
 
-    pub(crate) fn offsets(&self) -> &[u32] {
+    pub(crate) fn offsets(&self) -> &[i32] {
         &self.offsets
     }
 

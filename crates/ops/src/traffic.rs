@@ -34,6 +34,7 @@ impl HostNumber for bool {
 /// If the number of elements of `shape` differs from the number of values.
 pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], device: &Device) -> Tensor<D, E::Kind> {
     if values.is_empty() {
+        assert!(shape.contains(&0), "no values for the shape {shape:?}");
         return Tensor::empty(shape, device);
     }
     count_upload(size_of_val(values.as_slice()));

@@ -9,7 +9,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{AdamOps, AdamStep};
-use crate::cube::{Operation, apply, arg, empty_like, launch, threads, untracked, uploaded};
+use crate::cube::{apply_without_gradient, arg, empty_like, launch, threads, untracked, uploaded};
 
 /// Max number of parameters of a launch. Each thread searches them for the value that it updates.
 const MAX_PARAMETERS: usize = 24;
@@ -68,21 +68,12 @@ fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[com
 
 pub(super) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
     let is_first = before.is_none();
-    apply(Check { is_first }, [value.clone(), before.unwrap_or(value)].map(|tensor| tensor.into_dispatch()))
-}
-
-#[derive(Debug)]
-struct Check {
-    is_first: bool,
-}
-
-impl Operation<CubeBackend> for Check {
-    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let [value, before] = inputs else { unreachable!("a value and a flag") };
+    let inputs = [value.clone(), before.unwrap_or(value)].map(|tensor| tensor.into_dispatch());
+    apply_without_gradient(inputs, move |[value, before]| {
         let out = empty_like(value);
-        launch!(check::launch, 1; value, before, &out; self.is_first);
+        launch!(check::launch, 1; value, before, &out; is_first);
         out
-    }
+    })
 }
 
 /// Step of a parameter that is not launched yet: x, g, m, v and the next x.
@@ -100,17 +91,12 @@ thread_local! {
 
 /// Runs `work`, which must not read updated parameters, then launches its updates; they change nothing if `finite` is 0.
 pub(super) fn step_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() -> T) -> T {
-    struct Release;
-    impl Drop for Release {
-        fn drop(&mut self) {
-            if let Some(HeldUpdates { finite, steps }) = HELD.take() {
-                launch_all(&finite, steps);
-            }
-        }
-    }
     HELD.set(Some(HeldUpdates { finite: untracked(finite), steps: Vec::new() }));
-    let _release = Release;
-    work()
+    let result = work();
+    if let Some(HeldUpdates { finite, steps }) = HELD.take() {
+        launch_all(&finite, steps);
+    }
+    result
 }
 
 fn launch_all(finite: &CubeTensor, mut pending: Vec<PendingUpdate>) {

@@ -1,19 +1,19 @@
 //! Several tensors as parts of one buffer: outputs of one operation, and arrays that are uploaded at once. Parts share the memory
 //! of the buffer, so that no launch splits it.
 
+use burn::backend::DispatchTensor;
 use burn::tensor::{self, DType, Device, Shape};
-use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{Operation, apply, empty, untracked};
+use super::{apply_without_gradient, empty, untracked};
 use crate::segments::Segments;
 use crate::traffic::upload;
 
 /// Number of elements to a multiple of which the start of a part is rounded up: 512 bytes, which suit every device.
 const ALIGNMENT: usize = 128;
 
-/// Operation that takes a part of a buffer, without a gradient.
-#[derive(Clone, Debug)]
+/// Part of a buffer.
+#[derive(Clone)]
 struct BufferPart {
     /// First element, a multiple of [`ALIGNMENT`].
     start: usize,
@@ -29,42 +29,43 @@ impl BufferPart {
         let handle = handle.offset_start(bytes(start)).offset_end(bytes(behind));
         CubeTensor::new_contiguous(client, device, shape, handle, dtype)
     }
-}
 
-impl Operation<CubeBackend> for BufferPart {
-    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        self.of(&inputs[0])
+    /// Returns the part of `buffer` as a tensor without a gradient.
+    fn tensor<const D: usize>(self, buffer: &tensor::Tensor<1>) -> tensor::Tensor<D> {
+        apply_without_gradient([buffer.clone().into_dispatch()], move |[buffer]| self.of(buffer))
     }
 }
 
-/// Places of an operation's outputs in one buffer. The operation has no gradient.
-#[derive(Clone, Debug)]
-pub(crate) struct Outputs<const N: usize>([BufferPart; N]);
+/// Outputs of an operation without gradients, as parts of one buffer.
+pub(crate) struct Outputs<const N: usize> {
+    buffer: tensor::Tensor<1>,
+    parts: [BufferPart; N],
+}
 
 impl<const N: usize> Outputs<N> {
-    pub(crate) fn new(shapes: [Shape; N]) -> Self {
+    /// Allocates outputs of the given shapes, which `fill` writes.
+    pub(crate) fn new<const I: usize>(
+        shapes: [Shape; N],
+        inputs: [DispatchTensor; I],
+        fill: impl Fn(&[CubeTensor; I], [CubeTensor; N]) + Send + Sync + 'static,
+    ) -> Self {
         let mut end = 0;
-        Self(shapes.map(|shape| {
+        let parts = shapes.map(|shape| {
             let start = end;
             end += shape.num_elements().next_multiple_of(ALIGNMENT);
             BufferPart { start, shape }
-        }))
+        });
+        let places = parts.clone();
+        let buffer = apply_without_gradient(inputs, move |inputs| {
+            let buffer = empty(&inputs[0], [end]);
+            fill(inputs, places.each_ref().map(|part| part.of(&buffer)));
+            buffer
+        });
+        Self { buffer, parts }
     }
 
-    /// Allocates the buffer.
-    pub(crate) fn buffer(&self, like: &CubeTensor) -> CubeTensor {
-        let BufferPart { start, shape } = &self.0[N - 1];
-        empty(like, [start + shape.num_elements().next_multiple_of(ALIGNMENT)])
-    }
-
-    /// Returns the outputs, to be filled by a kernel.
-    pub(crate) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
-        self.0.each_ref().map(|part| part.of(buffer))
-    }
-
-    /// Returns an output of the operation that filled the `buffer`.
-    pub(crate) fn output<const D: usize>(&self, buffer: &tensor::Tensor<1>, index: usize) -> tensor::Tensor<D> {
-        apply(self.0[index].clone(), [buffer.clone().into_dispatch()])
+    pub(crate) fn output<const D: usize>(&self, index: usize) -> tensor::Tensor<D> {
+        self.parts[index].clone().tensor(&self.buffer)
     }
 }
 
@@ -83,7 +84,7 @@ pub(crate) fn upload_together<const N: usize>(
     };
     let parts = arrays.map(&mut add);
     // Offsets are uploaded as the bits of integers.
-    let bits = |segments: &Segments| segments.offsets().iter().map(|offset| f32::from_bits(*offset)).collect();
+    let bits = |segments: &Segments| segments.offsets().iter().map(|offset| f32::from_bits(*offset as u32)).collect();
     let offsets: Vec<BufferPart> = segments.iter().map(|segments| add(bits(segments))).collect();
     let total = all.len();
     let all = upload(all, [total], device);
@@ -93,6 +94,6 @@ pub(crate) fn upload_together<const N: usize>(
     }
     parts.map(|part| match part.shape.num_elements() {
         0 => tensor::Tensor::empty([0], device),
-        _ => apply(part, [all.clone().into_dispatch()]),
+        _ => part.tensor(&all),
     })
 }

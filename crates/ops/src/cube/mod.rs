@@ -18,6 +18,7 @@ pub(crate) mod random;
 pub(crate) mod rays;
 
 use std::collections::VecDeque;
+use std::fmt::{self, Debug, Formatter};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use burn::backend::ops::FloatTensorOps;
@@ -50,6 +51,35 @@ pub(crate) fn apply<const D: usize>(
     inputs: impl IntoIterator<Item = DispatchTensor>,
 ) -> Tensor<D> {
     graph::evaluate::<CubeBackend, D>(Arc::new(kernel), inputs)
+}
+
+/// Evaluates `compute(inputs)`, which has no gradient, as a tensor of rank `D`.
+pub(crate) fn apply_without_gradient<const N: usize, const D: usize>(
+    inputs: [DispatchTensor; N],
+    compute: impl Fn(&[CubeTensor; N]) -> CubeTensor + Send + Sync + 'static,
+) -> Tensor<D> {
+    apply(WithoutGradient::<_, N>(compute), inputs)
+}
+
+struct WithoutGradient<F, const N: usize>(F);
+
+impl<F, const N: usize> Debug for WithoutGradient<F, N> {
+    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
+        formatter.write_str("WithoutGradient")
+    }
+}
+
+impl<F, const N: usize> Operation<CubeBackend> for WithoutGradient<F, N>
+where
+    F: Fn(&[CubeTensor; N]) -> CubeTensor + Send + Sync,
+{
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        (self.0)(<&[CubeTensor; N]>::try_from(inputs).expect("an operation runs on all of its inputs"))
+    }
+
+    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        Vec::new()
+    }
 }
 
 /// Returns the dense primitive of a GPU tensor that is in no autodiff graph.

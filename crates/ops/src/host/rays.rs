@@ -35,7 +35,7 @@ impl Segments {
 /// Consecutive rays, whose samples are packed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Group<'a> {
-    offsets: &'a [u32],
+    offsets: &'a [i32],
 }
 
 impl Group<'_> {

@@ -58,10 +58,8 @@ impl Segments {
     /// Returns the offsets, `[R + 1]`, on the device of `like`; cached on the first device that asks for them.
     pub(crate) fn offsets_on_device_of(&self, like: &CubeTensor) -> CubeTensor {
         let upload = || {
-            let offsets: Vec<i32> = self.offsets().iter().map(|offset| *offset as i32).collect();
-            let count = offsets.len();
-            count_upload(size_of_val(offsets.as_slice()));
-            CubeBackend::int_from_data(TensorData::new(offsets, [count]), &like.device)
+            count_upload(size_of_val(self.offsets()));
+            CubeBackend::int_from_data(TensorData::new(self.offsets().to_vec(), [self.rays() + 1]), &like.device)
         };
         let cached = self.on_gpu.get_or_init(upload);
         if cached.device == like.device { cached.clone() } else { upload() }

@@ -2,13 +2,11 @@
 
 use burn::cubecl::{self, prelude::*};
 use burn::tensor::{self, Shape};
-use burn_cubecl::CubeBackend;
-use burn_cubecl::tensor::CubeTensor;
 
 use super::{integers, streams_or};
 use crate::cube::buffers::Outputs;
 use crate::cube::random::{Bits, uniform};
-use crate::cube::{Operation, apply, empty, launch, uploaded};
+use crate::cube::{apply_without_gradient, empty, launch, uploaded};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
 use crate::segments::Segments;
@@ -17,14 +15,20 @@ use crate::traffic::to_host;
 pub(in crate::sampling) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSettings) -> PackedSamples {
     let geometry: tensor::Tensor<2> =
         tensor::Tensor::cat(vec![rays.origins.clone(), rays.directions.clone(), rays.ends.clone()], 1);
-    let jitter = streams_or(rays.jitter.as_ref(), &geometry);
+    let streams = streams_or(rays.jitter.as_ref(), &geometry);
     let density = cells.map_or_else(|| geometry.clone().flatten(0, 1), |cells| cells.density.clone());
     let ([x, y, z], [per_x, per_y, per_z], resolution) =
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
     let settings = [march.step, march.hidden_depth, x, y, z, per_x, per_y, per_z, resolution as f32];
-    let walk = Walk { settings, jittered: rays.jitter.is_some(), has_cells: cells.is_some(), written: None };
-    let inputs = [geometry.clone().into_dispatch(), jitter.into_dispatch(), density.into_dispatch()];
-    let counts: tensor::Tensor<1> = apply(walk.clone(), inputs.clone());
+    let (jittered, has_cells) = (rays.jitter.is_some(), cells.is_some());
+    let inputs = [geometry.clone().into_dispatch(), streams.into_dispatch(), density.into_dispatch()];
+    let counts: tensor::Tensor<1> = apply_without_gradient(inputs.clone(), move |[rays, streams, density]| {
+        let (streams, settings) = (integers(streams), uploaded(&settings, rays));
+        let rows = rays.meta.shape()[0];
+        let counts = empty(rays, [rows]);
+        launch!(count::launch, rows; rays, &streams, density, &settings, &counts; jittered, has_cells);
+        counts
+    });
     // Counts are whole numbers below 2^24, which f32 holds exactly.
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
@@ -33,45 +37,19 @@ pub(in crate::sampling) fn march(rays: &MarchedRays, cells: Option<&Cells>, marc
         let positions = tensor::Tensor::empty([0, 3], &geometry.device());
         return PackedSamples { segments, distance: none.clone(), delta: none, positions, on_host: None };
     }
-    let outputs = Outputs::new([Shape::new([samples]), Shape::new([samples]), Shape::new([samples, 3])]);
-    let writing = Walk { written: Some((segments.clone(), outputs.clone())), ..walk };
-    let buffer: tensor::Tensor<1> = apply(writing, inputs);
-    let [distance, delta] = [0, 1].map(|index| outputs.output(&buffer, index));
-    let positions = outputs.output(&buffer, 2);
-    PackedSamples { segments, distance, delta, positions, on_host: None }
-}
-
-/// Walk along rays that counts their samples, `[R]`, or writes them.
-#[derive(Clone, Debug)]
-struct Walk {
-    /// Step, hidden depth, corner, cells per unit and resolution.
-    settings: [f32; 9],
-    jittered: bool,
-    has_cells: bool,
-    /// Samples of each ray, and places at which they are written; `None` to count them.
-    written: Option<(Segments, Outputs<3>)>,
-}
-
-impl Operation<CubeBackend> for Walk {
-    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let [rays, streams, density] = inputs else { unreachable!("marching has three inputs") };
-        let (count, jittered, has_cells) = (rays.meta.shape()[0], self.jittered, self.has_cells);
-        let (streams, settings) = (integers(streams), uploaded(&self.settings, rays));
-        let Some((segments, outputs)) = &self.written else {
-            let counts = empty(rays, [count]);
-            launch!(count::launch, count; rays, &streams, density, &settings, &counts; jittered, has_cells);
-            return counts;
-        };
-        let buffer = outputs.buffer(rays);
-        let [distance, delta, positions] = outputs.parts(&buffer);
-        let offsets = segments.offsets_on_device_of(rays);
+    let shapes = [Shape::new([samples]), Shape::new([samples]), Shape::new([samples, 3])];
+    let counted = segments.clone();
+    let outputs = Outputs::new(shapes, inputs, move |[rays, streams, density], [distance, delta, positions]| {
+        let (streams, settings) = (integers(streams), uploaded(&settings, rays));
+        let offsets = counted.offsets_on_device_of(rays);
         launch!(
-            write::launch, count;
+            write::launch, counted.rays();
             rays, &streams, density, &settings, &offsets, &distance, &delta, &positions;
             jittered, has_cells
         );
-        buffer
-    }
+    });
+    let [distance, delta] = [0, 1].map(|index| outputs.output(index));
+    PackedSamples { segments, distance, delta, positions: outputs.output(2), on_host: None }
 }
 
 #[derive(CubeType, Clone, Copy)]
