@@ -1,5 +1,4 @@
 use crate::host::distribution::Distributions;
-use crate::host::numeric::SampleOpacity;
 use crate::host::rays::{Group, RayKernel};
 
 /// Inputs: τ and τ̃. Output: the divergence of each pair of rays, `[R]`.
@@ -10,9 +9,8 @@ pub(super) struct DivergenceKernel {
 
 impl RayKernel<2> for DivergenceKernel {
     #[inline(always)]
-    fn forward<const FMA: bool>(&self, group: Group<'_>, inputs: [&[f32]; 2], out: &mut [f32]) {
-        let [tau, near] = [SampleOpacity::new::<FMA>(inputs[0]), SampleOpacity::new::<FMA>(inputs[1])];
-        let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
+    fn forward<const FMA: bool>(&self, group: Group<'_>, [tau, near]: [&[f32]; 2], out: &mut [f32]) {
+        let [p, q] = [Distributions::new::<FMA>(tau, &group), Distributions::new::<FMA>(near, &group)];
         p.divergences::<FMA>(&q, self.epsilon, out);
     }
 
@@ -20,12 +18,11 @@ impl RayKernel<2> for DivergenceKernel {
     fn backward<const FMA: bool>(
         &self,
         group: Group<'_>,
-        inputs: [&[f32]; 2],
+        [tau, near]: [&[f32]; 2],
         grad: &[f32],
         gradients: [Option<&mut [f32]>; 2],
     ) {
-        let [tau, near] = [SampleOpacity::new::<FMA>(inputs[0]), SampleOpacity::new::<FMA>(inputs[1])];
-        let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
+        let [p, q] = [Distributions::new::<FMA>(tau, &group), Distributions::new::<FMA>(near, &group)];
         p.divergence_gradients::<FMA>(&q, self.epsilon, grad, gradients);
     }
 }

@@ -1,5 +1,4 @@
 use crate::host::distribution::Distributions;
-use crate::host::numeric::SampleOpacity;
 use crate::host::rays::{Group, RayKernel};
 
 /// Number of outputs per ray: entropy in bits, and Σα.
@@ -14,11 +13,11 @@ pub(super) struct EntropyKernel {
 impl RayKernel<1> for EntropyKernel {
     #[inline(always)]
     fn forward<const FMA: bool>(&self, group: Group<'_>, [tau]: [&[f32]; 1], out: &mut [f32]) {
-        let opacity = SampleOpacity::new::<FMA>(tau);
+        let distributions = Distributions::new::<FMA>(tau, &group);
         for (range, row) in group.ranges().zip(out.chunks_exact_mut(COLUMNS)) {
-            row[1] = opacity.alpha[range].iter().sum::<f64>() as f32;
+            row[1] = distributions.opacity.alpha[range].iter().sum::<f64>() as f32;
         }
-        Distributions::new(&opacity, &group).entropies::<FMA>(self.epsilon, |ray, nats| {
+        distributions.entropies::<FMA>(self.epsilon, |ray, nats| {
             out[ray * COLUMNS] = (nats * std::f64::consts::LOG2_E) as f32;
         });
     }
@@ -32,13 +31,14 @@ impl RayKernel<1> for EntropyKernel {
         [dtau]: [Option<&mut [f32]>; 1],
     ) {
         let Some(dtau) = dtau else { return };
-        let opacity = SampleOpacity::new::<FMA>(tau);
+        let distributions = Distributions::new::<FMA>(tau, &group);
+        let transmittance = &distributions.opacity.transmittance;
         for (range, row) in group.ranges().zip(grad.chunks_exact(COLUMNS)).filter(|(_, row)| row[1] != 0.0) {
-            for (dtau, transmittance) in dtau[range.clone()].iter_mut().zip(&opacity.transmittance[range]) {
+            for (dtau, transmittance) in dtau[range.clone()].iter_mut().zip(&transmittance[range]) {
                 *dtau = (f64::from(row[1]) * transmittance) as f32;
             }
         }
         let scale = |ray: usize| f64::from(grad[ray * COLUMNS]) * std::f64::consts::LOG2_E;
-        Distributions::new(&opacity, &group).add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
+        distributions.add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
     }
 }

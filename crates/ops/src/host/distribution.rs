@@ -11,8 +11,8 @@ use super::rays::Group;
 use crate::entropy::MIN_ALPHA_SUM;
 
 /// Distributions p = α/Σα of the rays of a group.
-pub(crate) struct Distributions<'a> {
-    opacity: &'a SampleOpacity,
+pub(crate) struct Distributions {
+    pub(crate) opacity: SampleOpacity,
     /// Probability of each packed sample; 0 along a ray that hits nothing.
     p: Vec<f64>,
     rays: Vec<RayMasses>,
@@ -70,9 +70,11 @@ impl RayMasses {
     }
 }
 
-impl<'a> Distributions<'a> {
+impl Distributions {
+    /// Computes the distributions of samples with optical depths `tau`.
     #[inline(always)]
-    pub(crate) fn new(opacity: &'a SampleOpacity, group: &Group<'_>) -> Self {
+    pub(crate) fn new<const FMA: bool>(tau: &[f32], group: &Group<'_>) -> Self {
+        let opacity = SampleOpacity::new::<FMA>(tau);
         let rays: Vec<RayMasses> = group.ranges().map(|range| RayMasses::new(range, &opacity.alpha)).collect();
         let mut p = opacity.alpha.clone();
         for masses in &rays {

@@ -113,7 +113,7 @@ pub(crate) fn softplus(values: &mut [f32]) {
     }
 }
 
-#[derive(Debug, Default)]
+/// Opacity and transmittance of each sample.
 pub(crate) struct SampleOpacity {
     /// α = 1 − e^−τ.
     pub(crate) alpha: Vec<f64>,
