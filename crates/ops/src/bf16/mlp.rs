@@ -11,7 +11,7 @@ use super::{Factor, SIZE_MULTIPLE, product};
 use crate::frequency::encoded_width;
 use crate::host::simd::{self, Job};
 use crate::host::{Kernel, PARTIAL_SUMS, Pass};
-use crate::mlp::{RadianceMlp, first_layer};
+use crate::mlp::RadianceMlp;
 
 const BLOCK: usize = 256;
 
@@ -34,8 +34,8 @@ pub(crate) struct RoundedMlpKernel {
 }
 
 impl RoundedMlpKernel {
-    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
-    /// colour, and weights and biases of each of [`RadianceMlp::layers`].
+    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, weights and biases of each of
+    /// [`RadianceMlp::layers`], and the encoded direction of each ray if the network has colour.
     pub(crate) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
         let trunk = network.trunk.len();
         let x = padded(width);
@@ -79,10 +79,6 @@ impl RoundedMlpKernel {
 
     fn width(&self) -> usize {
         self.outputs.iter().map(|(_, columns)| columns).sum()
-    }
-
-    fn parameters<'a>(&self, inputs: &'a [&'a [f32]]) -> &'a [&'a [f32]] {
-        &inputs[first_layer(self.outputs.len() > 1)..]
     }
 
     /// Returns the number of rows of the weights of `stage`.
@@ -136,7 +132,7 @@ impl RoundedMlpKernel {
                     for (sample, y) in rows.clone().skip(strip).zip(y.chunks_exact_mut(columns)) {
                         let (from, row) = match network_input {
                             NetworkInput::Encoded => (inputs[0], sample),
-                            NetworkInput::Direction => (inputs[1], self.owners[sample] as usize),
+                            NetworkInput::Direction => (inputs[inputs.len() - 1], self.owners[sample] as usize),
                         };
                         y[at..at + width].copy_from_slice(&from[row * width..][..width]);
                     }
@@ -346,7 +342,7 @@ impl Kernel for RoundedMlpKernel {
     fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
         let samples = inputs[0].len() / self.widths[0];
         let mut out = vec![0.0; samples * self.width()];
-        let layers = self.layers(self.parameters(inputs), false);
+        let layers = self.layers(&inputs[1..], false);
         out.par_chunks_mut(self.width() * BLOCK).enumerate().for_each_init(
             || BlockBuffers::new(&self.stages, false),
             |block, (index, out)| {
@@ -359,7 +355,8 @@ impl Kernel for RoundedMlpKernel {
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
-        let parameters = self.parameters(pass.inputs);
+        // Pairs of weights and biases, without encoded directions.
+        let parameters = pass.inputs[1..].as_chunks::<2>().0.as_flattened();
         let layers = self.layers(parameters, true);
         let samples = pass.grad.len() / self.width();
         let per_group = samples.div_ceil(BLOCK).div_ceil(PARTIAL_SUMS).max(1) * BLOCK;
@@ -385,7 +382,6 @@ impl Kernel for RoundedMlpKernel {
                 }
             }
         }
-        let directions = (self.outputs.len() > 1).then_some(None);
-        std::iter::once(dencoded).chain(directions).chain(sums.into_iter().map(Some)).collect()
+        std::iter::once(dencoded).chain(sums.into_iter().map(Some)).collect()
     }
 }

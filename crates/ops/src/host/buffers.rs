@@ -14,6 +14,7 @@ pub(crate) struct Scratch {
     len: usize,
 }
 
+/// Buffers that nothing uses, from the shortest to the longest.
 static POOL: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 
 fn pool() -> MutexGuard<'static, Vec<Vec<f32>>> {
@@ -21,12 +22,11 @@ fn pool() -> MutexGuard<'static, Vec<Vec<f32>>> {
 }
 
 impl Scratch {
-    /// Takes the smallest buffer of the pool that has `len` values, or else a new one.
+    /// Takes the shortest buffer of the pool that has `len` values, or else a new one.
     pub(crate) fn of_len(len: usize) -> Self {
         let mut pool = pool();
-        let fits = pool.iter().enumerate().filter(|(_, buffer)| len > 0 && buffer.len() >= len);
-        let smallest = fits.min_by_key(|(_, buffer)| buffer.len()).map(|(index, _)| index);
-        let buffer = smallest.map(|index| pool.remove(index));
+        let place = pool.partition_point(|buffer| buffer.len() < len);
+        let buffer = (len > 0 && place < pool.len()).then(|| pool.remove(place));
         drop(pool);
         Self { buffer: buffer.unwrap_or_else(|| vec![0.0; len]), len }
     }
@@ -51,10 +51,10 @@ impl Drop for Scratch {
         /// Number of buffers that an optimizer step holds at once, in addition to one per thread.
         const BUFFERS_PER_STEP: usize = 4;
         let mut pool = pool();
-        pool.push(std::mem::take(&mut self.buffer));
+        let place = pool.partition_point(|buffer| buffer.len() < self.buffer.len());
+        pool.insert(place, std::mem::take(&mut self.buffer));
         if pool.len() > BUFFERS_PER_STEP + rayon::current_num_threads() {
-            let smallest = pool.iter().enumerate().min_by_key(|(_, buffer)| buffer.len()).map(|(index, _)| index);
-            pool.remove(smallest.unwrap_or(0));
+            pool.remove(0);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Dense, RadianceMlp, first_layer};
+use super::{Dense, RadianceMlp};
 use crate::frequency::encoded_width;
 use crate::host::buffers::each_with_buffer;
 use crate::host::matmul::{InitialSum, Matrix, product};
@@ -79,8 +79,8 @@ impl MlpKernel {
         self.layers.push(PlacedLayer { x, y, relu, shared: false });
     }
 
-    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
-    /// colour, and weights and biases of each of [`RadianceMlp::layers`].
+    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, weights and biases of each of
+    /// [`RadianceMlp::layers`], and the encoded direction of each ray if the network has colour.
     pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
         let mut kernel = Self::default();
         let mut x = kernel.matrix(width);
@@ -132,12 +132,13 @@ impl MlpKernel {
             }
         }
         if let Some(place) = self.direction {
+            let directions = inputs[inputs.len() - 1];
             for (s, &owner) in self.owners[first..first + samples].iter().enumerate() {
-                let direction = &inputs[1][owner as usize * place.columns..][..place.columns];
+                let direction = &directions[owner as usize * place.columns..][..place.columns];
                 block[place.row(s)].copy_from_slice(direction);
             }
         }
-        let parameters = inputs[first_layer(self.direction.is_some())..].as_chunks::<2>().0;
+        let parameters = inputs[1..].as_chunks::<2>().0;
         for (layer, [weights, bias]) in self.layers.iter().zip(parameters) {
             // A layer's inputs always precede its outputs.
             let (before, after) = block.split_at_mut(layer.y.start);
@@ -159,7 +160,7 @@ impl MlpKernel {
 
     /// Transposes each layer's weights to `[outputs, inputs]`.
     fn transposed(&self, inputs: &[&[f32]]) -> Vec<Vec<f32>> {
-        let weights = inputs[first_layer(self.direction.is_some())..].iter().step_by(2);
+        let weights = inputs[1..].iter().step_by(2);
         let transpose = |(layer, weights): (&PlacedLayer, &&[f32])| {
             let (inputs, outputs) = (layer.x.columns, layer.y.columns);
             (0..inputs * outputs).map(|at| weights[at % inputs * outputs + at / inputs]).collect()
@@ -296,7 +297,6 @@ impl Kernel for MlpKernel {
                 sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
             }
         }
-        let directions = self.direction.map(|_| None);
-        std::iter::once(dencoded).chain(directions).chain(sums.into_iter().flatten().map(Some)).collect()
+        std::iter::once(dencoded).chain(sums.into_iter().flatten().map(Some)).collect()
     }
 }

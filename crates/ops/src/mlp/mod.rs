@@ -46,15 +46,14 @@ pub fn radiance_mlp(
     }
 }
 
-/// Applies a kernel of x, the encoded direction of each ray if the network has colour, and weights and biases of each layer.
+/// Applies a kernel of x, weights and biases of each layer, and the encoded direction of each ray if the network has colour.
 #[cfg(feature = "flex")]
 fn on_host(kernel: impl crate::host::Kernel, encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     let shape = [encoded.dims()[0], if network.color.is_some() { 4 } else { 1 }];
-    let directions = network.color.as_ref().map(|branch| branch.encoded_directions());
     let parameters =
         network.layers().flat_map(|layer| [layer.weight.clone().into_dispatch(), layer.bias.clone().into_dispatch()]);
-    let inputs = std::iter::once(encoded).chain(directions).map(Tensor::into_dispatch).chain(parameters);
-    crate::host::apply(kernel, shape, inputs)
+    let directions = network.color.as_ref().map(|branch| branch.encoded_directions().into_dispatch());
+    crate::host::apply(kernel, shape, std::iter::once(encoded.into_dispatch()).chain(parameters).chain(directions))
 }
 
 /// Splits rows of density and, in `[M, 4]` instead of `[M, 1]`, colour.
@@ -62,10 +61,4 @@ fn on_host(kernel: impl crate::host::Kernel, encoded: Tensor<2>, network: &Radia
 pub(crate) fn density_and_color(packed: Tensor<2>) -> (Tensor<1>, Option<Tensor<2>>) {
     let color = (packed.dims()[1] > 1).then(|| packed.clone().narrow(1, 1, 3));
     (packed.narrow(1, 0, 1).squeeze_dim(1), color)
-}
-
-/// Returns the index of the first layer's weights among the inputs of a host kernel.
-#[cfg(feature = "flex")]
-pub(crate) fn first_layer(has_color: bool) -> usize {
-    if has_color { 2 } else { 1 }
 }
