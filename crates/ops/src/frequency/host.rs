@@ -39,22 +39,6 @@ impl EncodingKernel {
             }
         }
     }
-
-    /// Evaluates `gradient(start of the row, axis)` for each coordinate of the inputs.
-    fn each_coordinate(&self, pass: &Pass<'_>, gradient: impl Fn(usize, usize) -> f64 + Sync) -> Vec<f32> {
-        let mut all = vec![0.0; pass.inputs[0].len()];
-        all.par_chunks_mut(self.dims).enumerate().for_each(|(row, all)| {
-            all.iter_mut().enumerate().for_each(|(axis, d)| *d = gradient(row * self.width(), axis) as f32);
-        });
-        all
-    }
-
-    /// Sums `term(l, [sine, cosine], their gradients)` over all frequencies l of a coordinate, whose first sine is at `start`.
-    fn sum(&self, pass: &Pass<'_>, start: usize, term: impl Fn(i32, [f64; 2], [f64; 2]) -> f64) -> f64 {
-        let pair = |values: &[f32], at: usize| [f64::from(values[at]), f64::from(values[at + self.dims])];
-        let waves = (0..self.window.len()).map(|l| (l as i32, start + 2 * self.dims * l));
-        waves.map(|(l, at)| term(l, pair(pass.output, at), pair(pass.grad, at))).sum()
-    }
 }
 
 /// Iterates over (sin 2ˡx, cos 2ˡx) for l = 0, 1, …, by doubling the angle in `f64`. As that loses one bit per frequency, every
@@ -86,16 +70,22 @@ impl Kernel for EncodingKernel {
     /// Computes Σ 2ˡ(g_sin cos 2ˡx − g_cos sin 2ˡx), the gradient with respect to x, and −½ Σ 4ˡ(g_sin sin 2ˡx + g_cos cos 2ˡx),
     /// the gradient with respect to σ².
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {
-        let first = self.first_wave();
-        let dpoints = self.each_coordinate(&pass, |row, axis| {
+        let (dims, width, first) = (self.dims, self.width(), self.first_wave());
+        let gradients = |coordinate: usize| {
+            let (row, axis) = (coordinate / dims * width, coordinate % dims);
+            let (mut dx, mut dvariance) = (0f64, 0f64);
+            for l in 0..self.window.len() {
+                let sine = row + first + 2 * dims * l + axis;
+                let pair = |values: &[f32]| [sine, sine + dims].map(|at| f64::from(values[at]));
+                let (out, grad) = (pair(pass.output), pair(pass.grad));
+                dx += 2f64.powi(l as i32) * (grad[0] * out[1] - grad[1] * out[0]);
+                dvariance -= 0.5 * 4f64.powi(l as i32) * (grad[0] * out[0] + grad[1] * out[1]);
+            }
             let own = if self.integrated { 0.0 } else { f64::from(pass.grad[row + axis]) };
-            let term = |l, out: [f64; 2], grad: [f64; 2]| 2f64.powi(l) * (grad[0] * out[1] - grad[1] * out[0]);
-            own + self.sum(&pass, row + first + axis, term)
-        });
-        let dvariances = self.integrated.then(|| {
-            let term = |l, out: [f64; 2], grad: [f64; 2]| -0.5 * 4f64.powi(l) * (grad[0] * out[0] + grad[1] * out[1]);
-            Some(self.each_coordinate(&pass, |row, axis| self.sum(&pass, row + axis, term)))
-        });
-        std::iter::once(Some(dpoints)).chain(dvariances).collect()
+            ((own + dx) as f32, dvariance as f32)
+        };
+        let coordinates = (0..pass.inputs[0].len()).into_par_iter().with_min_len(CHUNK);
+        let (dpoints, dvariances) = coordinates.map(gradients).unzip();
+        if self.integrated { vec![Some(dpoints), Some(dvariances)] } else { vec![Some(dpoints)] }
     }
 }

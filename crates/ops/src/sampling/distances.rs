@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn even_samples_of_both_rules() {
+    fn even_samples_of_every_rule() {
         assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
         assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
         assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);

@@ -13,12 +13,14 @@ pub(super) struct TrilinearKernel {
     pub(super) channels: usize,
 }
 
-/// Place of a coordinate: the voxel below it, the fraction beyond that, and whether the value changes with the coordinate.
-#[derive(Clone, Copy)]
+/// Place of a coordinate between two voxels.
 struct GridAxis {
+    /// Voxel below the coordinate.
     below: isize,
-    fraction: f32,
-    moves: bool,
+    /// Weights of that voxel and of the next.
+    weights: [f32; 2],
+    /// Derivatives of both weights.
+    derivatives: [f32; 2],
 }
 
 impl GridAxis {
@@ -30,7 +32,9 @@ impl GridAxis {
         };
         let within = at.clamp(least, largest);
         let below = within.floor();
-        Self { below: below as isize, fraction: within - below, moves: at > least && at < largest }
+        let fraction = within - below;
+        let derivatives = if at > least && at < largest { [-1.0, 1.0] } else { [0.0; 2] };
+        Self { below: below as isize, weights: [1.0 - fraction, fraction], derivatives }
     }
 }
 
@@ -54,14 +58,9 @@ impl TrilinearKernel {
                 usize::try_from(voxel).ok().filter(|voxel| *voxel < size[axis])
             });
             let row = grid + (z? * size[1] + y?) * size[0] + x?;
-            let weights = [0, 1, 2].map(|axis| {
-                let GridAxis { fraction, .. } = axes[axis];
-                if sides[axis] == 1 { fraction } else { 1.0 - fraction }
-            });
-            let derivative = [0, 1, 2].map(|axis| {
-                let sign = if sides[axis] == 1 { 1.0 } else { -1.0 };
-                if axes[axis].moves { sign * weights[(axis + 1) % 3] * weights[(axis + 2) % 3] } else { 0.0 }
-            });
+            let weights = [0, 1, 2].map(|axis| axes[axis].weights[sides[axis]]);
+            let derivative = [0, 1, 2]
+                .map(|axis| axes[axis].derivatives[sides[axis]] * weights[(axis + 1) % 3] * weights[(axis + 2) % 3]);
             Some(VoxelCorner { row, weight: weights[0] * weights[1] * weights[2], derivative })
         })
     }

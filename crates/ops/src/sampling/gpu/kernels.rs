@@ -8,7 +8,7 @@ use crate::sampling::Placement;
 
 /// Returns number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
-fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
+pub(super) fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
     let key = Bits { high: streams[3 * row + 1], low: streams[3 * row] };
     random::uniform(&key, streams[3 * row + 2], u32::cast_from(index))
 }
@@ -84,13 +84,7 @@ pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
         cdf[to + i] = w;
         total += w;
     }
-    cdf[to] = 0.0f32;
-    let mut sum = 0.0f32;
-    for i in 1..bins {
-        sum += cdf[to + i] / total;
-        cdf[to + i] = f32::min(sum, 1.0f32);
-    }
-    cdf[to + bins - 1] = 1.0f32;
+    accumulate(cdf, to, bins, total);
 }
 
 /// Computes the cumulative distribution over mip-NeRF's intervals, one thread per row: weights are the mean of the
@@ -120,13 +114,19 @@ pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
         before = here;
         here = next;
     }
-    cdf[to] = 0.0f32;
+    accumulate(cdf, to, edges, total);
+}
+
+/// Replaces weights, which add up to `total`, by their cumulative distribution: `count` values from 0 to 1, from `start` on.
+#[cube]
+fn accumulate(cdf: &mut Tensor<f32>, start: usize, count: usize, total: f32) {
+    cdf[start] = 0.0f32;
     let mut sum = 0.0f32;
-    for i in 1..edges {
-        sum += cdf[to + i] / total;
-        cdf[to + i] = f32::min(sum, 1.0f32);
+    for i in 1..count {
+        sum += cdf[start + i] / total;
+        cdf[start + i] = f32::min(sum, 1.0f32);
     }
-    cdf[to + intervals] = 1.0f32;
+    cdf[start + count - 1] = 1.0f32;
 }
 
 /// Returns the number of values at most `u` among `count` sorted ones from `start` on.

@@ -3,9 +3,9 @@
 use burn::cubecl::{self, prelude::*};
 use burn::tensor::{self, Shape};
 
+use super::kernels::uniform;
 use super::{integers, streams_or};
 use crate::cube::buffers::Outputs;
-use crate::cube::random::{Bits, uniform};
 use crate::cube::{apply_without_gradient, empty, launch, uploaded};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
@@ -19,6 +19,7 @@ pub(in crate::sampling) fn march(rays: &MarchedRays, cells: Option<&Cells>, marc
     let density = cells.map_or_else(|| geometry.clone().flatten(0, 1), |cells| cells.density.clone());
     let ([x, y, z], [per_x, per_y, per_z], resolution) =
         cells.map_or(([0.0; 3], [0.0; 3], 0), |cells| (cells.corner, cells.per_unit, cells.resolution));
+    // Kernels read them by index: step, hidden depth, corner from 2 on, cells per unit from 5 on, resolution.
     let settings = [march.step, march.hidden_depth, x, y, z, per_x, per_y, per_z, resolution as f32];
     let (jittered, has_cells) = (rays.jitter.is_some(), cells.is_some());
     let inputs = [geometry.clone().into_dispatch(), streams.into_dispatch(), density.into_dispatch()];
@@ -78,8 +79,7 @@ fn steps(
     }
     let mut shift = 0.5f32;
     if comptime!(jittered) {
-        let key = Bits { high: streams[3 * ray + 1], low: streams[3 * ray] };
-        shift = uniform(&key, streams[3 * ray + 2], 0u32);
+        shift = uniform(streams, ray, 0);
     }
     RaySteps { near, length, count: usize::cast_from(count), shift }
 }
