@@ -3,7 +3,7 @@ use std::sync::Arc;
 #[cfg(feature = "cube")]
 use std::sync::OnceLock;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Int, Tensor};
 
 use crate::dispatch::dispatch;
 use crate::traffic::upload;
@@ -80,10 +80,15 @@ impl Segments {
                 crate::cube::apply(crate::cube::rays::Spread(self.clone()), [rows.into_dispatch()])
             },
             plain => {
-                let owners = upload(self.host_owners(), [self.samples()], &rows.device());
+                let owners = self.owners(&rows.device());
                 rows.select(0, owners)
             },
         }
+    }
+
+    /// Uploads the ray of each sample, `[M]`.
+    pub(crate) fn owners(&self, device: &Device) -> Tensor<1, Int> {
+        upload(self.host_owners(), [self.samples()], device)
     }
 
     pub(crate) fn host_owners(&self) -> Vec<i32> {
@@ -94,8 +99,6 @@ impl Segments {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
-
     use super::*;
     use crate::traffic::{from_host, to_host};
 

@@ -5,8 +5,12 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, from_host, to_host};
 
+/// Width of encoded positions.
+const ENCODED: usize = 7;
+/// Width of hidden layers.
+const WIDTH: usize = 10;
+
 struct MlpCase {
-    encoded: usize,
     skip: usize,
     segments: Segments,
     frequencies: usize,
@@ -22,21 +26,21 @@ struct MlpCase {
 }
 
 fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> MlpCase {
-    let (encoded, width, layers, frequencies) = (7, 10, 4, 2);
+    let (layers, frequencies) = (4, 2);
     let mut draws = Draws(seed);
     let segments = Segments::from_counts(counts.iter().copied());
     let direction = 3 + 6 * frequencies;
     let trunk = (0..layers).map(|layer| match layer {
-        0 => [encoded, width],
-        layer if layer == skip => [encoded + width, width],
-        _ => [width, width],
+        0 => [ENCODED, WIDTH],
+        layer if layer == skip => [ENCODED + WIDTH, WIDTH],
+        _ => [WIDTH, WIDTH],
     });
-    let heads = [[width, 1], [width, width], [width + direction, width / 2], [width / 2, 3]];
+    let heads = [[WIDTH, 1], [WIDTH, WIDTH], [WIDTH + direction, WIDTH / 2], [WIDTH / 2, 3]];
     let mut numbers = |count: usize| draws.row(count);
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
-    let x = numbers(segments.samples() * encoded);
+    let x = numbers(segments.samples() * ENCODED);
     let directions = numbers(3 * counts.len());
-    MlpCase { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
+    MlpCase { skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
 }
 
 type NetworkBody = fn(Tensor<2>, &RadianceMlp, [Activation; 2]) -> (Tensor<1>, Option<Tensor<2>>);
@@ -56,7 +60,7 @@ impl MlpCase {
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision };
-        let x = from_host(&self.x, self.encoded, &device).require_grad();
+        let x = from_host(&self.x, ENCODED, &device).require_grad();
         let out = joined(body(x.clone(), &network, [Activation::None; 2]));
         let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
         let sum = (out.clone() * u).sum();
@@ -115,7 +119,7 @@ fn bf16_is_exact_for_integers_of_8_bits() {
     for mut case in cases() {
         case.frequencies = 0;
         let view = case.layers.len() - 2;
-        case.layers[view].0[0] = 10 + 3;
+        case.layers[view].0[0] = WIDTH + 3;
         case.layers.iter_mut().for_each(|(size, w, b)| (*w, *b) = (whole(size[0] * size[1]), vec![1.0; size[1]]));
         (case.x, case.directions) = (whole(case.x.len()), whole(case.directions.len()));
         case.whole = true;

@@ -74,7 +74,7 @@ impl Operation<CubeBackend> for GpuComposite {
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let (dtau, dvalues) = (empty_like(&pass.inputs[0]), empty_like(&pass.inputs[1]));
         launch!(composite_backward::launch, self.segments.rays(); pass.grad, &dtau, &dvalues; self.inputs(pass.inputs));
-        vec![Some(dtau), Some(dvalues).filter(|_| self.channels > 0), None]
+        vec![Some(dtau), Some(dvalues).filter(|_| self.channels > 0)]
     }
 }
 

@@ -120,7 +120,7 @@ impl FactoredKernel {
             }
             all
         });
-        vec![dtables, dweights, dpositions, None]
+        vec![dtables, dweights, dpositions]
     }
 }
 

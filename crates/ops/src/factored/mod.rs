@@ -87,10 +87,10 @@ pub fn factored_field(
             let inputs = inputs.into_iter().chain(directions.map(Tensor::into_dispatch));
             let kernel = host::FactoredKernel { layout: layout.clone(), query };
             let shape = [kernel.query.samples(), kernel.outputs()];
-            crate::mlp::density_and_color(crate::host::apply(kernel, shape, inputs))
+            crate::mlp::split_density_and_color(crate::host::apply(kernel, shape, inputs))
         },
         cube if query.samples() > 0 => {
-            plain::density_and_color(gpu::features(tables, layout, &query), weights, layout, &query)
+            plain::evaluate_mlp(gpu::features(tables, layout, &query), weights, layout, &query)
         },
         plain => plain(tables, weights, layout, query),
     }

@@ -22,11 +22,11 @@ pub fn plain(
             features.push(plane_by_line(&tables, level, p, axes, &query.positions) * weight);
         }
     }
-    density_and_color(Tensor::cat(features, 1), weights, layout, &query)
+    evaluate_mlp(Tensor::cat(features, 1), weights, layout, &query)
 }
 
 /// Computes density, `[M]`, and colour, `[M, 3]`, from the MLP's input, `[M, layout.features()]`.
-pub(super) fn density_and_color(
+pub(super) fn evaluate_mlp(
     features: Tensor<2>,
     weights: Tensor<1>,
     layout: &FactoredLayout,

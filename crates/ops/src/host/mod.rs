@@ -36,7 +36,7 @@ pub trait Kernel: Debug + Send + Sync + 'static {
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32>;
 
     /// Computes the vector–Jacobian product: the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and
-    /// perhaps to others.
+    /// perhaps to others. Inputs beyond the end of the result have no gradient.
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>>;
 }
 

@@ -36,7 +36,7 @@ pub fn radiance_mlp(
         &encoded.device();
         host => {
             let size = encoded.dims();
-            let (density, color) = density_and_color(match network.precision {
+            let (density, color) = split_density_and_color(match network.precision {
                 Precision::F32 => on_host(host::MlpKernel::new(size, network), encoded, network),
                 Precision::Bf16 => on_host(crate::bf16::RoundedMlpKernel::new(size, network), encoded, network),
             });
@@ -58,7 +58,7 @@ fn on_host(kernel: impl crate::host::Kernel, encoded: Tensor<2>, network: &Radia
 
 /// Splits rows of density and, in `[M, 4]` instead of `[M, 1]`, colour.
 #[cfg(feature = "flex")]
-pub(crate) fn density_and_color(packed: Tensor<2>) -> (Tensor<1>, Option<Tensor<2>>) {
+pub(crate) fn split_density_and_color(packed: Tensor<2>) -> (Tensor<1>, Option<Tensor<2>>) {
     let color = (packed.dims()[1] > 1).then(|| packed.clone().narrow(1, 1, 3));
     (packed.narrow(1, 0, 1).squeeze_dim(1), color)
 }

@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn resampling_agrees_with_jax() {
         let cases: Vec<serde_json::Value> =
-            serde_json::from_str(include_str!("../../fixtures/resampling.json")).unwrap();
+            serde_json::from_str(include_str!("../../tests/fixtures/resampling.json")).unwrap();
         for case in &cases {
             let floats = |key: &str| -> Vec<f32> {
                 case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()

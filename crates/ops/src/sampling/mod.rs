@@ -169,7 +169,10 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
             let kernel = crate::cube::rays::PointsOnRays(segments.clone());
             crate::cube::apply(kernel, [origins, directions, t.detach().into_dispatch()])
         },
-        plain => segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1),
+        plain => {
+            let owners = segments.owners(&origins.device());
+            origins.select(0, owners.clone()) + directions.select(0, owners) * t.detach().unsqueeze_dim(1)
+        },
     }
 }
 

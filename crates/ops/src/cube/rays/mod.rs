@@ -30,7 +30,7 @@ impl Operation<CubeBackend> for PointsOnRays {
         let (dorigins, ddirections) = (empty_like(origins), empty_like(directions));
         let (offsets, count) = (self.0.offsets_on_device_of(t), dorigins.meta.num_elements());
         launch!(kernels::points_backward::launch, count; t, &offsets, pass.grad, &dorigins, &ddirections;);
-        vec![Some(dorigins), Some(ddirections), None]
+        vec![Some(dorigins), Some(ddirections)]
     }
 }
 
