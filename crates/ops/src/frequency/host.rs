@@ -85,7 +85,7 @@ impl Kernel for EncodingKernel {
             ((own + dx) as f32, dvariance as f32)
         };
         let coordinates = (0..pass.inputs[0].len()).into_par_iter().with_min_len(CHUNK);
-        let (dpoints, dvariances) = coordinates.map(gradients).unzip();
+        let (dpoints, dvariances): (Vec<f32>, Vec<f32>) = coordinates.map(gradients).unzip();
         if self.integrated { vec![Some(dpoints), Some(dvariances)] } else { vec![Some(dpoints)] }
     }
 }

@@ -17,9 +17,9 @@ pub(super) struct TrilinearKernel {
 struct GridAxis {
     /// Voxel below the coordinate.
     below: isize,
-    /// Weights of that voxel and of the next.
+    /// Weights of the voxels below and above.
     weights: [f32; 2],
-    /// Derivatives of both weights.
+    /// Derivatives of the weights with respect to the coordinate.
     derivatives: [f32; 2],
 }
 
