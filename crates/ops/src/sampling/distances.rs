@@ -5,7 +5,8 @@ use crate::random::Stream;
 
 /// Places `count` distances in [near, far]: with jitter one at random in each stratum, else evenly spaced.
 ///
-/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints to its neighbours.
+/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)` with `count` ≥ 2, each jittered between the midpoints to its
+/// neighbours.
 /// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
 /// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
 pub fn stratified(near: f32, far: f32, count: usize, rule: Placement, jitter: Option<Stream>) -> Vec<f32> {
@@ -59,8 +60,8 @@ pub fn intervals(t: &[f32], near: f32, far: f32, rule: Placement, last: LastInte
 
 /// Draws `count` distances from the piecewise-constant density of the coarse `weights` and merges them with the coarse `t`.
 ///
-/// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, weights of the inner
-/// samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
+/// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, which holds 3 distances or more,
+/// weights of the inner samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
 pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Stream>) -> Vec<f32> {
     let n = t.len();
     let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();

@@ -1,6 +1,6 @@
 //! Samples along rays: stratified distances, distances drawn from the weights of a coarse pass, marches, and packing.
 //!
-//! Each of `H` rays has an interval `[near, far]` and as many samples as the others. [`distances`] holds the functions of one
+//! Each of `H` ≥ 1 rays has an interval `[near, far]` and as many samples as the others. [`distances`] holds the functions of one
 //! ray on the host, which serve devices other than GPUs.
 
 pub mod distances;
