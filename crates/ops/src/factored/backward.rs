@@ -13,13 +13,13 @@ use crate::host::simd::{self, Job};
 use crate::host::{PARTIAL_SUMS, Pass};
 
 impl FactoredKernel {
-    /// Returns the number of features in front of those that tables hold.
-    fn before_tables(&self) -> usize {
-        self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
+    /// Returns the number of features that depend on the position alone, which precede those of tables.
+    fn position_features(&self) -> usize {
+        self.layout.levels[0].feature
     }
 
-    fn of_tables(&self) -> usize {
-        self.layout.features() - self.before_tables()
+    fn table_features(&self) -> usize {
+        self.layout.features() - self.position_features()
     }
 
     /// Selects the samples whose gradients before the activations are not [`negligible`]. The derivative of the softplus
@@ -57,8 +57,8 @@ impl FactoredKernel {
                 blocks,
                 samples,
                 dfeatures,
-                first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
-                of_block: self.of_tables() * BLOCK,
+                first: (level.feature - self.position_features() + p * level.channels) * BLOCK,
+                per_block: self.table_features() * BLOCK,
                 dplane,
                 dline,
             });
@@ -72,7 +72,7 @@ impl FactoredKernel {
         let wanted = pass.wanted;
         let layout = &self.layout;
         // The first feature whose gradient is needed: frequencies depend on positions alone.
-        let first = if wanted[2] { 0 } else { self.before_tables() };
+        let first = if wanted[2] { 0 } else { self.position_features() };
         let skipped = |index: usize| if index == 0 { first } else { 0 };
         let layers = layout.layers.iter().enumerate();
         let layers: Vec<Vec<f32>> = layers.map(|(index, layer)| dense::rows(weights, layer, skipped(index))).collect();
@@ -82,17 +82,17 @@ impl FactoredKernel {
         let per_group = blocks.len().div_ceil(PARTIAL_SUMS).max(1);
 
         // The MLP, block by block; the gradient of the features of tables is kept for all samples.
-        let of_tables = self.of_tables() * BLOCK;
-        let mut dfeatures = Scratch::of_len(blocks.len() * of_tables);
+        let per_block = self.table_features() * BLOCK;
+        let mut dfeatures = Scratch::of_len(blocks.len() * per_block);
         let mut dpositions = vec![0.0; 3 * kept.len()];
         let groups: Vec<Vec<Vec<f32>>> = dfeatures
-            .par_chunks_mut((per_group * of_tables).max(1))
+            .par_chunks_mut(per_group * per_block)
             .zip(dpositions.par_chunks_mut(per_group * 3 * BLOCK))
             .zip(kept.par_chunks(per_group * BLOCK).zip(blocks.par_chunks(per_group)))
             .map(|((dfeatures, dpositions), (kept, blocks))| {
                 let mut scratch = GroupBuffers::new(layout);
                 let mut gathered = GatheredSamples::default();
-                let results = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
+                let results = dfeatures.chunks_mut(per_block).zip(dpositions.chunks_mut(3 * BLOCK));
                 for ((rows, block), (dfeatures, dpositions)) in kept.chunks(BLOCK).zip(blocks).zip(results) {
                     gathered.gather(self, pass, rows);
                     let (kernel, layers, gathered, scratch) = (self, &layers, &gathered, &mut scratch);
@@ -273,7 +273,7 @@ struct PlaneGradient<'a> {
     /// Start of the plane's features in a block.
     first: usize,
     /// Number of elements of a block in `dfeatures`.
-    of_block: usize,
+    per_block: usize,
     dplane: &'a mut [f32],
     dline: &'a mut [f32],
 }
@@ -284,7 +284,7 @@ impl Job for PlaneGradient<'_> {
         for (index, block) in self.blocks.iter().enumerate() {
             let samples = BLOCK.min(self.samples - index * BLOCK);
             let places = encode::places(block, self.level.resolution);
-            let dx = &self.dfeatures[index * self.of_block + self.first..];
+            let dx = &self.dfeatures[index * self.per_block + self.first..];
             let gradients = (&mut *self.dplane, &mut *self.dline);
             let how = (self.axes, self.weight);
             with_channels!(self.level.channels, plane_gradient, how, self.tables, &places, dx, gradients, samples);

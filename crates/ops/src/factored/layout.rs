@@ -90,6 +90,9 @@ pub(crate) const RAW: usize = OUTPUTS + 9;
 
 impl FactoredLayout {
     /// Lays out levels of `(resolution, channels)` and an MLP of `hidden_layers` layers of `hidden` units.
+    ///
+    /// # Panics
+    /// If there is no level.
     pub fn new(
         frequencies: usize,
         levels: &[(usize, usize)],
@@ -97,6 +100,7 @@ impl FactoredLayout {
         view_dependent: bool,
         density: (f32, f32),
     ) -> Self {
+        assert!(!levels.is_empty(), "a factored field has a level");
         let mut feature = 3 + 6 * frequencies;
         let mut offset = 0;
         let level = |&(resolution, channels): &(usize, usize)| {
