@@ -42,10 +42,7 @@ pub fn ssim(render: &Picture, truth: &Picture, options: Ssim) -> Result<f64, Met
         return Err(MetricError::other(format!("both sides need at least {side} pixels, got {width}×{height}")));
     }
     let (columns, rows) = (width - side + 1, height - side + 1);
-    let row_sums: Vec<[f64; 3]> = (0..rows)
-        .into_par_iter()
-        .map_init(Moments::default, |moments, row| window.row_sum(render, truth, row, moments))
-        .collect();
+    let row_sums: Vec<[f64; 3]> = (0..rows).into_par_iter().map(|row| window.row_sum(render, truth, row)).collect();
     let windows = (rows * columns) as f64;
     let channel = |channel: usize| row_sums.iter().map(|sums| sums[channel]).sum::<f64>() / windows;
     Ok([0, 1, 2].map(channel).iter().sum::<f64>() / 3.0)
@@ -72,24 +69,29 @@ impl SsimKernel {
 
     /// Sums SSIM over the windows whose top row is `top`, per channel.
     ///
-    /// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all
-    /// channels go through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
-    fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [f64; 3] {
+    /// The filter is separable: first down the columns, then along the row. Only `σ_x² + σ_y²` enters the formula, so the
+    /// two squares share one filter.
+    fn row_sum(&self, render: &Picture, truth: &Picture, top: usize) -> [f64; 3] {
         let stride = 3 * truth.size()[0];
         let (render, truth) = (render.pixels().as_flattened(), truth.pixels().as_flattened());
-        moments.reset(stride);
+        let mut columns = vec![[0.0; 4]; stride];
         for (offset, &weight) in self.kernel.iter().enumerate() {
             let row = (top + offset) * stride..(top + offset + 1) * stride;
-            moments.add(weight, &render[row.clone()], &truth[row]);
+            for ((moments, &x), &y) in columns.iter_mut().zip(&render[row.clone()]).zip(&truth[row]) {
+                let (x, y) = (f64::from(x), f64::from(y));
+                add_weighted(moments, weight, [x, y, x * x + y * y, x * y]);
+            }
         }
         let mut sums = [0.0; 3];
         for at in 0..stride - 3 * (self.kernel.len() - 1) {
-            let across =
-                |row: &[f64]| -> f64 { self.kernel.iter().enumerate().map(|(k, g)| g * row[at + 3 * k]).sum() };
-            let (mean_x, mean_y) = (across(&moments.x), across(&moments.y));
+            let mut moments = [0.0; 4];
+            for (&weight, &column) in self.kernel.iter().zip(columns[at..].iter().step_by(3)) {
+                add_weighted(&mut moments, weight, column);
+            }
+            let [mean_x, mean_y, squares, xy] = moments;
             let (product, means) = (mean_x * mean_y, mean_x * mean_x + mean_y * mean_y);
-            let variances = self.covariance_scale * (across(&moments.squares) - means);
-            let covariance = self.covariance_scale * (across(&moments.xy) - product);
+            let variances = self.covariance_scale * (squares - means);
+            let covariance = self.covariance_scale * (xy - product);
             let contrast = (2.0 * covariance + self.c2) / (variances + self.c2);
             sums[at % 3] += contrast * (2.0 * product + self.c1) / (means + self.c1);
         }
@@ -97,33 +99,8 @@ impl SsimKernel {
     }
 }
 
-/// Vertically filtered first and second moments of one row of windows, channels interleaved.
-#[derive(Default)]
-struct Moments {
-    x: Vec<f64>,
-    y: Vec<f64>,
-    squares: Vec<f64>,
-    xy: Vec<f64>,
-}
-
-impl Moments {
-    fn reset(&mut self, length: usize) {
-        for buffer in [&mut self.x, &mut self.y, &mut self.squares, &mut self.xy] {
-            buffer.clear();
-            buffer.resize(length, 0.0);
-        }
-    }
-
-    fn add(&mut self, weight: f64, render: &[f32], truth: &[f32]) {
-        let sums = self.x.iter_mut().zip(&mut self.y).zip(&mut self.squares).zip(&mut self.xy);
-        for ((((sum_x, sum_y), sum_squares), sum_xy), (&x, &y)) in sums.zip(render.iter().zip(truth)) {
-            let (x, y) = (f64::from(x), f64::from(y));
-            *sum_x += weight * x;
-            *sum_y += weight * y;
-            *sum_squares += weight * (x * x + y * y);
-            *sum_xy += weight * (x * y);
-        }
-    }
+fn add_weighted(sums: &mut [f64; 4], weight: f64, values: [f64; 4]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 
 fn gaussian(taps: usize, sigma: f64) -> Vec<f64> {
