@@ -169,10 +169,16 @@ fn unsuitable_sizes_and_masks_are_named() {
 #[test]
 fn broken_images_are_named() {
     let workspace = Workspace::new();
-    workspace.pair("a", 24, 16);
-    let bytes = std::fs::read(workspace.path("truth/a.png")).unwrap();
-    for length in [0, 10, bytes.len() / 2] {
-        std::fs::write(workspace.path("truth/a.png"), &bytes[..length]).unwrap();
-        assert!(workspace.fault(false).starts_with("truth/a.png: "), "{}", workspace.fault(false));
+    let (_, truth) = workspace.pair("a", 24, 16);
+    for name in ["truth/a.png", "truth/a.jpg"] {
+        workspace.write(name, &truth);
+        let file = workspace.path(name);
+        let bytes = std::fs::read(&file).unwrap();
+        for length in [0, 10, bytes.len() - 20] {
+            std::fs::write(&file, &bytes[..length]).unwrap();
+            let line = workspace.fault(false);
+            assert!(line.starts_with(&format!("{name}: ")), "{length}: {line}");
+        }
+        std::fs::remove_file(file).unwrap();
     }
 }

@@ -1,7 +1,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult, Rgba};
+use infonerf_scene::SceneError;
+use infonerf_scene::image::{Image, read_rgba};
 
 use crate::error::MetricError;
 use crate::mask::Mask;
@@ -40,34 +41,23 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|own| extensions.iter().any(|known| own.eq_ignore_ascii_case(known)))
 }
 
-/// Reads the image at `path` and composites it on `background`: `α c + (1 − α) b`.
+/// Reads the image at `path`, turned as its EXIF data state, and composites it on `background`: `α c + (1 − α) b`.
 pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, MetricError> {
-    let image = decoded(path)?.into_rgba32f();
-    let behind = background.color();
-    let pixel = |Rgba(rgba): &Rgba<f32>| [0, 1, 2].map(|c| rgba[3] * rgba[c] + (1.0 - rgba[3]) * behind[c]);
-    let pixels = image.pixels().map(pixel).collect();
-    Picture::new(pixels, image.width() as usize, image.height() as usize)
-        .map_err(|error| MetricError::file(path, error))
+    let Image { width, height, rgb, .. } = Image::read(path, background.color()).map_err(unreadable)?;
+    Picture::new(rgb, width as usize, height as usize).map_err(|error| MetricError::file(path, error))
 }
 
-/// Reads the mask at `path`: a pixel is inside unless it is black or transparent, so that images of class indices are masks, too.
+/// Reads the mask at `path`, turned as its EXIF data state. A pixel is inside unless it is black or transparent, so that
+/// images of class indices are masks, too.
 pub(super) fn mask(path: &Path) -> Result<Mask, MetricError> {
     if !has_extension(path, &LOSSLESS) {
         return Err(MetricError::file(path, "a mask is a PNG, TIFF or BMP: JPEG and WebP need not keep black exactly"));
     }
-    let image = decoded(path)?.into_rgba16();
-    let inside = image.pixels().map(|pixel| pixel.0[..3] != [0; 3] && pixel.0[3] > 0).collect();
-    Mask::new(inside, image.width() as usize, image.height() as usize)
+    let image = read_rgba(path).map_err(unreadable)?;
+    let inside = image.pixels.iter().map(|pixel| pixel[..3] != [0.0; 3] && pixel[3] > 0.0).collect();
+    Mask::new(inside, image.width as usize, image.height as usize)
 }
 
-/// Reads the image at `path`, turned as its EXIF orientation demands.
-fn decoded(path: &Path) -> Result<DynamicImage, MetricError> {
-    let decode = || -> ImageResult<DynamicImage> {
-        let mut decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
-        let orientation = decoder.orientation()?;
-        let mut image = DynamicImage::from_decoder(decoder)?;
-        image.apply_orientation(orientation);
-        Ok(image)
-    };
-    decode().map_err(|error| MetricError::file(path, error))
+fn unreadable(error: SceneError) -> MetricError {
+    MetricError::Other(error.to_string())
 }
