@@ -7,7 +7,6 @@
 //! Colour is computed only on request: the unseen rays of the entropy loss need density alone.
 //!
 //! ```
-//! # #[cfg(feature = "flex")] {
 //! use burn::tensor::{Device, Tensor};
 //! use infonerf_field::{Extent, Field, FieldConfig, FieldSetup, Points, RadianceField};
 //! use infonerf_schedule::Moment;
@@ -25,7 +24,6 @@
 //! let sampled = field.evaluate(&points, true, Moment::END);
 //! assert_eq!(sampled.sigma.dims(), [2]);
 //! assert_eq!(sampled.color.unwrap().dims(), [2, 3]);
-//! # }
 //! # Ok::<(), infonerf_schedule::Fault>(())
 //! ```
 
