@@ -58,12 +58,8 @@ impl Camera {
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (origin, direction) = self.ray_f64(f64::from(x), f64::from(y));
         let cosine = direction.dot(self.forward_f64());
-        let magnification = if self.lens.is_perspective() {
-            1.0
-        } else {
-            let local = self.rotation().transpose() * direction;
-            self.lens.magnification(DVec3::new(local.x, -local.y, -local.z))
-        };
+        let local = self.rotation().transpose() * direction;
+        let magnification = self.lens.magnification(DVec3::new(local.x, -local.y, -local.z));
         let radius = 2.0 / 12f64.sqrt() / (self.fx * self.fy).sqrt() * cosine.abs() / magnification;
         Ray { origin: origin.as_vec3(), direction: direction.as_vec3(), radius: radius as f32, cosine: cosine as f32 }
     }

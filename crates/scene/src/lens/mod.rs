@@ -90,18 +90,7 @@ impl Lens {
 
     /// Returns the image point of `(x, y)` in the plane at depth 1, or `None` outside the invertible domain.
     pub fn distort(&self, point: DVec2) -> Option<DVec2> {
-        if !point.is_finite() {
-            return None;
-        }
-        let r = point.length();
-        match &self.model {
-            LensModel::Perspective => Some(point),
-            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => (r <= self.reach).then(|| self.bend(point)),
-            LensModel::Fisheye { .. } => {
-                let angle = r.atan();
-                (angle <= self.reach).then(|| if r > 0.0 { point * (self.model.profile(angle).0 / r) } else { point })
-            }
-        }
+        self.project(point.extend(1.0))
     }
 
     /// Returns the point of the plane at depth 1 that falls at `image`: the inverse of [`Lens::distort`], to 1e-9 and
@@ -116,19 +105,19 @@ impl Lens {
 
     /// Returns the image point of a direction of any length, or `None` outside the invertible domain.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
-        match &self.model {
-            LensModel::Fisheye { .. } => {
-                let across = direction.truncate();
-                let r = across.length();
-                let angle = r.atan2(direction.z);
-                if angle.is_nan() || angle > self.reach || direction == DVec3::ZERO {
-                    return None;
-                }
-                Some(if r > 0.0 { across * (self.model.profile(angle).0 / r) } else { DVec2::ZERO })
-            }
-            _ if direction.z > 0.0 => self.distort(direction.truncate() / direction.z),
-            _ => None,
+        if !direction.is_finite() || direction == DVec3::ZERO {
+            return None;
         }
+        let across = direction.truncate();
+        if let LensModel::Fisheye { .. } = self.model {
+            let r = across.length();
+            let angle = r.atan2(direction.z);
+            let image = || if r > 0.0 { across * (self.model.profile(angle).0 / r) } else { DVec2::ZERO };
+            return (angle <= self.reach).then(image);
+        }
+        let point = across / direction.z;
+        let inside = direction.z > 0.0 && point.is_finite() && point.length() <= self.reach;
+        inside.then(|| if self.is_perspective() { point } else { self.bend(point) })
     }
 
     /// Returns the unit direction whose image point is `image`, or `None` outside the invertible domain.
