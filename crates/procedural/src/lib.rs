@@ -212,7 +212,7 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
         ..View::new(id, format!("{split}/r_{id}"), camera.clone(), pixels(camera).composite(request.background))
     };
     let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
-        ids.iter().filter_map(|&id| cameras.get(id).map(|c| view(split, id, c))).collect()
+        ids.iter().map(|&id| view(split, id, &cameras[id])).collect()
     };
     let learned = views("train", &train_ids, &train);
     let tested = match request.test {

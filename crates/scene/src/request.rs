@@ -2,10 +2,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::SceneError;
 use crate::format::Format;
+use crate::image::MAX_SIDE;
 use crate::select::{TestProtocol, ViewSelection};
-
-/// Max image side of a request in pixels.
-const MAX_SIZE: u32 = 16_384;
 
 /// Request for a scene: its views, their size, their background.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,8 +57,8 @@ impl SceneRequest {
     /// # Errors
     /// An image size of 0 or beyond the largest, or a background outside `[0, 1]`.
     pub fn check(&self) -> Result<(), SceneError> {
-        if let Some(size) = self.image_size.filter(|size| !(1..=MAX_SIZE).contains(size)) {
-            return Err(SceneError::request("image_size", format!("a size from 1 to {MAX_SIZE} pixels"), size));
+        if let Some(size) = self.image_size.filter(|size| !(1..=MAX_SIDE).contains(size)) {
+            return Err(SceneError::request("image_size", format!("a size from 1 to {MAX_SIDE} pixels"), size));
         }
         if !self.background.iter().all(|v| (0.0..=1.0).contains(v)) {
             let found = format!("{:?}", self.background);

@@ -13,7 +13,7 @@ use super::exif::{is_sideways, orientation};
 use crate::error::SceneError;
 
 /// Max side of an image in pixels.
-const MAX_SIDE: u32 = 16_384;
+pub(crate) const MAX_SIDE: u32 = 16_384;
 /// Max number of pixels of an image: 64 million take 1 GiB once decoded.
 const MAX_PIXELS: u64 = 1 << 26;
 /// Extensions of the formats that are read, in lower case.

@@ -7,6 +7,7 @@ mod resize;
 mod rgba;
 
 pub use ::image::metadata::Orientation;
+pub(crate) use codec::MAX_SIDE;
 pub use codec::{
     decode_bytes, dimensions, find_image, has_alpha, has_transparency, is_image_name, list_images, read_rgba,
     read_rgba_turned, stored_dimensions, unread_format,
@@ -56,7 +57,7 @@ impl Image {
     /// Returns the image after a round trip through 8 bits, as it would come back from a PNG.
     pub fn rounded(&self) -> Self {
         let round = |v: f32| f32::from(round_to_u8(v)) / 255.0;
-        Self { rgb: self.rgb.iter().map(|p| p.map(round)).collect(), ..self.clone() }
+        Self { rgb: self.rgb.iter().map(|p| p.map(round)).collect(), alpha: self.alpha.clone(), ..*self }
     }
 
     /// Returns the image at another size: each pixel the mean over the area that it covers.

@@ -34,11 +34,7 @@ impl Cap {
         let lowest = self.half_angle.min(std::f64::consts::PI).cos();
         let along = 1.0 - rng.random::<f64>() * (1.0 - lowest);
         let turn = std::f64::consts::TAU * rng.random::<f64>();
-        self.at(along.clamp(-1.0, 1.0).acos(), turn)
-    }
-
-    /// Returns the direction at `angle` radians from the axis, turned by `turn` about it.
-    pub fn at(&self, angle: f64, turn: f64) -> DVec3 {
+        let angle = along.clamp(-1.0, 1.0).acos();
         let (u, v) = self.axis.any_orthonormal_pair();
         let across = turn.cos() * u + turn.sin() * v;
         (angle.cos() * self.axis + angle.sin() * across).normalize_or(self.axis)

@@ -14,12 +14,13 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
     let mut chosen = vec![rng.random_range(0..cameras.len())];
     let mut nearest = vec![f64::INFINITY; cameras.len()];
     while chosen.len() < count {
-        let last = cameras[chosen[chosen.len() - 1]].position_f64();
+        let last = chosen[chosen.len() - 1];
         for (distance, camera) in nearest.iter_mut().zip(cameras) {
-            *distance = distance.min(camera.position_f64().distance_squared(last));
+            *distance = distance.min(camera.position_f64().distance_squared(cameras[last].position_f64()));
         }
-        let left = (0..cameras.len()).filter(|i| !chosen.contains(i));
-        chosen.extend(left.max_by(|&i, &j| nearest[i].total_cmp(&nearest[j])));
+        // Less than any distance, so that a view is chosen once.
+        nearest[last] = f64::NEG_INFINITY;
+        chosen.extend((0..cameras.len()).max_by(|&i, &j| nearest[i].total_cmp(&nearest[j])));
     }
     chosen
 }
