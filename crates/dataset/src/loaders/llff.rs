@@ -65,7 +65,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let selections = published::forward_facing(train.len());
     let mut found = Found::new(dir, Format::Llff, train, test, StatedExtent::Depths(range.0, range.1));
     found.warnings.extend(depth_warnings(&rows));
-    found.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
+    found.selections = selections;
     found.protocols = vec![("regnerf".into(), (0..found.test.len()).collect())];
     if !found.test.is_empty() {
         let text = "near, far, scale and origin are of all photographs, the test ones included, as in LLFF's loader";

@@ -10,16 +10,15 @@ pub fn synthetic(cameras: &[Camera]) -> Named {
     four.select(cameras).map_or_else(|_| Vec::new(), |ids| vec![("infonerf-4".to_owned(), ids)])
 }
 
-/// Returns RegNeRF's selections for forward-facing captures, by name: `count` of `n` training views, spread evenly.
+/// Returns RegNeRF's selections for forward-facing captures, by name: 2, 3, 6 and 9 of `n` training views, spread evenly;
+/// without those of more than `n` views.
 pub fn forward_facing(n: usize) -> Named {
-    [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(n, count))).into()
+    let counts = [2, 3, 6, 9].into_iter().filter(|&count| count <= n);
+    counts.map(|count| (format!("regnerf-{count}"), spread(n, count))).collect()
 }
 
-/// Returns RegNeRF's `count` training views of `n`, if there are as many: evenly spaced from end to end, rounded as by NumPy.
+/// Returns RegNeRF's `count` training views of `n`, from 2 to `n`: evenly spaced from end to end, rounded as by NumPy.
 fn spread(n: usize, count: usize) -> Vec<usize> {
-    if count > n || count < 2 {
-        return Vec::new();
-    }
     let step = (n - 1) as f64 / (count - 1) as f64;
     (0..count).map(|i| (i as f64 * step).round_ties_even() as usize).collect()
 }
@@ -49,6 +48,6 @@ mod tests {
             assert_eq!(whole(n, 3), views, "{n}");
         }
         assert_eq!(whole(20, 2), [1, 19]);
-        assert!(spread(2, 3).is_empty());
+        assert_eq!(forward_facing(2), [("regnerf-2".to_owned(), vec![0, 1])]);
     }
 }
