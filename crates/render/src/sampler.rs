@@ -72,9 +72,8 @@ impl Renderer {
                 let (ray, Some(ends)) = (&rays.on_host[index], rays.ends[index]) else { return };
                 let shift = rays.jitter.map_or(0.5, |noise| noise.uniform(index, 0));
                 let steps = UniformSteps::new(self, ray, ends, (settings.step, shift), skip.grid);
-                self.keep(steps.map(|step| (step.point, (step.t, step.delta))), ray, skip, |point, (t, delta)| {
-                    samples.push(t, delta, point.to_array());
-                });
+                let steps = steps.map(|step| (step.point, (step.t, step.delta)));
+                self.for_each_visible(steps, ray, skip, |point, (t, delta)| samples.push(t, delta, point.to_array()));
             },
             || {
                 let [origins, directions] = rays.geometry();
@@ -147,7 +146,7 @@ impl Renderer {
                 let of_ray = |(row, &ray): (usize, &usize)| {
                     let mut kept = Vec::new();
                     let samples = (row * per_ray..(row + 1) * per_ray).map(|i| (i, (distance[i], delta[i])));
-                    self.keep(samples, &rays.on_host[ray], skip, |index, _| kept.push(index));
+                    self.for_each_visible(samples, &rays.on_host[ray], skip, |index, _| kept.push(index));
                     kept
                 };
                 let kept: Vec<Vec<usize>> = hits.par_iter().enumerate().map(of_ray).collect();
@@ -178,16 +177,16 @@ impl Renderer {
         (near < far).then(|| [near, far].map(|t| self.warp.coordinate(t)))
     }
 
-    /// Calls `keep` with each sample, an index and `(t, δ)`, that is neither in an empty cell nor behind the hidden
+    /// Calls `visit` with each sample, an index and `(t, δ)`, that is neither in an empty cell nor behind the hidden
     /// depth. A sample that represents its interval lies in every cell that the interval passes.
     ///
     /// Hidden samples would count in the ray's entropy. Without them it is the entropy of the visible part.
-    fn keep<I>(
+    fn for_each_visible<I>(
         &self,
         samples: impl Iterator<Item = (I, (f32, f32))>,
         ray: &Ray,
         skip: Skip<'_>,
-        mut keep: impl FnMut(I, (f32, f32)),
+        mut visit: impl FnMut(I, (f32, f32)),
     ) {
         let mut depth = 0.0;
         let spans = self.config.placement == Placement::Interval;
@@ -203,7 +202,7 @@ impl Renderer {
                 }
                 depth += density * delta;
             }
-            keep(index, (t, delta));
+            visit(index, (t, delta));
         }
     }
 }
@@ -302,7 +301,7 @@ mod tests {
         assert!(to_host(tracked[1].grad(&gradients).unwrap())[0] > 1.0);
     }
 
-    /// Checks that a march through a grid with empty cells and hidden parts keeps the same steps as [`Renderer::keep`].
+    /// Checks that a march through a grid with empty cells and hidden parts keeps the steps of [`Renderer::for_each_visible`].
     #[test]
     fn march_skips_what_the_grid_knows_to_be_empty_or_hidden() {
         let device = Device::flex();
@@ -325,7 +324,7 @@ mod tests {
                 let places = (renderer.step_length(at), noise().uniform(index, 0));
                 let steps = UniformSteps::new(&renderer, ray, ends, places, None);
                 let steps = steps.map(|step| ((), (step.t, step.delta)));
-                renderer.keep(steps, ray, skip, |(), (t, _)| want.push(t));
+                renderer.for_each_visible(steps, ray, skip, |(), (t, _)| want.push(t));
             }
             assert_eq!(marched.t(), want);
             let (kept, given) = (want.len(), all.segments.samples());

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
-use infonerf_scene::image::{Image, read_rgba};
+use infonerf_scene::image::{Image, list_images, read_rgba};
 
 use crate::error::MetricError;
 use crate::mask::Mask;
@@ -16,17 +16,11 @@ const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "bmp"];
 
 /// Lists the images in `folder` by their names without extension.
 pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, MetricError> {
-    let of_folder = |error: std::io::Error| MetricError::file(folder, error);
     let mut pictures = BTreeMap::new();
-    for entry in std::fs::read_dir(folder).map_err(of_folder)? {
-        let path = entry.map_err(of_folder)?.path();
-        let Some(name) = path.file_stem().map(|name| name.to_string_lossy().into_owned()) else { continue };
-        if !has_extension(&path, &EXTENSIONS) || name.starts_with('.') {
-            continue;
-        }
+    for path in list_images(folder).map_err(unreadable)?.into_iter().filter(|path| has_extension(path, &EXTENSIONS)) {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(other) = pictures.insert(name, path.clone()) {
-            let [first, second] = if other < path { [&other, &path] } else { [&path, &other] };
-            let line = format!("{} and {} have the same name", first.display(), second.display());
+            let line = format!("{} and {} have the same name", other.display(), path.display());
             return Err(MetricError::Other(line));
         }
     }
