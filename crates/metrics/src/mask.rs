@@ -41,12 +41,13 @@ impl Mask {
 
     /// Returns columns and rows of the smallest rectangle that holds every pixel inside.
     pub(crate) fn bounding_rectangle(&self) -> [Range<usize>; 2] {
-        let inside = |index: &usize| self.inside[*index];
-        [|index, width| index % width, |index, width| index / width].map(|coordinate: fn(usize, usize) -> usize| {
-            let places = (0..self.inside.len()).filter(inside).map(|index| coordinate(index, self.size[0]));
-            let (low, high) = places.fold((usize::MAX, 0), |(low, high), at| (low.min(at), high.max(at)));
-            low..high + 1
-        })
+        let mut ends = [(usize::MAX, 0); 2];
+        for index in (0..self.inside.len()).filter(|&index| self.inside[index]) {
+            for ((low, high), at) in ends.iter_mut().zip([index % self.size[0], index / self.size[0]]) {
+                (*low, *high) = ((*low).min(at), (*high).max(at + 1));
+            }
+        }
+        ends.map(|(low, high)| low..high)
     }
 
     /// Replaces pixels outside the mask by `color`.

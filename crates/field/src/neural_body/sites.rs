@@ -20,9 +20,8 @@ impl Sites {
         }
         let cell = |n: usize| [n % size[0], n / size[0] % size[1], n / size[0] / size[1]];
         let cells: Vec<[usize; 3]> = (0..occupied.len()).filter(|&n| occupied[n]).map(cell).collect();
-        let mut next = 0..;
-        let mut row = |occupied: bool| if occupied { next.next() } else { None }.unwrap_or(cells.len() as i32);
-        let rows = occupied.into_iter().map(&mut row).collect();
+        let mut rows = vec![cells.len() as i32; occupied.len()];
+        cells.iter().enumerate().for_each(|(row, &cell)| rows[number(size, cell)] = row as i32);
         Self { size, cells, rows }
     }
 
