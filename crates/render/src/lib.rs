@@ -37,7 +37,6 @@
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
 
-mod cameras;
 mod cell_state;
 mod config;
 mod exposure;
@@ -50,13 +49,13 @@ mod normals;
 mod occupancy;
 mod output;
 mod rays;
+mod refinement;
 mod renderer;
 mod residuals;
 mod sampler;
 mod steps;
 mod warp;
 
-pub use cameras::{CameraRefinement, Focal, Pivot};
 pub use config::{Compositing, OccupancyConfig, RenderConfig};
 pub use exposure::Exposure;
 pub use image::{RenderedImage, render_image, render_tested};
@@ -67,6 +66,7 @@ pub use normals::render_normals;
 pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest, Samples};
 pub use rays::RayBatch;
+pub use refinement::{CameraRefinement, Focal, Pivot};
 pub use renderer::{Renderer, evaluate_at};
 pub use residuals::Residuals;
 pub use warp::{SpaceChoice, Warp};

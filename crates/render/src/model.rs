@@ -6,9 +6,9 @@ use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::cameras::CameraRefinement;
 use crate::exposure::Exposure;
 use crate::occupancy::OccupancyGrid;
+use crate::refinement::CameraRefinement;
 use crate::residuals::Residuals;
 
 /// Trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
