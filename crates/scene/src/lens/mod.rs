@@ -105,19 +105,20 @@ impl Lens {
 
     /// Returns the image point of a direction of any length, or `None` outside the invertible domain.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
-        if !direction.is_finite() || direction == DVec3::ZERO {
-            return None;
-        }
         let across = direction.truncate();
-        if let LensModel::Fisheye { .. } = self.model {
-            let r = across.length();
-            let angle = r.atan2(direction.z);
-            let image = || if r > 0.0 { across * (self.model.profile(angle).0 / r) } else { DVec2::ZERO };
-            return (angle <= self.reach).then(image);
-        }
         let point = across / direction.z;
-        let inside = direction.z > 0.0 && point.is_finite() && point.length() <= self.reach;
-        inside.then(|| if self.is_perspective() { point } else { self.bend(point) })
+        match self.model {
+            LensModel::Perspective => (direction.z > 0.0 && point.is_finite()).then_some(point),
+            LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {
+                (direction.z > 0.0 && point.length() <= self.reach).then(|| self.bend(point))
+            }
+            LensModel::Fisheye { .. } => {
+                let r = across.length();
+                let angle = r.atan2(direction.z);
+                let seen = direction.is_finite() && direction != DVec3::ZERO && angle <= self.reach;
+                seen.then(|| if r > 0.0 { across * (self.model.profile(angle).0 / r) } else { DVec2::ZERO })
+            }
+        }
     }
 
     /// Returns the unit direction whose image point is `image`, or `None` outside the invertible domain.
