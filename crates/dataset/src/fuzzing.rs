@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use glam::DVec3;
 use infonerf_scene::image::decode_bytes;
 use infonerf_scene::poses::{ViewRegion, near_pose};
 use infonerf_scene::{Camera, Range, ViewSelection};
@@ -48,7 +49,7 @@ pub fn run(target: &str, bytes: &[u8]) -> bool {
     let unseen = ViewRegion::new(&cameras).sample(&mut rng);
     assert!(unseen.is_finite(), "an unseen pose that is not finite");
     for camera in &cameras {
-        let near = camera.with_pose(near_pose(&camera.to_world, &mut rng, 5.0));
+        let near = camera.with_pose(near_pose(&camera.to_world, DVec3::ZERO, &mut rng, 5.0));
         for ray in [camera.ray(0.5, 0.5), near.ray(7.5, 5.5)] {
             assert!(ray.direction.is_finite(), "a ray that is not finite");
             if let Some((enter, leave)) = bounds.intersect(&ray) {

@@ -49,7 +49,7 @@ pub use layout::Layout;
 pub use lens::{Lens, LensModel};
 pub use poses::{
     Keyframe, PoseError, Similarity, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose,
-    near_pose_about, orbit, rotation_angle_deg, spiral,
+    orbit, rotation_angle_deg, spiral,
 };
 pub use range::Range;
 pub use ray::{PixelAt, Ray};

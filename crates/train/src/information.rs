@@ -4,7 +4,7 @@ use infonerf_field::Field;
 use infonerf_loss::LossConfig;
 use infonerf_ops::to_host;
 use infonerf_render::{Noise, RandomStream, RenderRequest, Renderer, TrainedModel};
-use infonerf_scene::{Ray, Scene, ViewRegion, near_pose_about};
+use infonerf_scene::{Ray, Scene, ViewRegion, near_pose};
 
 use crate::config::NeighbourConfig;
 use crate::pixels::{generator, training_cameras};
@@ -59,7 +59,7 @@ pub fn information<F: Field>(
     let pair = |i: usize| {
         let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);
         let mut rng = generator(Noise::new(seed, i as u64, RandomStream::InformationNeighbours));
-        let near = near_pose_about(&camera.to_world, centre, &mut rng, neighbours.max_angle_deg);
+        let near = near_pose(&camera.to_world, centre, &mut rng, neighbours.max_angle_deg);
         let (x, y) = (noise.uniform(i, 1) * camera.width as f32, noise.uniform(i, 2) * camera.height as f32);
         (camera.ray(x, y), camera.with_pose(near).ray(x, y))
     };

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
@@ -83,7 +83,7 @@ pub(crate) fn central_half(size: u32) -> (u32, u32) {
 
 /// Returns the rotation from a step's cameras to those of neighbouring rays, the same for all rays.
 pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
-    near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
+    near_pose(&DMat4::IDENTITY, DVec3::ZERO, &mut generator(noise), config.max_angle_deg)
 }
 
 /// Draws an unseen pose, and returns its camera.
@@ -110,8 +110,6 @@ pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::config::{Config, Preset, RotationCentre};
     use crate::testing::knot;
