@@ -46,7 +46,7 @@ fn hemisphere(seed: u64, size: u32) -> Vec<Camera> {
 }
 
 /// Returns the 200 test cameras for `size`² images: once around, at elevations from 10° to 60°, looking at the origin.
-pub fn test_cameras(size: u32) -> Vec<Camera> {
+fn test_cameras(size: u32) -> Vec<Camera> {
     let view = |i: usize| {
         let turn = i as f64 / TEST_VIEWS as f64;
         let elevation = (35.0 + 25.0 * (TAU * turn).cos()) * PI / 180.0;

@@ -28,7 +28,7 @@ mod shape;
 mod texture;
 mod through;
 
-pub use cameras::{field_of_view, photographs, test_cameras, train_cameras};
+pub use cameras::{field_of_view, photographs, train_cameras};
 
 use glam::Vec3;
 use infonerf_scene::select::{pool, published};
@@ -68,11 +68,11 @@ pub const CAPTURES: [&str; 2] = ["room", "table"];
 /// Image side in pixels of a request without one.
 pub const DEFAULT_SIZE: u32 = 200;
 /// Min distance of content from a camera, scene units; [`CAPTURES`] have their own.
-pub const NEAR: f32 = 2.0;
+const NEAR: f32 = 2.0;
 /// Max distance of content from a camera, scene units; [`CAPTURES`] have their own.
-pub const FAR: f32 = 6.0;
+const FAR: f32 = 6.0;
 /// A box that holds every procedural scene but [`CAPTURES`].
-pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
+const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
 
 /// Image and depth of a procedural scene from one camera.
 #[derive(Clone, Debug, PartialEq)]
