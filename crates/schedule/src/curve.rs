@@ -107,8 +107,9 @@ impl Schedule {
                 let shares = "expected shares of the run 0 <= start <= end <= 1, found";
                 let rising = 0.0 <= start && start <= end && end <= 1.0;
                 unless(rising, format!("{shares} start = {start}, end = {end}"))?;
-                let message = format!("expected from and to above 0 for an exponential curve, found {from} and {to}");
-                unless(curve == RampShape::Linear || from > 0.0 && to > 0.0, message)
+                let expected = "expected from and to above 0, with a finite ratio, for an exponential curve, found";
+                let has_ratio = from > 0.0 && to > 0.0 && (to / from).is_finite();
+                unless(curve == RampShape::Linear || has_ratio, format!("{expected} {from} and {to}"))
             }
             &Self::Decay { from, factor, every, .. } => {
                 finite(&[from, factor])?;
@@ -137,6 +138,8 @@ impl Schedule {
                 (1.0, RampShape::Exponential) => *to,
                 (s, RampShape::Exponential) => from * (to / from).powf(s),
             },
+            // A power that overflows would make 0 NaN.
+            Self::Decay { from: 0.0, .. } => 0.0,
             Self::Decay { from, factor, every, stairs, .. } => {
                 let periods = step as f64 / *every as f64;
                 from * factor.powf(if *stairs { periods.floor() } else { periods })
@@ -263,6 +266,7 @@ mod tests {
         for (text, values) in [
             ("{ from = 8.0, factor = 0.5, every = 10, stairs = true }", [(9, 8.0), (10, 4.0), (25, 2.0)]),
             ("{ from = 8.0, factor = 0.5, every = 10 }", [(0, 8.0), (5, 8.0 * 0.5f64.sqrt()), (usize::MAX, 0.0)]),
+            ("{ from = 0.0, factor = 2.0, every = 10 }", [(0, 0.0), (10, 0.0), (usize::MAX, 0.0)]),
             (warm, [(0, 0.5), (2, 1.5), (9, 2.0)]),
         ] {
             for (step, want) in values {
@@ -287,6 +291,7 @@ mod tests {
             ("{ from = 1.0, to = 2.0, start = 0.5, end = 0.2 }", "start <= end"),
             ("{ from = 0.0, to = 2.0, curve = \"exponential\" }", "above 0"),
             ("{ from = 2.0, to = 0.0, curve = \"exponential\" }", "above 0"),
+            ("{ from = 1e-320, to = 2.0, curve = \"exponential\" }", "finite ratio"),
             ("{ from = 1.0, factor = 0.0, every = 1 }", "above 0"),
             ("{ from = 1.0, factor = 0.5, every = 0 }", "at least 1"),
             ("{ steps = [[0.1, 1]] }", "begin with 0, rise, and do not exceed 1, found [0.1]"),
