@@ -169,6 +169,7 @@ fn experiment_files() {
         ("scenes = \"knot\"\n[variants.a]\n", &["line 1: scenes: ", "expected a list"]),
         ("seeds = [-1]\n[variants.a]\n", &["line 1: seeds: ", "a whole number of at least 0"]),
         ("seeds = [3, 3]\n[variants.a]\n", &["mine.toml: seeds 3: given twice"]),
+        ("budget_seconds = -1\n[variants.a]\n", &["mine.toml: budget_seconds: ", "seconds above 0, found -1"]),
         (
             claim("better", "infonref").as_str(),
             &["mine.toml: claims[0]: expected variants among nerf, ", "\"infonref\""],

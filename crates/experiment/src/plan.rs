@@ -112,8 +112,13 @@ impl Outline {
             about.seconds_per_run = None;
         }
         let variants = chosen_variants(experiment, &layers, selection)?;
-        let budget = budget.or_else(|| layers.last(|file| file.budget_seconds));
-        let selection = Selection { seeds, budget, ..selection.clone() };
+        let in_files = layers.last(|file| file.budget_seconds);
+        if let Some(seconds) = budget.or(in_files).filter(|seconds| *seconds <= 0.0 || !seconds.is_finite()) {
+            let key = layers.place("budget_seconds", |file| file.budget_seconds.is_some());
+            let place: &str = if budget.is_some() { "--budget" } else { &key };
+            bail!("{place}: expected a number of seconds above 0, found {seconds}");
+        }
+        let selection = Selection { seeds, budget: budget.or(in_files), ..selection.clone() };
         Ok(Self { about, experiment: experiment.to_owned(), layers, scenes, variants, selection })
     }
 
