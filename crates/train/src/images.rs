@@ -25,8 +25,8 @@ pub(crate) struct Images {
     factor: u32,
     width: u32,
     height: u32,
-    /// Colour of each pixel of each view.
-    rgb: Vec<Vec<[f32; 3]>>,
+    /// Image of each view; at full size the scene's own.
+    views: Vec<Arc<Image>>,
     /// Pixels that can be drawn; `None` if all can be drawn.
     valid: Option<ValidPixels>,
 }
@@ -35,9 +35,9 @@ pub(crate) struct Images {
 #[derive(Clone, Debug)]
 struct ValidPixels {
     /// Pixels of the whole images.
-    whole: Vec<u32>,
+    whole: Vec<usize>,
     /// Pixels of the images' central halves; for a view without valid pixels there, all its valid pixels.
-    central: Vec<u32>,
+    central: Vec<usize>,
 }
 
 impl ValidPixels {
@@ -59,7 +59,8 @@ impl ValidPixels {
             if valid.is_empty() {
                 return None;
             }
-            let index_of = |&(x, y): &(u32, u32)| (view_index as u32 * height + y) * width + x;
+            let index_of =
+                |&(x, y): &(u32, u32)| (view_index * height as usize + y as usize) * width as usize + x as usize;
             let is_central = |&(x, y): &(u32, u32)| columns.contains(&x) && rows.contains(&y);
             let has_centre = valid.iter().any(is_central);
             whole.extend(valid.iter().map(index_of));
@@ -79,8 +80,8 @@ impl TrainingImages {
         let sized = |factor| {
             let (width, height) = (width / factor, height / factor);
             let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
-            let rgb = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
-            Some(Images { factor, width, height, rgb, valid })
+            let views = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
+            Some(Images { factor, width, height, views, valid })
         };
         let sizes: Vec<Images> = factors.filter_map(sized).collect();
         assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
@@ -104,7 +105,7 @@ impl TrainingImages {
             PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
-        (pixels, indices.iter().map(|index| images.rgb[index / area][index % area]).collect())
+        (pixels, indices.iter().map(|index| images.views[index / area].rgb[index % area]).collect())
     }
 }
 
@@ -132,23 +133,23 @@ impl Images {
             Batch::Pixels => {
                 let draw = |ray: usize| {
                     if let Some(drawable) = drawable {
-                        return drawable[row.below(ray, 0, drawable.len())] as usize;
+                        return drawable[row.below(ray, 0, drawable.len())];
                     }
                     let x = left as usize + column.below(ray, 0, columns as usize);
                     let y = top as usize + row.below(ray, 0, rows as usize);
-                    view.below(ray, 0, self.rgb.len()) * area + y * stride + x
+                    view.below(ray, 0, self.views.len()) * area + y * stride + x
                 };
                 (0..rays).map(draw).collect()
             }
             Batch::Image | Batch::HeldOut => {
-                let image = view.below(0, 0, self.rgb.len());
+                let image = view.below(0, 0, self.views.len());
                 let drawable = drawable.map(|all| {
-                    let before = |end: usize| all.partition_point(|&index| (index as usize) < end);
+                    let before = |end: usize| all.partition_point(|&index| index < end);
                     &all[before(image * area)..before((image + 1) * area)]
                 });
-                let pixels = drawable.map_or(columns as usize * rows as usize, <[u32]>::len);
+                let pixels = drawable.map_or(columns as usize * rows as usize, <[usize]>::len);
                 let index = |pixel: usize| match drawable {
-                    Some(drawable) => drawable[pixel] as usize,
+                    Some(drawable) => drawable[pixel],
                     None => {
                         let (x, y) = (left + pixel as u32 % columns, top + pixel as u32 / columns);
                         image * area + y as usize * stride + x as usize
@@ -160,8 +161,12 @@ impl Images {
     }
 }
 
-/// Takes means over squares of `factor` × `factor` pixels; the rest at the right and lower edges is cut off.
-fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 3]> {
+/// Takes means over squares of `factor` × `factor` pixels; the rest at the right and lower edges is cut off. With factor 1, the
+/// image is shared and not copied.
+fn downscaled(image: &Arc<Image>, factor: u32) -> Arc<Image> {
+    if factor == 1 {
+        return image.clone();
+    }
     let share = 1.0 / (factor * factor) as f32;
     let square = |x: u32, y: u32| {
         let mut sum = [0.0; 3];
@@ -172,7 +177,8 @@ fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 3]> {
         sum
     };
     let (width, height) = (image.width / factor, image.height / factor);
-    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
+    let rgb = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect();
+    Image { width, height, rgb, alpha: None }.into()
 }
 
 #[cfg(test)]

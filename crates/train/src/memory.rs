@@ -32,10 +32,10 @@ impl MemoryPlan {
         let averaged = u64::from(fields == 1 && config.train.weight_averaging > 0.0);
         let copies = fields * (KEPT + averaged) + side_by_side * FLOATS_PER_STEP;
         let loaded = pixels.train.saturating_add(pixels.test);
-        // Three channels at every size, and once more for fields that look at images.
-        let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
-        let channels = (3.0 * areas) as u64 + if sees_images(&config.field) { 3 } else { 0 };
-        let drawn = pixels.train.saturating_mul(channels * FLOAT);
+        // RGB at every size but the full one, and for fields that look at images.
+        let smaller: f64 = config.train.downscale_factors().skip(1).map(|factor| f64::from(factor).powi(-2)).sum();
+        let shown_to_fields = if sees_images(&config.field) { 1.0 } else { 0.0 };
+        let copied = (pixels.train.saturating_mul(3 * FLOAT) as f64 * (smaller + shown_to_fields)) as u64;
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64 * occupancy.refine as u64).pow(3) } else { 0 };
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
@@ -45,7 +45,7 @@ impl MemoryPlan {
             ("train.rays and render.samples (the activations of a step)", activations),
             // RGB and alpha.
             ("scene.size (the images)", loaded.saturating_mul(4 * FLOAT)),
-            ("scene.size (the images as batches are drawn from them and fields look at them)", drawn),
+            ("scene.size (the images at smaller sizes, and as fields look at them)", copied),
             // Density, a flag and the state of a cell.
             ("render.occupancy.resolution (the grid)", fields * cells * (FLOAT + 1 + 2)),
             // RGB and distance.
@@ -156,12 +156,12 @@ mod tests {
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
         // The grid of pictures is twice as fine as that of training.
         let field = tables + 5000 * 12 * 4 + 128 * 128 * 128 * 7;
-        // Four training views: as loaded, RGB at full size and at half of it.
-        let images = 64 * (4 * (4 + 3) + 4) * 4;
+        // Four training views and a test view as loaded, and RGB of the training views at half their size.
+        let images = 64 * (5 * 4 + 3) * 4;
         let one = plan(&with(&[]), 1);
         assert_eq!(one.total(), field + images);
         assert!(one.check(one.total()).is_ok());
-        assert_eq!(one.clone().with_images_loaded().total(), one.total() - 64 * (4 * 4 + 4) * 4);
+        assert_eq!(one.clone().with_images_loaded().total(), one.total() - 64 * 5 * 4 * 4);
         // Fields share the images.
         assert_eq!(plan(&with(&[]), 2).total(), 2 * field + images);
         // The first step skips nothing.
