@@ -16,7 +16,7 @@ mod testing;
 
 pub use objective::{LossConfig, LossValues, Objective};
 pub use renders::{Need, RaySet, Renders, Target, UnseenImage};
-pub use term::{Term, TermSetup, TermSpec, Weighted};
+pub use term::{Term, TermSpec, Weighted};
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
 pub use terms::kl::{Direction, KlConfig};
 pub use terms::opacity_prior::OpacityPriorConfig;

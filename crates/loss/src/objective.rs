@@ -1,10 +1,11 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::means::weighted_sum;
+use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders, union};
-use crate::term::{Term, TermSetup, TermSpec, Weighted};
+use crate::term::{Term, TermSpec, Weighted};
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
 use crate::terms::opacity_prior::OpacityPriorConfig;
@@ -117,16 +118,16 @@ pub struct LossValues {
 }
 
 impl Objective {
-    /// Builds the active terms, except those that skip the scene ([`TermSpec::skip_reason`]).
+    /// Builds the active terms for a field on `device`, except those that skip `scene` ([`TermSpec::skip_reason`]).
     ///
     /// # Errors
     /// If a term lacks what it needs.
-    pub fn new(config: &LossConfig, setup: &TermSetup<'_>) -> Result<Self, Fault> {
+    pub fn new(config: &LossConfig, scene: &Scene, device: &Device) -> Result<Self, Fault> {
         let build = |(name, spec): (&'static str, &dyn TermSpec)| {
-            let term = spec.build(setup).map_err(|fault| fault.within(&format!("loss.{name}")))?;
+            let term = spec.build(scene, device).map_err(|fault| fault.within(&format!("loss.{name}")))?;
             Ok(BuiltTerm { name, weight: spec.weight().clone(), needs: spec.needs(), term })
         };
-        let taking_part = config.active().filter(|(_, spec)| spec.skip_reason(setup.scene).is_none());
+        let taking_part = config.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
         Ok(Self { terms: taking_part.map(build).collect::<Result<_, _>>()? })
     }
 
@@ -143,18 +144,18 @@ impl Objective {
 
     /// Evaluates the terms of the step at `at` on the renders that they need.
     pub fn values(&self, at: Moment, renders: &Renders) -> LossValues {
-        let values: Vec<_> = self.due(at).map(|(built, _)| (built.name, built.term.value(renders))).collect();
-        let weighted =
-            values.iter().zip(self.due(at)).map(|((_, value), (_, weight))| (value.clone(), weight)).collect();
+        let evaluate = |(built, weight): (&BuiltTerm, f32)| {
+            let value = built.term.value(renders);
+            ((built.name, value.clone()), (value, weight))
+        };
+        let (values, weighted) = self.due(at).map(evaluate).unzip();
         LossValues { total: weighted_sum(weighted).unwrap_or_else(|| renders.zero()), values }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
     use infonerf_field::Penalty;
-    use infonerf_scene::Scene;
 
     use super::*;
     use crate::testing::{config, scenario};
@@ -225,8 +226,7 @@ mod tests {
     fn total_is_the_weighted_sum_of_due_terms() {
         let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
         let (scene, device) = (Scene::default(), Device::flex());
-        let setup = TermSetup { scene: &scene, device: &device };
-        let objective = Objective::new(&config, &setup).unwrap();
+        let objective = Objective::new(&config, &scene, &device).unwrap();
         let (_, renders) = scenario(&device);
         let values = |at: Moment| {
             let LossValues { total, values } = objective.values(at, &renders);
@@ -249,8 +249,7 @@ mod tests {
     fn terms_that_skip_the_scene_are_left_out() {
         let config = config("rgb.weight = 1\nsilhouette.weight = 1");
         let scene = Scene { backdrop: infonerf_scene::Backdrop::Unknown, ..Scene::default() };
-        let setup = TermSetup { scene: &scene, device: &Device::flex() };
-        let objective = Objective::new(&config, &setup).unwrap();
+        let objective = Objective::new(&config, &scene, &Device::flex()).unwrap();
         assert_eq!(objective.terms.iter().map(|term| term.name).collect::<Vec<_>>(), ["rgb"]);
         let skipped = config.specs().filter(|(_, spec)| spec.skip_reason(&scene).is_some()).map(|(name, _)| name);
         assert_eq!(skipped.collect::<Vec<_>>(), ["stereo", "silhouette"], "the scene has no views either");

@@ -33,11 +33,11 @@ pub trait TermSpec: Weighted {
         Vec::new()
     }
 
-    /// Builds the term for a scene, with everything that it reads or computes once.
+    /// Builds the term for `scene` and a field on `device`, with everything that it reads or computes once.
     ///
     /// # Errors
     /// If the scene or a file lacks what the term needs.
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault>;
+    fn build(&self, scene: &Scene, device: &Device) -> Result<Box<dyn Term>, Fault>;
 
     /// Checks every number but the weight.
     ///
@@ -62,13 +62,4 @@ pub trait TermSpec: Weighted {
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
     }
-}
-
-/// Scene and device that a term is built for.
-#[derive(Clone, Copy, Debug)]
-pub struct TermSetup<'a> {
-    /// The scene that is learned.
-    pub scene: &'a Scene,
-    /// Device of the field.
-    pub device: &'a Device,
 }

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use infonerf_field::Sources;
-use infonerf_loss::{Objective, TermSetup};
+use infonerf_loss::Objective;
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
 
@@ -27,7 +27,7 @@ impl TrainingScene {
     /// Prepares a scene for training; training views are kept as sources if the field `sees` images.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         checks::check_scene(config, &scene)?;
-        let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })?;
+        let objective = Objective::new(&config.loss, &scene, device)?;
         Ok(Self {
             renderer: Renderer::new(&config.render, &scene),
             region: ViewRegion::new(&training_cameras(&scene)),

@@ -1,12 +1,13 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::means::mask_above;
 use infonerf_ops::ray_entropy;
 use infonerf_render::RenderOutput;
+use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, RaySet, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked rays count as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,7 +71,7 @@ impl TermSpec for EntropyConfig {
         Fault::unless_within(0.0..=1e6, "mask.threshold", self.mask.threshold.into())
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
+    fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }
@@ -116,7 +117,7 @@ mod tests {
                 }
             }
         }
-        let (_, renders) = scenario(&burn::tensor::Device::flex());
+        let (_, renders) = scenario(&Device::flex());
         let term = entropy_term("rays = 'seen', mask = { rule = 'acc', threshold = 0.1 }");
         let of_rays = to_host(term.of_rays(&renders.seen.fine));
         assert!(of_rays[1] == 0.0 && of_rays[3] == 0.0 && of_rays[0] > 1.0 && of_rays[2] > 0.1, "{of_rays:?}");

@@ -1,9 +1,10 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
+use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, RaySet, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// Value added to A and to 1 − A, which bounds the logarithms.
 const MARGIN: f64 = 0.1;
@@ -24,7 +25,7 @@ impl TermSpec for OpacityPriorConfig {
         Need::of(self.rays)
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
+    fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

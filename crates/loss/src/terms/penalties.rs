@@ -1,13 +1,14 @@
 //! Penalties on a field's own parameters.
 
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_field::Penalty;
 use infonerf_ops::means::weighted_sum;
+use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///
@@ -37,8 +38,8 @@ impl TermSpec for TvConfig {
         vec![Need::Penalty(Penalty::TOTAL_VARIATION)]
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        let factor = factor(self.views, setup.scene.train.len());
+    fn build(&self, scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
+        let factor = factor(self.views, scene.train.len());
         Ok(Box::new(PenaltyTerm { name: Penalty::TOTAL_VARIATION, factor }))
     }
 }
@@ -48,7 +49,7 @@ impl TermSpec for LatentConfig {
         vec![Need::Penalty(Penalty::LATENT_DIVERGENCE)]
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
+    fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(PenaltyTerm { name: Penalty::LATENT_DIVERGENCE, factor: 1.0 }))
     }
 }
@@ -79,7 +80,7 @@ mod tests {
     fn value_is_the_fields_penalty_or_zero_and_halved_for_twice_as_many_views() {
         assert_eq!([factor(4, 2), factor(4, 4), factor(4, 8), factor(0, 8)], [2.0, 1.0, 0.5, 1.0]);
         for (name, factor) in [(Penalty::TOTAL_VARIATION, 0.5), (Penalty::LATENT_DIVERGENCE, 1.0)] {
-            let (_, mut renders) = scenario(&burn::tensor::Device::flex());
+            let (_, mut renders) = scenario(&Device::flex());
             let term = PenaltyTerm { name, factor };
             assert_eq!(term.value(&renders).into_scalar::<f32>(), 0.0);
             renders.penalties.insert(name, renders.zero() + 3.0);

@@ -1,10 +1,11 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::means::{mean_squared_difference, weighted_sum};
+use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,7 +38,7 @@ impl TermSpec for PhotometricConfig {
         Fault::unless_within(0.0..=1e6, "coarse", self.coarse.into())
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
+    fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

@@ -1,14 +1,14 @@
 use std::path::PathBuf;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::upload;
 use infonerf_pretrained::{ClipConfig, ClipVision};
-use infonerf_scene::View;
+use infonerf_scene::{Scene, View};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::{Need, Renders};
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a render from an unseen pose
 /// and a training image.
@@ -35,12 +35,12 @@ impl TermSpec for SemanticConfig {
         Fault::unless_within(1.0..=1024.0, "size", self.size.into())
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        let clip = ClipVision::read(&self.weights, ClipConfig::VIT_B_32, setup.device).map_err(|cause| {
+    fn build(&self, scene: &Scene, device: &Device) -> Result<Box<dyn Term>, Fault> {
+        let clip = ClipVision::read(&self.weights, ClipConfig::VIT_B_32, device).map_err(|cause| {
             let expected = "the tensors of openai/clip-vit-base-patch32, as safetensors or PyTorch's";
             Fault::new("weights", expected, cause)
         })?;
-        Ok(Box::new(SemanticTerm::new(self, clip, setup)))
+        Ok(Box::new(SemanticTerm::new(self, clip, scene, device)))
     }
 
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
@@ -55,12 +55,12 @@ struct SemanticTerm {
 }
 
 impl SemanticTerm {
-    fn new(config: &SemanticConfig, clip: ClipVision, setup: &TermSetup<'_>) -> Self {
+    fn new(config: &SemanticConfig, clip: ClipVision, scene: &Scene, device: &Device) -> Self {
         let embed = |View { image, .. }: &View| {
-            let pixels = upload(image.rgb.as_flattened().to_vec(), [image.rgb.len(), 3], setup.device);
+            let pixels = upload(image.rgb.as_flattened().to_vec(), [image.rgb.len(), 3], device);
             clip.embed(pixels, (image.height as usize, image.width as usize)).detach()
         };
-        let targets = setup.scene.train.iter().map(embed).collect();
+        let targets = scene.train.iter().map(embed).collect();
         Self { every: config.every, clip, targets }
     }
 }
@@ -84,9 +84,8 @@ pub fn semantic_loss(embedding: Tensor<1>, target: Tensor<1>) -> Tensor<1> {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
     use infonerf_ops::to_host;
-    use infonerf_scene::{Camera, Image, Scene};
+    use infonerf_scene::{Camera, Image};
 
     use super::*;
     use crate::renders::UnseenImage;
@@ -122,7 +121,7 @@ mod tests {
         let camera = Camera::from_fov(6, 4, 1.0, glam::DMat4::IDENTITY);
         let views = [0.1, 0.9].map(|grey| View::new(0, "", camera.clone(), image(grey)));
         let scene = Scene { train: views.to_vec(), ..Scene::default() };
-        let term = SemanticTerm::new(&config("").semantic, clip, &TermSetup { scene: &scene, device: &device });
+        let term = SemanticTerm::new(&config("").semantic, clip, &scene, &device);
         let (_, mut renders) = scenario(&device);
         let mut distance = |view: usize| {
             let rgb = upload(image(0.9).rgb.as_flattened().to_vec(), [24, 3], &device);
@@ -150,8 +149,7 @@ mod tests {
     fn without_weights_the_file_is_named() {
         let mut config = config("semantic.weights = 'absent.safetensors'").semantic;
         assert_eq!(config.weights_file().map(|(key, _)| key), Some("weights"));
-        let setup = TermSetup { scene: &Default::default(), device: &Device::flex() };
-        let fault = config.build(&setup).err().unwrap();
+        let fault = config.build(&Scene::default(), &Device::flex()).err().unwrap();
         assert!(fault.key == "weights" && fault.found.starts_with("absent.safetensors: "), "{fault}");
     }
 }

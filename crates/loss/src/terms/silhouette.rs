@@ -1,11 +1,11 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::upload;
 use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::Renders;
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 /// Supervision of opacity A = Σ w by a known background colour: the mean over the rays of training images of A for pixels of
 /// that colour, which most likely show the background, and of −A for the rest.
@@ -23,7 +23,7 @@ impl TermSpec for SilhouetteConfig {
         (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
+    fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 

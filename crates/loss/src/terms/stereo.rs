@@ -1,6 +1,6 @@
 use std::sync::OnceLock;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::{composite, upload};
 use infonerf_scene::{PixelAt, Scene};
 use infonerf_schedule::{Fault, Schedule};
@@ -8,7 +8,7 @@ use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::Renders;
-use crate::term::{Term, TermSetup, TermSpec};
+use crate::term::{Term, TermSpec};
 
 const MAX_VIEWS: usize = 100;
 /// Number of pairs of views to compare, at least one per view.
@@ -46,8 +46,8 @@ impl TermSpec for StereoConfig {
         }
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        Ok(Box::new(Stereo { scene: setup.scene.clone(), maps: OnceLock::new() }))
+    fn build(&self, scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {
+        Ok(Box::new(Stereo { scene: scene.clone(), maps: OnceLock::new() }))
     }
 }
 
