@@ -1,12 +1,11 @@
 //! Entropy and information gain along test rays (the paper's Figure A).
 
 use infonerf_field::Field;
-use infonerf_loss::LossConfig;
 use infonerf_ops::to_host;
 use infonerf_render::{Noise, RandomStream, RenderRequest, Renderer, TrainedModel};
 use infonerf_scene::{Ray, Scene, ViewRegion, near_pose};
 
-use crate::config::NeighbourConfig;
+use crate::config::Config;
 use crate::pixels::{generator, training_cameras};
 
 /// Entropy and information gain along test rays.
@@ -26,31 +25,19 @@ impl Information {
     }
 }
 
-/// Settings of [`information`]: the rays that are measured, and the definitions of entropy and gain.
-#[derive(Clone, Copy, Debug)]
-pub struct InformationQuery<'a> {
-    /// Loss terms whose keys define entropy and gain.
-    pub loss: &'a LossConfig,
-    /// Rotation of neighbours' cameras, which is drawn anew for each ray.
-    pub neighbours: &'a NeighbourConfig,
-    /// Number of rays.
-    pub rays: usize,
-    /// Seed of the rays and of their neighbours.
-    pub seed: u64,
-}
-
-/// Measures entropy and information gain on random rays of the test views, without gradients; `None` without rays, or once
-/// `go_on`, which is called before each bundle of rays, returns false.
+/// Measures entropy and information gain, as the loss terms of `config` define them, on `eval.information_rays` rays of the test
+/// views, without gradients; `None` without rays, or once `go_on`, which is called before each bundle of rays, returns false.
 ///
-/// Hidden and empty samples are treated as in training.
+/// Rays, and the rotation of each neighbour's camera, are drawn by `seed`. Hidden and empty samples are treated as in training.
 pub fn information<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
     scene: &Scene,
-    query: InformationQuery<'_>,
+    config: &Config,
+    seed: u64,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Information> {
-    let InformationQuery { loss, neighbours, rays: count, seed } = query;
+    let (loss, neighbours, count) = (&config.loss, &config.train.neighbours, config.eval.information_rays);
     if count == 0 || scene.test.is_empty() {
         return None;
     }

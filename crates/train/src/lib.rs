@@ -31,7 +31,7 @@ pub use ensemble::{MemberStep, member_seed, step_side_by_side, without_collapsed
 pub use error::TrainError;
 pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};
 pub use event::Event;
-pub use information::{Information, InformationQuery, information};
+pub use information::{Information, information};
 pub use memory::{MemoryPlan, available_memory};
 pub use model::weights;
 pub use pixels::Pixels;

@@ -7,8 +7,7 @@ use crate::common::{config, configs, devices, losses, scene, scene_of, steps, ti
 use burn::tensor::Device;
 use infonerf_schedule::Moment;
 use infonerf_train::{
-    Checkpoint, Config, Event, Information, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
-    step_side_by_side,
+    Checkpoint, Config, Event, Information, Outcome, TestView, Trainer, evaluate_view, information, step_side_by_side,
 };
 
 const STEPS: usize = 12;
@@ -33,9 +32,7 @@ fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3
 }
 
 fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
-    let Config { loss, train, eval, .. } = config;
-    let query = InformationQuery { loss, neighbours: &train.neighbours, rays: eval.information_rays, seed };
-    information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query, &mut || true).unwrap()
+    information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), config, seed, &mut || true).unwrap()
 }
 
 /// Checks that the reported information gain uses the same centre of rotation for neighbours as training.

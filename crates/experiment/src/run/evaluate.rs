@@ -11,8 +11,7 @@ use infonerf_report::{CameraErrors, Record, TestViews, depth_image, error_image,
 use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol, View};
 use infonerf_train::config::{Disturbance, Unseen};
 use infonerf_train::{
-    Config, Evaluated, Evaluation, Information, InformationQuery, Progress, TestView, Trainer, fit_test_poses,
-    information,
+    Config, Evaluated, Evaluation, Information, Progress, TestView, Trainer, fit_test_poses, information,
 };
 
 use crate::run::{Control, RunEvent, Session, Trained, Watch};
@@ -126,14 +125,10 @@ fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) 
 
 /// Returns the ray entropy and information gain on test rays, the mean over the fields.
 fn information_of(plan: &RunPlan, trainers: &[Trainer], go_on: &mut dyn FnMut() -> bool) -> Option<Information> {
-    let query = InformationQuery {
-        loss: &plan.config.loss,
-        neighbours: &plan.config.train.neighbours,
-        rays: plan.config.eval.information_rays,
-        seed: plan.seed,
+    let of_member = |trainer: &Trainer| {
+        let (renderer, trained, scene) = (trainer.renderer(), trainer.snapshot(), trainer.scene());
+        information(renderer, &trained, scene, &plan.config, plan.seed, go_on)
     };
-    let of_member =
-        |trainer: &Trainer| information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query, go_on);
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
