@@ -255,7 +255,8 @@ impl Session {
                 let new = || plan.trainer(&scene, member, other, &self.device.device);
                 let mut trainer = first_trainer.take().map_or_else(new, Ok)?;
                 let damaged = "the run cannot go on, and --overwrite starts it anew";
-                if let Some(checkpoint) = load_checkpoint(&folder, watch).context(damaged)? {
+                let warn = |warning| _ = watch(RunEvent::Warning(warning));
+                if let Some(checkpoint) = load_checkpoint(&folder, warn).context(damaged)? {
                     trainer.resume(&checkpoint)?;
                 }
                 training.push(Training::new(trainer, folder)?);
@@ -269,7 +270,8 @@ impl Session {
             first_steps += training.iter().map(|field| field.first_step_seconds).sum::<f64>();
             trainers.extend(training.into_iter().map(|field| field.trainer));
         }
-        let (stages, steps) = ([reading, first_steps], [total_progress(&trainers).step, plan.config.train.iterations]);
+        let steps = [total_progress(&trainers).step, members * plan.config.train.iterations];
+        let stages = [reading, first_steps];
         if let Some(warning) = plan.budget.and_then(|budget| preparation_warning(budget, stages, steps)) {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }

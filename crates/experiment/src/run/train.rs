@@ -9,12 +9,10 @@ use infonerf_train::{Checkpoint, Event, MemberStep, Outcome, Trainer, step_side_
 use super::log::Log;
 use crate::run::{Control, RunEvent, Watch};
 
-/// Loads the newest intact checkpoint of a folder, with a warning for each that is not intact.
-pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Option<Checkpoint>> {
+/// Loads the newest intact checkpoint of a folder, and calls `warn` for each that is not intact.
+pub(crate) fn load_checkpoint(folder: &Path, mut warn: impl FnMut(String)) -> Result<Option<Checkpoint>> {
     let (checkpoint, refused) = Checkpoint::load(folder)?;
-    for reason in refused {
-        watch(RunEvent::Warning(format!("{reason}: continuing from the checkpoint before it")));
-    }
+    refused.iter().for_each(|reason| warn(format!("{reason}: continuing from the checkpoint before it")));
     Ok(checkpoint)
 }
 

@@ -9,7 +9,6 @@ use infonerf_train::{Progress, Trainer, without_collapsed};
 
 use super::load_checkpoint;
 use crate::device::OpenDevice;
-use crate::run::{Control, RunEvent};
 use crate::run_plan::RunPlan;
 
 /// A finished or interrupted run with its fields, each restored from its newest checkpoint.
@@ -55,17 +54,11 @@ impl Trained {
         // Stereo would match the images for minutes before a first step, but no step is taken.
         let mut untrained = plan.clone();
         untrained.config.loss.stereo.weight = Schedule::Constant(0.0);
-        let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
+        let (mut trainers, mut warnings): (Vec<Trainer>, Vec<String>) = (Vec::new(), Vec::new());
         let members = plan.members();
         for member in 0..members {
-            let mut watch = |event: RunEvent<'_>| {
-                if let RunEvent::Warning(warning) = event {
-                    warnings.push(warning);
-                }
-                Control::Continue
-            };
             let member_folder = plan.member_folder(folder, member);
-            let Some(checkpoint) = load_checkpoint(&member_folder, &mut watch)? else {
+            let Some(checkpoint) = load_checkpoint(&member_folder, |warning| warnings.push(warning))? else {
                 let member_folder = member_folder.display();
                 let left_out = || format!("{member_folder}: no checkpoint: one of {members} fields is left out");
                 warnings.extend((members > 1).then(left_out));

@@ -62,7 +62,7 @@ impl<F: Field> Trainer<F> {
         let batch = batch.unwrap_or_else(|| self.draw(at));
         self.profile.book(Phase::Rays, start);
         let model = self.conditioned(&batch, at);
-        let (renders, StepCost { samples, rays }) = self.render(&batch, &model, at);
+        let (renders, samples, rays) = self.render(&batch, &model, at);
         let losses = self.evaluate(&batch, &model, &renders, at);
         let segments = renders.seen.fine.segments();
         self.progress.count(samples, segments.samples() as f64 / segments.rays() as f64);
@@ -86,21 +86,21 @@ impl<F: Field> Trainer<F> {
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 
-    /// Renders what the objective needs.
-    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, StepCost) {
+    /// Renders what the objective needs. Also returns the numbers of samples and of rays.
+    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, Counts, usize) {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (scene, train) = (&self.scenes[batch.scene], &self.config.train);
         let (renderer, needs) = (&scene.renderer, scene.objective.needs(at));
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
-        let (profile, mut cost) = (&mut self.profile, StepCost::default());
+        let (profile, mut samples, mut ray_count) = (&mut self.profile, Counts::default(), 0);
         // Samples lie at the distances of `partner`, the output of other rays, if it is given.
         let mut render = |phase, rays: &RayBatch, color: bool, partner: Option<&RenderOutput>| {
             let passes = profile.time(phase, || match partner {
                 None => renderer.render(model, rays, RenderRequest { color, hidden: false }, occupancy, at),
                 Some(partner) => Passes { coarse: None, fine: renderer.along(&model.fine, partner, rays, at) },
             });
-            cost.samples += passes.counts();
-            cost.rays += passes.fine.segments().rays();
+            samples += passes.counts();
+            ray_count += passes.fine.segments().rays();
             passes
         };
         let rays = batch.rays(&train.neighbours, scene, model, &needs, noise);
@@ -134,7 +134,7 @@ impl<F: Field> Trainer<F> {
         let penalties = needs.iter().filter_map(penalty).collect();
         let renders =
             Renders { seen, target, squared_error, unseen, seen_neighbours, unseen_neighbours, picture, penalties };
-        (renders, cost)
+        (renders, samples, ray_count)
     }
 
     /// Evaluates the objective, with the prior of refined cameras.
@@ -196,13 +196,6 @@ impl<F: Field> Trainer<F> {
         let sigma = |positions| densities(&field, positions, &extent, at);
         self.profile.time(Phase::Occupancy, || grid.update(noise, length, sigma));
     }
-}
-
-/// Numbers of samples and rays of a step.
-#[derive(Clone, Copy, Debug, Default)]
-struct StepCost {
-    samples: Counts,
-    rays: usize,
 }
 
 /// Moves the model out, leaving empty tensors, so that Adam can update weights in place.
