@@ -7,6 +7,7 @@ mod train;
 mod views;
 
 pub use layers::{Preset, assign, merge, parse_assignment};
+pub use read::plain_message;
 pub use train::{
     Batch, CameraConfig, EnsembleConfig, NeighbourConfig, NeighbourSampling, Refine, RotationCentre, TrainConfig,
     Unseen,

@@ -9,7 +9,7 @@ use crate::error::TrainError;
 pub(super) fn config(table: Table) -> Result<Config, TrainError> {
     parse(table.clone()).map_err(|(path, message)| {
         let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));
-        TrainError::config(key, plain(&message))
+        TrainError::config(key, plain_message(&message))
     })
 }
 
@@ -34,12 +34,14 @@ fn within(table: &Table, path: &str, message: &str) -> Option<String> {
     })
 }
 
-fn plain(message: &str) -> String {
-    let quoted = |text: &str| text.replace('`', "");
+/// Returns the first line of a message of Serde in the words of configs: `expected a number, found "fast"`.
+pub fn plain_message(message: &str) -> String {
+    let message = message.lines().next().unwrap_or_default();
+    let unquoted = |text: &str| text.replace('`', "");
     if let Some(rest) = message.strip_prefix("unknown variant ")
         && let Some((found, known)) = rest.split_once(", expected ")
     {
-        return format!("expected {}, found \"{}\"", quoted(known), quoted(found));
+        return format!("expected {}, found \"{}\"", unquoted(known), unquoted(found));
     }
     for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
         if let Some((found, expected)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
