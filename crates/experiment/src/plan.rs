@@ -279,8 +279,9 @@ impl About {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::described::{Description, describe, leaves};
+    use crate::described::{Description, describe};
     use crate::file::list;
+    use crate::identity;
     use crate::testing::selected;
 
     /// Every built-in experiment can be planned over any preset, and its runs can be read back from their `config.toml`.
@@ -302,12 +303,10 @@ mod tests {
     /// Returns the keys (`section.key`) at which the configs of two variants of an experiment differ.
     fn differences(experiment: &str, variants: [&str; 2]) -> Vec<String> {
         let runs = Experiment::plan(experiment, &selected(&[], &variants, &[])).unwrap().runs;
-        let [one, other] = variants.map(|variant| {
-            let run = runs.iter().find(|run| run.variant == variant).unwrap();
-            leaves(&Table::try_from(&run.config).unwrap()).into_iter().collect::<BTreeSet<_>>()
-        });
-        let keys =
-            one.symmetric_difference(&other).map(|(key, _)| key.split('.').take(2).collect::<Vec<_>>().join("."));
+        let of = |variant: &str| runs.iter().find(|run| run.variant == variant).unwrap();
+        let [one, other] = variants.map(|variant| Table::try_from(&of(variant).config).unwrap());
+        let section_key = |key: &str| key.split('.').take(2).collect::<Vec<_>>().join(".");
+        let keys = identity::differences(&one, &other).into_iter().map(|difference| section_key(&difference.key));
         keys.collect::<BTreeSet<String>>().into_iter().collect()
     }
 

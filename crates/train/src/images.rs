@@ -23,8 +23,6 @@ pub(crate) struct TrainingImages {
 pub(crate) struct Images {
     /// Factor by which the images are smaller than at full size.
     factor: u32,
-    width: u32,
-    height: u32,
     /// Image of each view; at full size the scene's own.
     views: Vec<Arc<Image>>,
     /// Pixels that can be drawn; `None` if all can be drawn.
@@ -78,10 +76,9 @@ impl TrainingImages {
         let is_partial = scene.train.iter().any(|view| view.valid.is_some());
         let factors = config.downscale_factors().filter(|&factor| factor <= width.min(height));
         let sized = |factor| {
-            let (width, height) = (width / factor, height / factor);
             let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
             let views = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
-            Some(Images { factor, width, height, views, valid })
+            Some(Images { factor, views, valid })
         };
         let sizes: Vec<Images> = factors.filter_map(sized).collect();
         assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
@@ -98,7 +95,7 @@ impl TrainingImages {
     pub(crate) fn draw(&self, config: &TrainConfig, rays: usize, at: Moment, noise: Noise) -> (Pixels, Vec<[f32; 3]>) {
         let images = self.at(config, at);
         let indices = images.indices(config, rays, at.step, noise);
-        let (stride, area) = (images.width as usize, images.area());
+        let [stride, area] = images.stride_and_area();
         let scale = images.pixel_width();
         let position = |&index: &usize| {
             let (x, y) = ((index % area) % stride, (index % area) / stride);
@@ -115,14 +112,16 @@ impl Images {
         self.factor as f32
     }
 
-    fn area(&self) -> usize {
-        self.width as usize * self.height as usize
+    /// Returns the numbers of pixels in a row and in an image.
+    fn stride_and_area(&self) -> [usize; 2] {
+        [self.views[0].width as usize, self.views[0].rgb.len()]
     }
 
     /// Draws the indices of `rays` pixels among all pixels of the training images.
     fn indices(&self, config: &TrainConfig, rays: usize, step: usize, noise: Noise) -> Vec<usize> {
-        let ((left, columns), (top, rows)) = (crop(config, step, self.width), crop(config, step, self.height));
-        let (stride, area) = (self.width as usize, self.area());
+        let [(left, columns), (top, rows)] =
+            [self.views[0].width, self.views[0].height].map(|size| crop(config, step, size));
+        let [stride, area] = self.stride_and_area();
         let [view, column, row] =
             [RandomStream::View, RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
         let drawable = self.valid.as_ref().map(|valid| match step < config.precrop_steps {

@@ -51,24 +51,21 @@ impl Preset {
 
     /// Returns the preset's table.
     pub fn table(self) -> Table {
-        let paper = parse(include_str!("../../presets/paper.toml"));
-        match self {
-            Self::Paper => paper,
-            Self::Released => merged(paper, parse(include_str!("../../presets/released.toml"))),
-            Self::Fast => merged(paper, parse(include_str!("../../presets/fast.toml"))),
-            Self::Capture => merged(Self::Fast.table(), parse(include_str!("../../presets/capture.toml"))),
-            Self::Dense => merged(Self::Capture.table(), parse(include_str!("../../presets/dense.toml"))),
-        }
+        let (base, changes) = match self {
+            Self::Paper => return parse(include_str!("../../presets/paper.toml")),
+            Self::Released => (Self::Paper, include_str!("../../presets/released.toml")),
+            Self::Fast => (Self::Paper, include_str!("../../presets/fast.toml")),
+            Self::Capture => (Self::Fast, include_str!("../../presets/capture.toml")),
+            Self::Dense => (Self::Capture, include_str!("../../presets/dense.toml")),
+        };
+        let mut table = base.table();
+        merge(&mut table, parse(changes));
+        table
     }
 }
 
 fn parse(text: &str) -> Table {
     text.parse().expect("a preset is valid TOML: every preset is parsed by a test")
-}
-
-fn merged(mut base: Table, over: Table) -> Table {
-    merge(&mut base, over);
-    base
 }
 
 /// Lays `over` onto `base`: tables are merged key by key, anything else replaces what was there.
