@@ -14,6 +14,8 @@ const FLOAT: u64 = 4;
 const KEPT: u64 = 3;
 /// Number of floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
 const FLOATS_PER_STEP: u64 = 2;
+/// Name of the part that is the scene's images.
+const IMAGES: &str = "scene.size (the images)";
 
 /// Memory, in bytes, of the parts of a run that are held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,7 +46,7 @@ impl MemoryPlan {
             ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
             ("train.rays and render.samples (the activations of a step)", activations),
             // RGB and alpha.
-            ("scene.size (the images)", loaded.saturating_mul(4 * FLOAT)),
+            (IMAGES, loaded.saturating_mul(4 * FLOAT)),
             ("scene.size (the images at smaller sizes, and as fields look at them)", copied),
             // Density, a flag and the state of a cell.
             ("render.occupancy.resolution (the grid)", fields * cells * (FLOAT + 1 + 2)),
@@ -57,7 +59,7 @@ impl MemoryPlan {
     /// Returns the plan without the images, which are in memory already.
     #[must_use]
     pub fn with_images_loaded(mut self) -> Self {
-        self.parts[2].1 = 0;
+        self.parts.iter_mut().filter(|(part, _)| *part == IMAGES).for_each(|(_, bytes)| *bytes = 0);
         self
     }
 

@@ -91,19 +91,17 @@ pub fn execute(sweeps: &[Sweep], out: &Path, executor: &Executor<'_>, watch: &mu
         Executor::Slurm(slurm) => sweep.prepare(out, slurm.runner.device),
     };
     let prepared = sweeps.iter().map(prepare).collect::<Result<Vec<_>>>()?;
-    if let Executor::Slurm(slurm) = executor {
+    if let Executor::Slurm(slurm) = executor
+        && prepared.iter().any(|prepared| !prepared.missing.is_empty())
+    {
         for (sweep, prepared) in sweeps.iter().zip(&prepared) {
             watch(PlanEvent::Started(sweep, prepared));
         }
-        if prepared.iter().any(|prepared| !prepared.missing.is_empty()) {
-            return slurm.submit(sweeps, &prepared).map(Executed::Submitted);
-        }
+        return slurm.submit(sweeps, &prepared).map(Executed::Submitted);
     }
     let (mut unfinished, mut outcomes) = (0, Vec::new());
     for (sweep, prepared) in sweeps.iter().zip(&prepared) {
-        if !matches!(executor, Executor::Slurm(_)) {
-            watch(PlanEvent::Started(sweep, prepared));
-        }
+        watch(PlanEvent::Started(sweep, prepared));
         let missing = match executor {
             Executor::InProcess(session) => {
                 // A scene that cannot be read is reported before another is trained on.

@@ -103,7 +103,7 @@ fn measure(
         }
         write_pictures(folder, scene, view, &evaluation.add(renderer, &members, view)?)?;
     }
-    let evaluated = evaluation.finish().context("no test views")?;
+    let evaluated = evaluation.finish().context("eval.test: expected at least one test view, found none")?;
     let information = information_of(plan, trainers, &mut || go_on(RunEvent::Measuring));
     Ok((!stopped).then_some((evaluated, information)))
 }
