@@ -50,7 +50,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     let scenes = plans.iter().map(|plan| plan.load().map(Arc::new)).collect::<Result<Vec<_>>>()?;
     let mut trainer = Trainer::on_scenes(&plan.config, scenes, plan.seed, &session.device.device)?;
     if let Some(checkpoint) = load_checkpoint(&folder, |warning| _ = watch(RunEvent::Warning(warning)))? {
-        trainer.resume(&checkpoint)?;
+        trainer.resume(&checkpoint).with_context(|| folder.display().to_string())?;
     }
     watch(RunEvent::Started { fields: 0..1, of: 1 });
     let mut training = [Training::new(trainer, folder.clone())?];

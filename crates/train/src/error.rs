@@ -22,9 +22,6 @@ pub enum TrainError {
         /// The step.
         step: usize,
     },
-    /// A scene could not be used.
-    #[error(transparent)]
-    Scene(#[from] infonerf_scene::SceneError),
     /// A metric could not be computed.
     #[error(transparent)]
     Metric(#[from] infonerf_metrics::MetricError),

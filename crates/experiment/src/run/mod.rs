@@ -257,7 +257,7 @@ impl Session {
                 let damaged = "the run cannot go on, and --overwrite starts it anew";
                 let warn = |warning| _ = watch(RunEvent::Warning(warning));
                 if let Some(checkpoint) = load_checkpoint(&folder, warn).context(damaged)? {
-                    trainer.resume(&checkpoint)?;
+                    trainer.resume(&checkpoint).with_context(|| folder.display().to_string())?;
                 }
                 training.push(Training::new(trainer, folder)?);
             }

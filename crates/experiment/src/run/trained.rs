@@ -1,7 +1,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use infonerf_render::{Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Schedule;
@@ -65,7 +65,7 @@ impl Trained {
                 continue;
             };
             let mut trainer = untrained.trainer(&scene, member, trainers.first(), &device.device)?;
-            trainer.resume(&checkpoint)?;
+            trainer.resume(&checkpoint).with_context(|| member_folder.display().to_string())?;
             trainers.push(trainer);
         }
         ensure!(!trainers.is_empty(), "{}: expected a checkpoint: the run has none yet", folder.display());
