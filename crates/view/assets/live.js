@@ -32,7 +32,8 @@ class Pane {
       this.stage ??= new Stage(this.root);
       const scene = await ask('field', { run });
       if (this.run !== run) return;
-      await this.stage.load(scene, this.scene !== null && place(this.scene) === place(scene));
+      const keepCamera = this.scene !== null && place(this.scene) === place(scene);
+      if (!(await this.stage.load(scene, keepCamera))) return;
       title.textContent = name;
       this.scene = scene;
       this.shown = run;

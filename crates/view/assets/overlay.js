@@ -53,14 +53,8 @@ class Overlay {
     this.images = [];
   }
 
-  async load(scene) {
+  load(scene, images) {
     const { gl } = this.viewer;
-    const images = await Promise.all(scene.cameras.map(async (camera) => {
-      const image = new Image();
-      image.src = camera.image;
-      await image.decode();
-      return image;
-    }));
     for (const texture of this.images) gl.deleteTexture(texture);
     this.images = images.map((image) => {
       const texture = gl.createTexture();
@@ -104,6 +98,14 @@ class Overlay {
     gl.bindVertexArray(null);
   }
 }
+
+/** Decodes the training images of a scene. */
+const decodedImages = (scene) => Promise.all(scene.cameras.map(async (camera) => {
+  const image = new Image();
+  image.src = camera.image;
+  await image.decode();
+  return image;
+}));
 
 /** Makes two triangles and eight lines of a camera whose image is at depth `depth`: place and texture coordinates of each end. */
 function frustum({ pose, lens: [fx, fy, cx, cy], width, height }, depth) {

@@ -16,13 +16,15 @@ class Stage {
     return this.root.querySelector(selector);
   }
 
+  /** Shows a scene with its title and images. Returns false if another scene is to be loaded before this one is unpacked. */
   async load(scene, keepCamera) {
-    await this.viewer.load(scene, keepCamera);
+    if (!(await this.viewer.load(scene, keepCamera))) return false;
     this.find('.poster')?.remove();
     this.find('.message').hidden = true;
     this.canvas.hidden = false;
     for (const selector of ['.tools', '.help']) this.find(selector).hidden = false;
     describe(this.root, scene, (index) => this.goTo(index));
+    return true;
   }
 
   /** Draws again, here and on the twin, after the camera or a setting changed. */

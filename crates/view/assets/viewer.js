@@ -126,9 +126,14 @@ class Viewer {
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(kind, name, gl.CLAMP_TO_EDGE);
   }
 
-  /** Shows another scene, or the same one trained further; with `keepCamera` the camera stays. */
+  /**
+   * Shows another scene, or the same one trained further; with `keepCamera` the camera stays. Returns false and shows nothing if
+   * another scene is to be loaded before this one is unpacked.
+   */
   async load(scene, keepCamera) {
-    const { gl } = this, bytes = await inflate(scene.data);
+    this.wanted = scene;
+    const { gl } = this, [bytes, images] = await Promise.all([inflate(scene.data), decodedImages(scene)]);
+    if (this.wanted !== scene) return false;
     const part = (name) => bytes.slice(scene.parts[name][0], scene.parts[name][0] + scene.parts[name][1]);
     const field = this.shader === scene.shader ? this.field : this.program(FILL, scene.shader);
     if (field !== this.field && this.field) gl.deleteProgram(this.field);
@@ -157,8 +162,9 @@ class Viewer {
     this.camera = new Camera(scene);
     if (state) this.camera.restore(state);
     else this.camera.take(scene.cameras[0]);
-    await this.overlay.load(scene);
+    this.overlay.load(scene, images);
     this.changed();
+    return true;
   }
 
   /** Draws the scene anew, coarsely until nothing has changed for 150 ms: called where the camera, the mode or the scene changed. */

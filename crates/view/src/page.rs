@@ -20,8 +20,8 @@ const LIVE_SCRIPT: &str = concat!(include_str!("../assets/curves.js"), include_s
 /// Makes a self-contained page of one field. `poster` is an image for browsers that cannot draw the field.
 pub(crate) fn of_package(package: &Value, poster: &str) -> String {
     let title = package["title"].as_str().unwrap_or_default();
-    // Within a script, only a closing tag would end the script.
-    let data = package.to_string().replace("</", "<\\/");
+    // A tag or a comment within a script could change where the script ends. In JSON, `<` is in strings alone.
+    let data = package.to_string().replace('<', "\\u003c");
     let poster = format!("<img class=\"poster\" alt=\"A view of the scene\" src=\"{poster}\">");
     let stage = STAGE.replace("{{poster}}", &poster);
     PAGE.replace("{{style}}", STYLE)
@@ -55,7 +55,7 @@ mod tests {
             assert_eq!(loaded.count(), 0);
         }
         let page = of_package(&package, "data:,");
-        assert!(page.contains("<title>&lt;b&gt;</title>") && page.contains("<\\/script>"));
+        assert!(page.contains("<title>&lt;b&gt;</title>") && page.contains("\\u003c/script>"));
         assert_eq!(page.matches("</script>").count(), 2);
     }
 }
