@@ -2,6 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use image::RgbImage;
 use indexmap::IndexMap;
 
 use crate::chart::standalone;
@@ -9,7 +10,7 @@ use crate::claim::TestedClaim;
 use crate::error::ReportError;
 use crate::events::Events;
 use crate::figures::{Figure, comparison_figures, curve_figures};
-use crate::files::{png_bytes, write_atomically};
+use crate::files::{save_png, write_atomically};
 use crate::gallery::{SceneGallery, evenly_spaced, shown_variants, with_forward_slashes};
 use crate::input::ReportInput;
 use crate::panel::compose;
@@ -24,7 +25,6 @@ const MAX_IMAGES: usize = 400;
 const MAX_VIEWS: usize = 3;
 /// Maximum number of scenes, and of variants, in the figure of all scenes.
 const MAX_IN_PANEL: usize = 8;
-const PANEL: &str = "figure.png";
 const MAX_NAMED: usize = 16;
 
 pub(crate) struct ReportContents<'a> {
@@ -40,7 +40,6 @@ pub(crate) struct ReportContents<'a> {
     /// Table of scenes for each quantity that was measured; empty for a single scene.
     pub(crate) tables: Vec<Table>,
     pub(crate) scenes: Vec<SceneContents<'a>>,
-    pub(crate) panel: Option<Vec<u8>>,
     pub(crate) notes: Vec<(String, String)>,
     pub(crate) missing: Vec<String>,
 }
@@ -91,7 +90,6 @@ impl<'a> ReportContents<'a> {
             claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
             tables: tables.map(|quantity| bare(scene_table(&records, quantity), quantity.heading())).collect(),
-            panel: panel(&scenes)?,
             scenes,
             notes: notes(&records),
             missing,
@@ -100,11 +98,11 @@ impl<'a> ReportContents<'a> {
     }
 
     pub(crate) fn write_plots(&self, root: &Path) -> Result<(), ReportError> {
-        let panel = root.join(PANEL);
-        match &self.panel {
-            Some(png) => write_atomically(&panel, png)?,
+        let path = root.join("figure.png");
+        match self.panel()? {
+            Some(panel) => save_png(&panel, &path)?,
             // An earlier figure is of fewer scenes or variants.
-            None if panel.exists() => fs::remove_file(&panel).map_err(ReportError::io("remove", &panel))?,
+            None if path.exists() => fs::remove_file(&path).map_err(ReportError::io("remove", &path))?,
             None => {}
         }
         // Variants that differ in punctuation alone would share a name.
@@ -117,6 +115,14 @@ impl<'a> ReportContents<'a> {
             write_atomically(&root.join(format!("plots/{name}.svg")), standalone(&figure.svg).as_bytes())?;
         }
         Ok(())
+    }
+
+    /// Draws the first view of each scene; `None` for too many scenes or variants, or without images.
+    fn panel(&self) -> Result<Option<RgbImage>, ReportError> {
+        let galleries: Vec<&SceneGallery> = self.scenes.iter().map(|scene| &scene.gallery).collect();
+        let is_small =
+            galleries.iter().map(|gallery| gallery.runs.len()).chain([galleries.len()]).all(|n| n <= MAX_IN_PANEL);
+        if is_small { compose(&galleries) } else { Ok(None) }
     }
 }
 
@@ -131,26 +137,21 @@ impl<'a> SceneContents<'a> {
             // A run that trained several fields shows the first one's events.
             let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));
             let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
-            let Ok(events) = Events::read(&root.join(path)) else {
-                missing.push(format!("{}: cannot be read", path.display()));
-                continue;
+            let name = with_forward_slashes(path);
+            let events = match fs::read(root.join(path)) {
+                Ok(bytes) => Events::parse(&String::from_utf8_lossy(&bytes)),
+                Err(error) => {
+                    missing.push(format!("{name}: {error}"));
+                    continue;
+                }
             };
-            let skipped = || format!("{}: cannot read {}", path.display(), counted(events.skipped, "line"));
+            let skipped = || format!("{name}: cannot read {}", counted(events.skipped, "line"));
             missing.extend((events.skipped > 0).then(skipped));
             curves.push((label.clone(), events));
         }
         let figures = curve_figures(&gallery.scene, &curves)?;
         Ok(Self { gallery, figures, viewers })
     }
-}
-
-/// Draws the first view of each scene as a PNG; `None` for too many scenes or variants.
-fn panel(scenes: &[SceneContents]) -> Result<Option<Vec<u8>>, ReportError> {
-    if scenes.iter().map(|scene| scene.gallery.runs.len()).chain([scenes.len()]).any(|count| count > MAX_IN_PANEL) {
-        return Ok(None);
-    }
-    let Some(image) = compose(&scenes.iter().map(|scene| &scene.gallery).collect::<Vec<_>>())? else { return Ok(None) };
-    png_bytes(&image.into()).map(Some).map_err(ReportError::chart(PANEL))
 }
 
 /// Returns the name of a plot's file in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.

@@ -1,7 +1,7 @@
 //! Atomic writing of files, PNGs among them.
 
 use std::fs::{self, File};
-use std::io::{Cursor, Write};
+use std::io::Write;
 use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -40,14 +40,15 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
 
 /// Writes a PNG, whole or not at all, and creates its folder if there is none.
 pub fn save_png(picture: &RgbImage, path: &Path) -> Result<(), ReportError> {
-    let png = png_bytes(&picture.clone().into()).map_err(ReportError::io("write", path))?;
+    let mut png = Vec::new();
+    picture.write_with_encoder(PngEncoder::new(&mut png)).map_err(ReportError::io("write", path))?;
     write_atomically(path, &png)
 }
 
 pub(crate) fn png_bytes(image: &DynamicImage) -> ImageResult<Vec<u8>> {
-    let mut png = Cursor::new(Vec::new());
+    let mut png = Vec::new();
     image.write_with_encoder(PngEncoder::new(&mut png))?;
-    Ok(png.into_inner())
+    Ok(png)
 }
 
 #[cfg(all(test, unix))]

@@ -68,4 +68,4 @@ pub use report::{write_collection, write_report};
 pub use table::{Cell, Column, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
 pub use text::{counted, escape_html};
-pub use text_table::{TextColumn, TextTable};
+pub use text_table::TextTable;
