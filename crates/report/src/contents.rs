@@ -26,6 +26,8 @@ const MAX_VIEWS: usize = 3;
 /// Maximum number of scenes, and of variants, in the figure of all scenes.
 const MAX_IN_PANEL: usize = 8;
 const MAX_NAMED: usize = 16;
+/// Maximum number of characters of a plot's name: file systems allow 255 bytes.
+const MAX_PLOT_NAME: usize = 120;
 
 pub(crate) struct ReportContents<'a> {
     pub(crate) input: &'a ReportInput,
@@ -154,11 +156,11 @@ impl<'a> SceneContents<'a> {
     }
 }
 
-/// Returns the name of a plot's file in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
+/// Returns the beginning of the name of a plot in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
 fn plot_name(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
-    name.chars().map(safe).collect()
+    name.chars().map(safe).take(MAX_PLOT_NAME).collect()
 }
 
 fn warnings(input: &ReportInput, records: &[&Record]) -> Vec<String> {
