@@ -1,7 +1,7 @@
 //! Benchmarks: speed, quality against speed, exactness under stress, and agreement of devices.
 //!
-//! Each benchmark is one file with one function that measures, prints the results, and writes `results.json` and a table as
-//! CSV to the folder of its [`Bench`]. An error is a failed run or write. Benchmarks with bounds return whether all hold.
+//! Each benchmark is one file with one function that measures, prints the results, and writes `results.json`, and in most
+//! cases a table as CSV, to the folder of its [`Bench`]. An error is a failed run or write. Benchmarks with bounds return whether all hold.
 
 mod agreement;
 mod context;

@@ -36,7 +36,7 @@ pub fn run(bench: &Bench, steps: u32, sizes: &[u32], print: &mut dyn FnMut(&str)
     print(&bench.heading());
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let plan = with_settings(plan, &[format!("train.iterations={steps}")])?;
+        let plan = with_settings(plan, [format!("train.iterations={steps}")])?;
         let mut trainer = bench.trainer(&plan)?;
         train(&mut trainer, watch).with_context(|| plan.label())?;
         rows.extend(frames(&trainer, &plan, sizes, print)?);

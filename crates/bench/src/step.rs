@@ -54,7 +54,7 @@ fn measure(
 ) -> Result<RunTiming> {
     let label = plan.label();
     let iterations = plan.config.train.iterations.max(warmup + 2 * steps);
-    let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
+    let plan = with_settings(plan, [format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
     print(&format!("{label}: {warmup} steps of warm-up"));
     step_seconds(&mut trainer, warmup)?;

@@ -128,8 +128,8 @@ fn measure(bench: &Bench, setting: StressSetting, seeds: u32, steps: u32) -> Res
     let (name, field, settings, change) = setting;
     let iterations = format!("train.iterations={steps}");
     let fixed = TINY.split(' ').chain(field.split(' '));
-    let settings: Vec<&str> = fixed.chain(settings.iter().copied()).chain([iterations.as_str()]).collect();
-    let plan = with_settings(&bench.plans[0], &settings).context(name)?;
+    let settings = fixed.chain(settings.iter().copied()).chain([iterations.as_str()]);
+    let plan = with_settings(&bench.plans[0], settings).context(name)?;
     let mut outcome = SettingOutcome { setting: name, ..SettingOutcome::default() };
     let mut psnrs = Vec::new();
     for seed in (0..seeds).map(u64::from) {

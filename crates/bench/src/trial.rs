@@ -61,7 +61,7 @@ pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f6
     Ok(seconds)
 }
 
-pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Result<RunPlan> {
+pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: impl IntoIterator<Item = S>) -> Result<RunPlan> {
     let mut table = toml::Table::try_from(&plan.config)?;
     for setting in settings {
         config::assign(&mut table, setting.as_ref())?;

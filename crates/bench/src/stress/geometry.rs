@@ -110,7 +110,7 @@ pub(super) fn rendered(
     rng: &mut Rng,
 ) -> Result<Errors> {
     let plan =
-        with_settings(plan, &["scene.size=8", "train.downscale=1", "field.resolutions=[4,8]", "render.samples=48"])?;
+        with_settings(plan, ["scene.size=8", "train.downscale=1", "field.resolutions=[4,8]", "render.samples=48"])?;
     let mut scene = plan.load()?;
     let (near, far) = (0.0, 1e5 * scale);
     let (range, bounds) = (Range::Distance { near, far }, Aabb::cube([0.0; 3].into(), scale));
