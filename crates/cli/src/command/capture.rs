@@ -82,26 +82,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let changed = changed_photographs(&dir)?.unwrap_or_default();
     let is_posed = changed.is_empty() && SceneSource::Folder { path: dir.clone() }.is_scene();
     if !is_posed {
-        let count = list_images(&infonerf_dataset::photograph_folder(&photographs))?.len();
-        // Refuses a faulty name or setting before the poses are sought.
-        let run = plan(args, &dir, count)?.runs.remove(0);
-        let folder = session.run_folder(&run);
-        // A folder that cannot be written is reported before poses are sought.
-        create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        if args.existing.existing() == Existing::Continue && folder.join("config.toml").exists() {
-            let (begun, path, place) = (RunPlan::of_run(&folder)?, args.path.display(), folder.display());
-            let is_same = begun.data == run.data;
-            let other = begun.data.unwrap_or_default().join(begun.scene);
-            ensure!(is_same, "{path}: {place} is of {}; --out names another folder for results", other.display());
-            let expected = format!("expected the photographs of {place}: added, changed or removed since");
-            let (changes, remedy) = (changed.join(", "), "--overwrite finds the poses again and trains anew");
-            ensure!(changed.is_empty(), "{path}: {expected}: {changes}; {remedy}");
-        }
-        let pairs = max_matched_pairs(count);
-        if pairs > 0 {
-            print_stages(args, count, pairs);
-        }
-        from_images(&photographs, &PoseSearch::default(), |line| outln!("{line}"))?;
+        find_poses(args, &photographs, &dir, &changed, &session)?;
     }
     let info = info(&dir)?;
     let count = info.train_views + info.test_views;
@@ -130,6 +111,30 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
     outln!("next: `infonerf view {out}`, or the same command with --budget {longer} for a better scene");
     Ok(ExitCode::SUCCESS)
+}
+
+/// Finds the poses of the `photographs`, whose absolute path is `dir`. Refuses, before that, a faulty name or setting, a folder
+/// that cannot be written, and an existing run of other photographs or of those that have `changed` since.
+fn find_poses(args: &CaptureArgs, photographs: &Path, dir: &Path, changed: &[String], session: &Session) -> Result<()> {
+    let count = list_images(&infonerf_dataset::photograph_folder(photographs))?.len();
+    let run = plan(args, dir, count)?.runs.remove(0);
+    let folder = session.run_folder(&run);
+    create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    if args.existing.existing() == Existing::Continue && folder.join("config.toml").exists() {
+        let (begun, path, place) = (RunPlan::of_run(&folder)?, args.path.display(), folder.display());
+        let is_same = begun.data == run.data;
+        let other = begun.data.unwrap_or_default().join(begun.scene);
+        ensure!(is_same, "{path}: {place} is of {}; --out names another folder for results", other.display());
+        let expected = format!("expected the photographs of {place}: added, changed or removed since");
+        let (changes, remedy) = (changed.join(", "), "--overwrite finds the poses again and trains anew");
+        ensure!(changed.is_empty(), "{path}: {expected}: {changes}; {remedy}");
+    }
+    let pairs = max_matched_pairs(count);
+    if pairs > 0 {
+        print_stages(args, count, pairs);
+    }
+    from_images(photographs, &PoseSearch::default(), |line| outln!("{line}"))?;
+    Ok(())
 }
 
 /// Returns the folder of photographs: the given one, or the folder that the frames of the given video are written to.
