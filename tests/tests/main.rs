@@ -19,7 +19,7 @@ fn setup(device: &Device) -> FieldSetup<'_> {
     FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
 }
 
-/// Returns the images of a field that is conditioned on none.
+/// Returns no images, for a field that is conditioned on none.
 fn no_sources() -> Sources {
     Sources { views: [].into(), middle: [0.0; 3] }
 }

@@ -244,7 +244,7 @@ fn scales(trained: &Trained, factors: &[u32]) -> Result<Vec<f64>> {
 
 /// Prints one row per run: PSNR at full size, then at each scale, with the difference from full size.
 fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
-    let wide = table.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
+    let wide = table.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
     let headings: String = factors.iter().map(|factor| format!("{:>16}", format!("1/{factor}"))).collect();
     outln!("\nmean PSNR in dB, and its difference from full size\n{:wide$}  {:>6}{headings}", "", "1");
     for (label, psnr) in table {

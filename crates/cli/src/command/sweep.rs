@@ -49,8 +49,8 @@ pub(crate) struct SweepArgs {
 }
 
 pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
-    let grids =
-        [args.space.iter().flat_map(|_paper| PAPER_SPACE.map(str::to_owned)).collect(), args.grids.clone()].concat();
+    let space = args.space.iter().flat_map(|_| PAPER_SPACE).map(str::to_owned);
+    let grids: Vec<String> = space.chain(args.grids.iter().cloned()).collect();
     let sweep = Sweep::plan(&args.experiment, &grids, &args.selection.selection(args.budget))?;
     args.launch.run(vec![sweep], &args.selection, &args.out, |_| Ok(()))
 }
