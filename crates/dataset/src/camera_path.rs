@@ -42,7 +42,8 @@ impl CameraPath {
     /// (20), `render_width` and `render_height`. Other fields are ignored.
     ///
     /// # Errors
-    /// The file cannot be read, has no such list, a pose is not rigid, a number out of range, or a camera not perspective.
+    /// The file cannot be read, has no such list, more than 10,000 frames, a pose that is not rigid, a number out of range, or
+    /// a camera that is not perspective.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         let file = json::read(path)?;
         let root = Node::root(path, &file);
@@ -72,7 +73,11 @@ impl CameraPath {
         };
         let fps = number("fps", 1e-3..=1e3, "0.001 to 1000 frames per second")?.unwrap_or(DEFAULT_FPS);
         let seconds = number("seconds", 1e-3..=1e4, "0.001 to 10000 seconds")?.unwrap_or(DEFAULT_SECONDS);
-        let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MAX_FRAMES) };
+        let frames = if complete { keyframes.len() } else { (fps * seconds).round().max(1.0) as usize };
+        if frames > MAX_FRAMES {
+            let expected = format!("at most {MAX_FRAMES} frames at {fps} per second");
+            return Err(SceneError::field(path, "seconds", expected, format!("{frames} frames")));
+        }
         let expected = "a side of 1 to 8192 pixels";
         let side = |node: Node<'_>| Ok(node.within(1.0..=8192.0, expected)?.round() as u32);
         let size = pair(|_| &root, ["render_width", "render_height"], expected, side)?;
@@ -110,6 +115,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::loaders::testing::pose;
     use infonerf_procedural::train_cameras;
 
     /// Checks that exported coordinates minus the origin are the scene's.
@@ -123,10 +129,6 @@ mod tests {
         assert!((path.keyframes[0].pose.w_axis - exact.w_axis).length() < 1e-8, "{path:?}");
     }
 
-    fn flat(index: usize) -> Value {
-        json!(train_cameras(8)[index].to_world.transpose().to_cols_array())
-    }
-
     fn read(value: &Value) -> Result<CameraPath, SceneError> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.json");
@@ -135,7 +137,7 @@ mod tests {
     }
 
     fn entry(index: usize) -> Value {
-        json!({"camera_to_world": flat(index), "fov": 50.0, "aspect": 1.5})
+        json!({"camera_to_world": pose(index), "fov": 50.0, "aspect": 1.5})
     }
 
     #[test]
@@ -155,7 +157,7 @@ mod tests {
 
     #[test]
     fn keyframes_are_interpolated() {
-        let bare = |i| json!({"camera_to_world": flat(i)});
+        let bare = |i| json!({"camera_to_world": pose(i)});
         let file = json!({"keyframes": [bare(0), bare(1)], "seconds": 2.0, "fps": 10, "is_cycle": true});
         let path = read(&file).unwrap();
         assert_eq!((path.frames, path.closed, path.size, path.keyframes[0].fov_y), (20, true, None, None));
@@ -175,7 +177,7 @@ mod tests {
             ("/camera_path", json!(3), "`camera_path`: expected a list"),
             ("/camera_path/1", json!({}), "`camera_path[1]`: expected a camera's pose in `camera_to_world`"),
             ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected a 4×4 rigid"),
-            ("/camera_path/1/camera_to_world/0", json!(5), "expected a 4×4 rigid camera-to-world matrix"),
+            ("/camera_path/1/camera_to_world/0", json!(5), "`camera_path[1].camera_to_world[0]`: expected 4"),
             ("/camera_path/1/fov", json!(180), "`camera_path[1].fov`: expected a vertical field of view"),
             ("/camera_path/1/fov", Value::Null, "`camera_path[1].fov`: expected a field of view, as other"),
             ("/camera_path/0/fov", Value::Null, "`camera_path[0].fov`: expected a field of view, as other"),
@@ -191,6 +193,8 @@ mod tests {
             let text = read(&changed).unwrap_err().to_string();
             assert!(text.contains(expected) && !text.contains('\n'), "{pointer}: {text}");
         }
+        let long = read(&json!({"keyframes": [entry(0)], "fps": 1000, "seconds": 11})).unwrap_err().to_string();
+        assert!(long.contains("`seconds`: expected at most 10000 frames at 1000 per second, found 11000"), "{long}");
         assert!(CameraPath::read(Path::new("no/path.json")).unwrap_err().to_string().contains("no/path.json"));
     }
 }
