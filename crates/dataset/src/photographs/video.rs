@@ -51,7 +51,7 @@ pub fn video_frames(video: &Path, dir: &Path, mut progress: impl FnMut(&str)) ->
         let reason = "ffmpeg is not on PATH; install it, or give a folder of photographs";
         return Err(SceneError::malformed(video, "the ffmpeg program to take the video apart", reason));
     };
-    let partial = dir.with_extension("partial");
+    let partial = dir.with_added_extension("partial");
     let _ = fs::remove_dir_all(&partial);
     make_folder(&partial)?;
     progress(&format!("{name}: looking for sharp frames with ffmpeg"));
@@ -190,7 +190,8 @@ mod tests {
     #[test]
     fn frames_of_hdr_videos_have_eight_bits() {
         let guard = tempfile::tempdir().unwrap();
-        let (video, frames) = (guard.path().join("hdr.mkv"), guard.path().join("frames"));
+        let [video, frames, other] = ["hdr.mkv", "frames.a", "frames.partial"].map(|name| guard.path().join(name));
+        fs::create_dir(&other).unwrap();
         let picture = "testsrc2=s=64x48:d=1,format=yuv420p10le,setparams=color_trc=arib-std-b67";
         let encode = ["-v", "error", "-f", "lavfi", "-i", picture, "-c:v", "ffv1", "-color_trc", "arib-std-b67"];
         let Ok(_) = Command::new("ffmpeg").args(encode).arg(&video).status() else {
@@ -198,6 +199,7 @@ mod tests {
         };
         let mut lines = String::new();
         video_frames(&video, &frames, |line| lines += line).unwrap();
+        assert!(other.is_dir(), "frames of another video");
         let depth = image::open(frames.join("001.png")).unwrap().color();
         let is_toned = tone_mapping(Path::new("ffmpeg"), &video, &mut |_: &str| {}) == TONE_MAPPING;
         assert_eq!((depth, is_toned), (image::ColorType::Rgb8, !lines.contains("look flat")), "{lines}");
