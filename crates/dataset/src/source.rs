@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use infonerf_procedural as procedural;
-use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
+use infonerf_scene::{Backdrop, Layout, PixelCount, Scene, SceneError, SceneRequest};
 
-use crate::{capture, loaders};
+use crate::{capture, info, loaders};
 
 /// Source of a scene: built in, or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,6 +19,39 @@ pub enum SceneSource {
         /// Folder that has that file.
         path: PathBuf,
     },
+}
+
+impl SceneSource {
+    /// Whether the source is in a known format, or built in.
+    pub fn is_scene(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::check_name(name).is_ok(),
+            Self::Folder { path } => loaders::is_scene(path),
+        }
+    }
+
+    /// Whether the scene has the vertices of a body, judged by the names of its files.
+    pub fn has_body(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::has_body(name),
+            Self::Folder { path } => loaders::zju::has_body(path),
+        }
+    }
+
+    /// Returns the background in the first image, the only one that is read, if it exists, and the layout of the cameras.
+    ///
+    /// # Errors
+    /// Errors of [`load`] about poses, or that image cannot be read.
+    pub fn setting(&self) -> Result<(Option<Backdrop>, Layout), SceneError> {
+        match self {
+            Self::Procedural(name) => {
+                let is_capture = procedural::CAPTURES.contains(&name.as_str());
+                let backdrop = if is_capture { Backdrop::Unknown } else { Backdrop::Colour };
+                Ok((Some(backdrop), procedural::layout(name)))
+            }
+            Self::Folder { path } => info(path).map(|info| (info.backdrop, info.space.layout)),
+        }
+    }
 }
 
 /// Loads the views that `request` asks for, and no other image, from `source`.
@@ -49,7 +82,7 @@ pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<Pixe
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{Backdrop, TestProtocol, ViewSelection};
+    use infonerf_scene::{TestProtocol, ViewSelection};
 
     use super::*;
 

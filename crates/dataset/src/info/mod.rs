@@ -10,7 +10,6 @@ use std::fmt;
 use std::path::Path;
 
 use glam::Vec3;
-use infonerf_procedural as procedural;
 use infonerf_scene::image::{dimensions, has_transparency};
 use infonerf_scene::{Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, Space};
 use serde::Serialize;
@@ -18,7 +17,6 @@ use serde::Serialize;
 use crate::capture::{Capture, scene_name};
 use crate::frame::{Frame, MaskRole};
 use crate::loaders;
-use crate::source::SceneSource;
 
 /// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
 const SAME_PIXELS: f64 = 0.1;
@@ -106,39 +104,6 @@ fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let is_matted = matches!(frame.mask, Some((_, MaskRole::Matte)));
     let shown = is_matted || has_transparency(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
     Ok(if shown { Backdrop::Colour } else { Backdrop::Unknown })
-}
-
-impl SceneSource {
-    /// Whether the source is in a known format, or built in.
-    pub fn is_scene(&self) -> bool {
-        match self {
-            Self::Procedural(name) => procedural::check_name(name).is_ok(),
-            Self::Folder { path } => loaders::is_scene(path),
-        }
-    }
-
-    /// Whether the scene has the vertices of a body, judged by the names of its files.
-    pub fn has_body(&self) -> bool {
-        match self {
-            Self::Procedural(name) => procedural::has_body(name),
-            Self::Folder { path } => loaders::zju::has_body(path),
-        }
-    }
-
-    /// Returns the background in the first image, the only one that is read, if it exists, and the layout of the cameras.
-    ///
-    /// # Errors
-    /// Errors of [`crate::load`] about poses, or that image cannot be read.
-    pub fn setting(&self) -> Result<(Option<Backdrop>, Layout), SceneError> {
-        match self {
-            Self::Procedural(name) => {
-                let is_capture = procedural::CAPTURES.contains(&name.as_str());
-                let backdrop = if is_capture { Backdrop::Unknown } else { Backdrop::Colour };
-                Ok((Some(backdrop), procedural::layout(name)))
-            }
-            Self::Folder { path } => info(path).map(|info| (info.backdrop, info.space.layout)),
-        }
-    }
 }
 
 /// Returns the scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
