@@ -63,6 +63,9 @@ pub fn run(target: &str, bytes: &[u8]) -> bool {
 fn transforms(path: &Path, bytes: &[u8]) -> Option<Vec<Camera>> {
     let read = json::parse(path, bytes).and_then(|value| read_transforms(path, &value)).ok()?;
     let cameras: Vec<Camera> = read.frames.iter().take(MAX_FRAMES).map(|frame| frame.camera(8, 6)).collect();
+    if cameras.is_empty() {
+        return None;
+    }
     let space = capture_space(&cameras, Vec::new(), Vec::new()).with(read.range, read.bounds);
     assert!(space.near <= space.far, "near and far: {} {}", space.near, space.far);
     Some(cameras)

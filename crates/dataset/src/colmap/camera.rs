@@ -6,6 +6,8 @@ use std::path::Path;
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
+use crate::files::PIXELS;
+
 /// COLMAP's camera models by id: name and parameters. Unsupported models have no parameters.
 pub(super) const MODELS: [(&str, &[&str]); 12] = [
     ("SIMPLE_PINHOLE", &["fx", "cx", "cy"]),
@@ -76,7 +78,7 @@ impl ColmapCamera {
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
             return Err(fault("an image side from 1 to 1048576 pixels", format!("{width}×{height}")));
         }
-        if ![fx, fy].iter().all(|f| (1e-3..=1e9).contains(f)) {
+        if ![fx, fy].iter().all(|f| PIXELS.contains(f)) {
             return Err(fault("a positive focal length in pixels", format!("{fx} and {fy}")));
         }
         if !parameters.iter().all(|p| p.abs() <= 1e9) {

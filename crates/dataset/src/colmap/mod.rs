@@ -171,12 +171,12 @@ impl Reconstruction {
     /// A file cannot be written.
     pub fn write(&self, dir: &Path, colour: impl Fn(u64) -> [u8; 3]) -> Result<(), SceneError> {
         make_folder(dir)?;
-        write_file(&dir.join("cameras.bin"), self.cameras())?;
-        write_file(&dir.join("images.bin"), self.images())?;
-        write_file(&dir.join("points3D.bin"), self.points(colour))
+        write_file(&dir.join("cameras.bin"), self.encoded_cameras())?;
+        write_file(&dir.join("images.bin"), self.encoded_images())?;
+        write_file(&dir.join("points3D.bin"), self.encoded_points(colour))
     }
 
-    fn cameras(&self) -> Vec<u8> {
+    fn encoded_cameras(&self) -> Vec<u8> {
         let mut out = (self.cameras.len() as u64).to_le_bytes().to_vec();
         for (id, camera) in &self.cameras {
             out.extend(id.to_le_bytes());
@@ -188,7 +188,7 @@ impl Reconstruction {
         out
     }
 
-    fn images(&self) -> Vec<u8> {
+    fn encoded_images(&self) -> Vec<u8> {
         let mut out = (self.images.len() as u64).to_le_bytes().to_vec();
         for image in &self.images {
             let (quaternion, translation) = world_to_camera(&image.pose);
@@ -205,7 +205,7 @@ impl Reconstruction {
         out
     }
 
-    fn points(&self, colour: impl Fn(u64) -> [u8; 3]) -> Vec<u8> {
+    fn encoded_points(&self, colour: impl Fn(u64) -> [u8; 3]) -> Vec<u8> {
         // By point: its observations (image, index of the observation), and the sum of their reprojection errors in pixels.
         let mut tracks: BTreeMap<u64, (Vec<[u32; 2]>, f64)> = BTreeMap::new();
         for image in &self.images {

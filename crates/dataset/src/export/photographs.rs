@@ -9,7 +9,7 @@ use infonerf_sfm::Pose;
 use rayon::prelude::*;
 
 use crate::files::pickle::{self, dict, list, numbers, object, text};
-use crate::files::{make_folder, npy, write_file};
+use crate::files::{make_folder, npy, write_file, write_mask};
 
 /// Colour of photographs where the scene is transparent.
 const WHITE: [f32; 3] = [1.0; 3];
@@ -46,12 +46,6 @@ fn photographs(name: &str, size: u32, count: usize, lens: Lens) -> Result<Vec<Ex
         Ok(ExportedView { camera, image: rgba.to_f32().composite(WHITE), depth })
     };
     procedural::photographs(name, size, count).par_iter().map(photograph).collect()
-}
-
-/// Writes the subject's mask in a photograph, white on black.
-fn write_mask(path: &Path, photograph: &ExportedView, mask: &[bool]) -> Result<(), SceneError> {
-    let rgb = mask.iter().map(|&subject| if subject { [1.0; 3] } else { [0.0; 3] }).collect();
-    Image { rgb, ..photograph.image.clone() }.write_png(path)
 }
 
 /// Returns the intrinsic matrix `K` for pixel coordinates in which pixel centres are whole numbers.
@@ -106,7 +100,7 @@ pub(super) fn write_dtu(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
         let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
         seen.extend(subject.map(|i| photograph.ray(i).at(photograph.depth[i])));
         photograph.image.write_png(&dir.join(format!("image/{i:06}.png")))?;
-        write_mask(&dir.join(format!("mask/{i:03}.png")), photograph, &mask)?;
+        write_mask(&dir.join(format!("mask/{i:03}.png")), (size, size), |pixel| mask[pixel as usize])?;
     }
     let (centre, radius) = sphere(&seen);
     let scale = DMat4::from_translation(centre) * DMat4::from_scale(DVec3::splat(radius));
@@ -145,7 +139,8 @@ pub(super) fn write_zju(name: &str, size: u32, dir: &Path) -> Result<(), SceneEr
         let mask = Path::new("mask_cihp").join(&image);
         [Path::new(&image), &mask].iter().try_for_each(|path| make_folder(&dir.join(path.with_file_name(""))))?;
         photograph.image.write_png(&dir.join(&image))?;
-        write_mask(&dir.join(mask), photograph, &procedural::object_mask(name, &photograph.camera)?)?;
+        let subject = procedural::object_mask(name, &photograph.camera)?;
+        write_mask(&dir.join(mask), (size, size), |pixel| subject[pixel as usize])?;
     }
     if let Some(body) = procedural::body(name)? {
         write_body(dir, &body)?;

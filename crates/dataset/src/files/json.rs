@@ -1,6 +1,6 @@
 //! JSON files in which every value knows its path, for error messages.
 
-use std::ops::{RangeBounds, RangeInclusive};
+use std::ops::RangeBounds;
 use std::path::Path;
 
 use infonerf_scene::SceneError;
@@ -15,9 +15,6 @@ const MAX_BYTES: u64 = 256 << 20;
 
 /// Numbers that Python writes although JSON has none of them.
 const NOT_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
-
-/// Plausible focal lengths and image sides, in pixels.
-pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
 /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
 pub(crate) fn read(path: &Path) -> Result<Value> {

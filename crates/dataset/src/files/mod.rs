@@ -6,10 +6,13 @@ pub(crate) mod pickle;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use infonerf_scene::SceneError;
+use infonerf_scene::{Image, SceneError};
 
+/// Plausible focal lengths and image sides, in pixels.
+pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 /// Max absolute value of a coordinate, in scene units.
 pub(crate) const MAX_COORDINATE: f64 = 1e11;
 
@@ -27,6 +30,16 @@ pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u
 
 pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), SceneError> {
     fs::write(path, bytes).map_err(|e| SceneError::io(path, e))
+}
+
+/// Writes a mask of `width × height` pixels as PNG, white where `is_white` is true of a pixel's row-major index.
+pub(crate) fn write_mask(
+    path: &Path,
+    (width, height): (u32, u32),
+    is_white: impl Fn(u32) -> bool,
+) -> Result<(), SceneError> {
+    let rgb = (0..width * height).map(|pixel| [f32::from(u8::from(is_white(pixel))); 3]).collect();
+    Image { width, height, rgb, alpha: None }.write_png(path)
 }
 
 pub(crate) fn make_folder(path: &Path) -> Result<(), SceneError> {

@@ -14,20 +14,20 @@ use super::{read_file, write_file};
 const MAX_BYTES: u64 = 1 << 30;
 
 /// A row-major array with its shape.
-pub(crate) struct Array<T> {
+pub(crate) struct Array {
     pub shape: Vec<u64>,
-    pub values: Vec<T>,
+    pub values: Vec<f64>,
 }
 
 /// Arrays of an archive, by their names.
-pub(crate) type Arrays = BTreeMap<String, Array<f64>>;
+pub(crate) type Arrays = BTreeMap<String, Array>;
 
 /// Reads an array of `f32` or `f64` as `f64`. A matrix may be in Fortran's order.
-pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
+pub(crate) fn read(path: &Path, expected: &str) -> Result<Array, SceneError> {
     decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
 
-pub(crate) fn decode(path: &Path, bytes: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
+pub(crate) fn decode(path: &Path, bytes: &[u8], expected: &str) -> Result<Array, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let (header, data) = split(bytes).ok_or_else(|| fault(&"no whole header of NumPy's"))?;
     let sides = entry(header, "shape").and_then(|rest| Some(rest.strip_prefix('(')?.split_once(')')?.0));

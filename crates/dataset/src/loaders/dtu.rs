@@ -10,7 +10,7 @@ use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space};
 use crate::colmap::opengl;
 use crate::files::npy::{self, Arrays};
-use crate::files::{json, read_file};
+use crate::files::{PIXELS, read_file};
 use crate::frame::{Frame, MaskRole};
 
 pub(crate) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
@@ -37,10 +37,10 @@ pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
 
 /// Reads the folder of a scan.
 ///
-/// Image `i` in the order of names has the projection `world_mat_i`. In a scan with fewer images than projections, `i` is the
-/// number that ends an image's name. `scale_mat_i` maps the unit sphere, which contains
-/// the object, to the world. The id of a view is `i`. In a whole scan the test split is RegNeRF's 25 test views, and
-/// the training pool all others; in other scans every 8th view is held out.
+/// The id of a view is the place of its image in the order of names. Image `i` has the projection `world_mat_i`; in a scan with
+/// fewer images than projections, `i` is the number that ends the image's name. `scale_mat_i` maps the unit sphere, which
+/// contains the object, to the world. In a whole scan the test split is RegNeRF's 25 test views, and the training pool all
+/// others; in other scans every 8th view is held out.
 ///
 /// pixelNeRF's copy (`new_train.lst` next to the scans) has no sphere: near and far are 0.1 and 5.
 pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
@@ -162,7 +162,7 @@ fn decompose(matrix: &DMat4, size: (u32, u32)) -> Result<Camera, String> {
     let skew = along.dot(r2) / scale;
     let r1 = (along - along.dot(r2) * r2).try_normalize().ok_or("rows that are multiples of each other")?;
     let focal = [(along - along.dot(r2) * r2).length() / scale, across.length() / scale];
-    if !focal.iter().all(|f| json::PIXELS.contains(f)) {
+    if !focal.iter().all(|f| PIXELS.contains(f)) {
         return Err(format!("focal lengths {focal:?}"));
     }
     if skew.abs() > SKEW * focal[0] {

@@ -9,9 +9,8 @@ use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
 use super::pose;
 use crate::capture::{Found, StatedExtent, hold_out, list_photographs, same_proportions};
-use crate::files::MAX_COORDINATE;
-use crate::files::json::PIXELS;
 use crate::files::npy::{self, Array};
+use crate::files::{MAX_COORDINATE, PIXELS};
 use crate::frame::{Frame, numbered};
 
 pub(crate) const MARKER: &str = "poses_bounds.npy";
@@ -101,7 +100,7 @@ pub(crate) struct PoseRow {
     far: f64,
 }
 
-pub(crate) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<PoseRow>, SceneError> {
+pub(crate) fn rows(path: &Path, array: Array) -> Result<Vec<PoseRow>, SceneError> {
     if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
         return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));
     }

@@ -203,9 +203,8 @@ pub(crate) mod testing {
     }
 
     /// Writes a mask of `width × height` pixels, white where `is_white` is true of a pixel's index.
-    pub fn write_mask(path: &Path, (width, height): (u32, u32), is_white: impl Fn(u32) -> bool) {
-        let pixels = (0..width * height).map(|i| if is_white(i) { [255; 4] } else { [0, 0, 0, 255] }).collect();
-        Rgba8 { width, height, pixels }.write_png(path).unwrap();
+    pub fn write_mask(path: &Path, size: (u32, u32), is_white: impl Fn(u32) -> bool) {
+        crate::files::write_mask(path, size, is_white).unwrap();
     }
 
     /// Writes `count` images of 8×8 pixels, `folder/r_0.png` and so on, and returns their entries of `frames`.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use infonerf_scene::{Format, SceneError, SceneRequest, TestProtocol};
 
-use super::transforms::{Transforms, read_transforms};
+use super::transforms::{Split, Transforms, read_transforms};
 use crate::capture::{Estimate, Found, StatedExtent, hold_out};
 use crate::frame::{Frame, numbered, with_images};
 
@@ -24,7 +24,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let estimate = Estimate { range, bounds: bounds.or(cube), ..Estimate::default() };
     let all: HashSet<String> = frames.iter().map(|f| f.name.clone()).chain(lost).collect();
     let mut found = match &split {
-        Some((train, test, test_field)) => {
+        Some(Split { train, test, test_field }) => {
             let (frames, warning) = with_images(frames);
             for (field, names) in [("train_filenames", train), (*test_field, test)] {
                 if let Some(unknown) = names.iter().flatten().find(|name| !all.contains(*name)) {
@@ -131,23 +131,6 @@ mod tests {
         assert!(text.contains("`w`: expected an image side in pixels next to `camera_angle_x` and `cx`"), "{text}");
         ["/cx", "/cy"].iter().for_each(|key| edit(&json, key, None));
         assert_centre(4.0);
-    }
-
-    #[test]
-    fn fields_stated_in_part_are_named() {
-        for (field, value, absent) in [
-            ("/near", json!(1.0), "`far`: expected a distance next to `near`"),
-            ("/cx", json!(null), "`cx`: expected a position in pixels next to `cy`"),
-            ("/h", json!(null), "`h`: expected an image side in pixels next to `w`"),
-            ("/fl_x", json!(null), "`fl_x`: expected a focal length in pixels next to `fl_y`"),
-            ("/is_fisheye", json!(true), "`is_fisheye`: expected false next to the perspective `camera_model`"),
-        ] {
-            let (_guard, dir, json) = folder();
-            edit(&json, "/camera_model", Some(json!("OPENCV")));
-            edit(&json, field, Some(value));
-            let text = message(&dir, &request());
-            assert!(text.contains(absent), "{text}");
-        }
     }
 
     #[test]
@@ -297,6 +280,10 @@ mod tests {
             ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
+            ("/is_fisheye", Some(json!(true)), "`is_fisheye`: expected false next to the perspective `camera_model`"),
+            ("/near", Some(json!(1.0)), "`far`: expected a distance next to `near`"),
+            ("/cx", Some(json!(null)), "`cx`: expected a position in pixels next to `cy`"),
+            ("/h", None, "`h`: expected an image side in pixels next to `w`"),
             ("/aabb_scale", Some(json!(0)), "`aabb_scale`: expected a power of two"),
             ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
@@ -308,6 +295,7 @@ mod tests {
         ];
         for (pointer, value, expected) in cases {
             let (_guard, dir, json) = folder();
+            edit(&json, "/camera_model", Some(json!("OPENCV")));
             edit(&json, pointer, value);
             let text = message(&dir, &request());
             assert!(text.contains(expected), "{text}");

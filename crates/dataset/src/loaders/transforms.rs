@@ -13,8 +13,8 @@ use serde_json::Value;
 use super::pose::read_pose;
 use crate::capture::some_of;
 use crate::colmap::lens;
-use crate::files::json::{self, Node, PIXELS, pair};
-use crate::files::{MAX_COORDINATE, file_name};
+use crate::files::json::{self, Node, pair};
+use crate::files::{MAX_COORDINATE, PIXELS, file_name};
 use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, keep_apart, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube, if the file has no `scale`.
@@ -32,26 +32,34 @@ pub(crate) struct Transforms {
     pub bounds: Option<Aabb>,
     /// The cube of instant-ngp's `aabb_scale`, in the file's coordinates.
     pub cube: Option<Aabb>,
-    /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio (without these, `val_filenames`).
     pub split: Option<Split>,
 }
 
-/// Names of training frames and of test frames, of which one may be missing, and the field that names the test frames.
-pub(crate) type Split = (Option<Vec<String>>, Option<Vec<String>>, &'static str);
-
-/// Reads a `transforms*.json` file; no image is opened.
-pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
-    transforms(path, &json::read(path)?)
+/// Names of frames in nerfstudio's fields; at least one list is there.
+pub(crate) struct Split {
+    /// Names in `train_filenames`.
+    pub train: Option<Vec<String>>,
+    /// Names in `test_field`.
+    pub test: Option<Vec<String>>,
+    /// `test_filenames`, or `val_filenames` if that alone names frames.
+    pub test_field: &'static str,
 }
 
+/// Reads a `transforms*.json` file that has at least one frame with a pose; no image is opened.
+pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
+    let read = transforms(path, &json::read(path)?)?;
+    if read.frames.is_empty() {
+        let found = format!("{} frames, none with a pose", read.lost.len());
+        return Err(SceneError::field(path, "frames", "a list of at least one frame with `transform_matrix`", found));
+    }
+    Ok(read)
+}
+
+/// Converts the JSON of a `transforms*.json` file, which may have no frames.
 pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, SceneError> {
     let root = Node::root(path, value);
-    let expected = "a list of at least one frame";
-    let list = root.get("frames", expected)?;
-    let items = list.items(expected)?;
-    if items.is_empty() {
-        return Err(list.error(expected));
-    }
+    let expected = "a list of frames";
+    let items = root.get("frames", expected)?.items(expected)?;
     let dir = path.parent().unwrap_or(Path::new(""));
     let (mut frames, mut stated, mut lost, mut scaled) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (id, item) in items.iter().enumerate() {
@@ -64,9 +72,6 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
             }
             None => lost.push(name_of(dir, &image_path(dir, name))),
         }
-    }
-    if frames.is_empty() {
-        return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
     let alike = keep_apart(dir, &mut frames, &stated);
     let mut known = HashSet::new();
@@ -153,7 +158,7 @@ fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> 
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
     let (train, test) = (root.optional("train_filenames", names)?, root.optional(test_field, names)?);
-    Ok((train.is_some() || test.is_some()).then_some((train, test, test_field)))
+    Ok((train.is_some() || test.is_some()).then_some(Split { train, test, test_field }))
 }
 
 /// Returns the path of an image below `dir`, without extension.

@@ -1,5 +1,6 @@
 //! ZJU-MoCap: a person in 23 cameras, `annots.npy` with calibration and the images of each frame.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3, Vec3};
@@ -10,7 +11,7 @@ use super::pose;
 use crate::capture::{Found, StatedExtent, capture_space, read_mask};
 use crate::colmap::opengl;
 use crate::files::pickle::{Pickle, Value};
-use crate::files::{json, npy, read_file};
+use crate::files::{PIXELS, npy, read_file};
 use crate::frame::{Frame, MaskRole};
 
 pub(crate) const MARKER: &str = "annots.npy";
@@ -175,31 +176,31 @@ pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     let pickle = pickled(path, bytes, EXPECTED)?;
     let field =
         |name: &str, expected: &str, found: &dyn std::fmt::Display| SceneError::field(path, name, expected, found);
-    let get = |value: &Value, key: &str, place: &str| -> Result<Value, SceneError> {
-        pickle.get(value, key).cloned().ok_or_else(|| field(place, "an entry of a dictionary", &"nothing"))
+    let get = |value: &Value, key: &str, place: &str| {
+        pickle.get(value, key).ok_or_else(|| field(place, "an entry of a dictionary", &"nothing"))
     };
-    let items = |value: &Value, place: &str| -> Result<Vec<Value>, SceneError> {
+    let items = |value: &Value, place: &str| {
         let items = pickle.items(value).filter(|items| !items.is_empty());
-        items.map(<[Value]>::to_vec).ok_or_else(|| field(place, "a list", &"something else, or nothing in it"))
+        items.ok_or_else(|| field(place, "a list", &"something else, or nothing in it"))
     };
-    let ims = items(&get(pickle.root(), "ims", "ims")?, "ims")?;
+    let ims = items(get(pickle.root(), "ims", "ims")?, "ims")?;
     let Some(chosen) = ims.get(frame) else {
         return Err(SceneError::request("frame", format!("a frame from 0 to {}", ims.len() - 1), frame));
     };
     let place = format!("ims[{frame}].ims");
-    let images = items(&get(chosen, "ims", &place)?, &place)?;
+    let images = items(get(chosen, "ims", &place)?, &place)?;
     let name = |value: &Value| pickle.text(value).filter(|t| !t.is_empty()).map(|t| t.replace('\\', "/"));
     let images: Option<Vec<String>> = images.iter().map(name).collect();
     let images = images.ok_or_else(|| field(&place, "paths of images", &"something else"))?;
     let cams = get(pickle.root(), "cams", "cams")?;
     let [k, d, r, t] = ["K", "D", "R", "T"].map(|key| {
         let place = format!("cams.{key}");
-        let list = items(&get(&cams, key, &place)?, &place)?;
+        let list = items(get(cams, key, &place)?, &place)?;
         let expected = format!("one entry for each of {} images", images.len());
         if list.len() == images.len() { Ok(list) } else { Err(field(&place, &expected, &list.len())) }
     });
     let (k, d, r, t) = (k?, d?, r?, t?);
-    let cameras = k.iter().zip(&d).zip(&r).zip(&t).enumerate();
+    let cameras = k.iter().zip(d).zip(r).zip(t).enumerate();
     let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, &pickle, i, [k, d, r, t]));
     Ok(Annotations { cameras: cameras.collect::<Result<_, _>>()?, images, frames: ims.len() })
 }
@@ -219,9 +220,9 @@ fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4])
     let fault = |key: &str, expected: &str, found: &dyn std::fmt::Display| {
         SceneError::field(path, format!("cams.{key}[{index}]"), expected, found)
     };
-    let numbers = |value: &Value, key: &str, expected: &str, fits: &dyn Fn(usize) -> bool| {
+    let numbers = |value: &Value, key: &str, expected: &str, counts: RangeInclusive<usize>| {
         let numbers = pickle.numbers(value).ok_or_else(|| fault(key, expected, &"something else"))?;
-        if !fits(numbers.len()) {
+        if !counts.contains(&numbers.len()) {
             return Err(fault(key, expected, &format!("{} numbers", numbers.len())));
         }
         if !numbers.iter().all(|v| v.abs() <= 1e9) {
@@ -229,12 +230,12 @@ fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4])
         }
         Ok(numbers)
     };
-    let k = numbers(k, "K", "a 3×3 matrix", &|n| n == 9)?;
-    let d = numbers(d, "D", "4 to 8 distortion coefficients", &|n| (4..=8).contains(&n))?;
-    let r = numbers(r, "R", "a 3×3 rotation", &|n| n == 9)?;
-    let t = numbers(t, "T", "3 coordinates", &|n| n == 3)?;
+    let k = numbers(k, "K", "a 3×3 matrix", 9..=9)?;
+    let d = numbers(d, "D", "4 to 8 distortion coefficients", 4..=8)?;
+    let r = numbers(r, "R", "a 3×3 rotation", 9..=9)?;
+    let t = numbers(t, "T", "3 coordinates", 3..=3)?;
     let (fx, fy) = (k[0], k[4]);
-    if ![fx, fy].iter().all(|f| json::PIXELS.contains(f)) {
+    if ![fx, fy].iter().all(|f| PIXELS.contains(f)) {
         return Err(fault("K", "positive focal lengths", &format!("{fx} and {fy}")));
     }
     let rows = |i: usize| DVec3::new(r[i], r[i + 1], r[i + 2]);

@@ -7,13 +7,13 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use infonerf_scene::SceneError;
 use infonerf_scene::image::stored_dimensions;
-use infonerf_scene::{Image, SceneError};
 
 use super::OVERLAPPING;
 use crate::capture::{list_photographs, mask_of, read_stored_mask};
 use crate::colmap::{Reconstruction, models};
-use crate::files::{file_name, make_folder, write_file};
+use crate::files::{file_name, make_folder, write_file, write_mask};
 
 pub(super) const PROGRAM: &str = "colmap";
 /// Option, with a space at its end, that rejects photographs of another size than the first.
@@ -59,9 +59,9 @@ pub(super) fn find(
     for path in &photographs {
         let Some(mask) = mask_of(dir, path) else { continue };
         make_folder(&masks)?;
-        let (width, height) = stored_dimensions(path)?;
-        let rgb = read_stored_mask(path, &mask)?.into_iter().map(|counts| [f32::from(u8::from(counts)); 3]).collect();
-        Image { width, height, rgb, alpha: None }.write_png(&masks.join(file_name(path) + ".png"))?;
+        let counts = read_stored_mask(path, &mask)?;
+        let file = masks.join(file_name(path) + ".png");
+        write_mask(&file, stored_dimensions(path)?, |pixel| counts[pixel as usize])?;
     }
     let sizes = photographs.iter().map(|path| stored_dimensions(path)).collect::<Result<HashSet<_>, _>>()?;
     for (step, count, options) in STEPS {
