@@ -18,7 +18,7 @@ use infonerf_scene::image::{find_image, is_image_name, list_images, unread_forma
 
 use crate::capture::{join_names, list_photographs, stray_masks};
 use crate::colmap::{ColmapImage, Reconstruction};
-use crate::files::{entries, file_name};
+use crate::files::{entries, file_name, write_file};
 
 const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
 /// Min number of images from which poses can be found.
@@ -71,45 +71,19 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     }
     let warnings = [unread_warning(&images), same_name_warning(&images)];
     warnings.iter().flatten().for_each(|warning| progress(warning));
-    let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
     let work = dir.join(WORK);
     fs::create_dir_all(&work).and_then(|()| fs::remove_dir_all(&work)).map_err(|e| {
         let reason = format!("{e}; copy the photographs to one that can be");
         SceneError::malformed(dir, "a folder that can be written", reason)
     })?;
     let (sought, poses) = (sought::lines(dir)?, work.join("found"));
-    let folders = (&*work, &*poses, &*images);
-    let found = match (search.solver, colmap) {
-        (PoseSolver::Colmap, _) if search.focal.is_some() => {
-            Err(SceneError::malformed(dir, "no focal length next to the solver colmap", "colmap does not use it"))
-        }
-        (PoseSolver::Colmap, None) => {
-            Err(SceneError::malformed(dir, "the colmap program to find the poses", "colmap is not on PATH"))
-        }
-        (PoseSolver::Colmap, Some(colmap)) => colmap::find(&colmap, &work, &images, &mut progress)
-            .and_then(|found| keep_colmap(&found, folders, &mut progress)),
-        (solver, colmap) => {
-            let own = own::find(dir, &images, search.focal, &mut progress);
-            let is_final = match &own {
-                Ok(found) => found.left_out == 0,
-                // COLMAP cannot read more photographs, and invents a baseline where there is none.
-                Err(error) => {
-                    let text = error.to_string();
-                    !text.contains(OVERLAPPING) || text.contains(infonerf_sfm::NO_DEPTH)
-                }
-            };
-            match colmap.filter(|_| solver == PoseSolver::Best && !is_final) {
-                Some(colmap) => better(own, &colmap, folders, &mut progress),
-                None => own.and_then(|own| own.write(&poses)),
-            }
-        }
-    };
+    let found = find_poses(dir, search, (&work, &poses, &images), &mut progress);
     // If poses are found, the scene has this warning.
     let found = found.inspect_err(|_| stray_masks(dir, &images).iter().for_each(|warning| progress(warning)));
     let moved = found.and_then(|()| {
         // Settings of the user's own are not known to a later search.
         if *search == PoseSearch::default() {
-            sought::write(sought, &poses)?;
+            write_file(&poses.join(sought::NAME), String::from_iter(sought))?;
         }
         let removed = if sparse.exists() { fs::remove_dir_all(&sparse) } else { Ok(()) };
         removed.and_then(|()| fs::rename(&poses, &sparse)).map_err(|e| SceneError::io(&sparse, e))
@@ -117,6 +91,38 @@ pub fn from_images(dir: &Path, search: &PoseSearch, mut progress: impl FnMut(&st
     // The next attempt removes what cannot be removed now.
     let _ = fs::remove_dir_all(&work);
     moved
+}
+
+/// Finds poses by the solver of `search` with intermediate files in the folder `work`, and writes them to the folder `poses`.
+fn find_poses(
+    dir: &Path,
+    search: &PoseSearch,
+    (work, poses, images): (&Path, &Path, &Path),
+    progress: &mut impl FnMut(&str),
+) -> Result<(), SceneError> {
+    let colmap = program(colmap::PROGRAM, std::env::var_os("PATH"));
+    if search.solver == PoseSolver::Colmap {
+        if search.focal.is_some() {
+            let expected = "no focal length next to the solver colmap";
+            return Err(SceneError::malformed(dir, expected, "colmap does not use it"));
+        }
+        let missing = || SceneError::malformed(dir, "the colmap program to find the poses", "colmap is not on PATH");
+        let found = colmap::find(&colmap.ok_or_else(missing)?, work, images, progress)?;
+        return keep_colmap(&found, (work, poses, images), progress);
+    }
+    let own = own::find(dir, images, search.focal, &mut *progress);
+    // COLMAP cannot read more photographs, and invents a baseline where there is none.
+    let is_final = match &own {
+        Ok(found) => found.left_out == 0,
+        Err(SceneError::Malformed { expected, reason, .. }) if expected == OVERLAPPING => {
+            reason.contains(infonerf_sfm::NO_DEPTH)
+        }
+        Err(_) => true,
+    };
+    match colmap.filter(|_| search.solver == PoseSolver::Best && !is_final) {
+        Some(colmap) => better(own, &colmap, (work, poses, images), progress),
+        None => own?.write(poses),
+    }
 }
 
 /// Returns a file or folder in the folder `sparse` of a scene that finding poses has not written.

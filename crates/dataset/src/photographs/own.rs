@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, orientation, quarter_turns, read_rgba, resized_mask};
 use infonerf_scene::{Camera, SceneError, resized_dimensions};
-use infonerf_sfm::{Photograph, Point, reconstruct};
+use infonerf_sfm::{Photograph, Point, SparseModel, reconstruct};
 use rayon::prelude::*;
 
 use super::OVERLAPPING;
@@ -89,20 +89,34 @@ pub(super) fn find(
     if paths.len() - lost.len() < MIN_PLACED {
         return Err(fault(lost.swap_remove(0)));
     }
+    let colour = |point: &Point| {
+        let (by, pixel) = point.seen[0];
+        photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
+    };
+    let colours = found.points.iter().map(colour).collect();
+    let model = in_stored_pixels(&found, &paths, &photographs)?;
+    Ok(OwnPoses { model, colours, left_out: lost.len() + small.len() })
+}
+
+/// Converts the poses and points of the reduced, upright `photographs` at `paths` to a reconstruction of their stored pixels, in
+/// which photographs of one size share a camera.
+fn in_stored_pixels(
+    found: &SparseModel,
+    paths: &[PathBuf],
+    photographs: &[SmallPhotograph],
+) -> Result<Reconstruction, SceneError> {
     let points = (1u64..).zip(found.points.iter().map(|point| point.position)).collect();
     let mut all = Reconstruction { cameras: BTreeMap::new(), images: Vec::new(), points };
-    for (i, pose) in found.poses.iter().enumerate() {
-        let Ok(pose) = pose else { continue };
-        let photograph = &photographs[i];
+    for (i, (path, photograph)) in paths.iter().zip(photographs).enumerate() {
+        let Ok(pose) = &found.poses[i] else { continue };
         let reduced = f64::from(photograph.size.0) / photograph.width as f64;
         let margin = found.lens.centre - photograph.middle();
         let centre = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
         let focal = found.lens.focal * reduced;
         let pose = opengl(pose.rotation.transpose(), pose.centre());
-        // Reconstructions refer to stored pixels.
         let stored = Camera::pinhole(photograph.size, [focal; 2], centre, pose).turned(photograph.turned_back);
         let lens = vec![focal, stored.cx, stored.cy, found.lens.k1];
-        let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, (stored.width, stored.height), lens)?;
+        let camera = ColmapCamera::new(path, "camera", SIMPLE_RADIAL, (stored.width, stored.height), lens)?;
         let known = all.cameras.iter().find(|(_, known)| **known == camera).map(|(id, _)| *id);
         let id = known.unwrap_or(all.cameras.len() as u32 + 1);
         all.cameras.insert(id, camera);
@@ -110,14 +124,10 @@ pub(super) fn find(
             let seen = point.seen.iter().filter(|(by, _)| *by == i);
             seen.map(move |(_, pixel)| (photograph.stored((*pixel - margin) * reduced), point_id))
         });
-        let (name, observations) = (file_name(&paths[i]), observations.collect());
+        let (name, observations) = (file_name(path), observations.collect());
         all.images.push(ColmapImage { id: i as u32 + 1, name, camera: id, pose: stored.to_world, observations });
     }
-    let colour = |point: &Point| {
-        let (by, pixel) = point.seen[0];
-        photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
-    };
-    Ok(OwnPoses { model: all, colours: found.points.iter().map(colour).collect(), left_out: lost.len() + small.len() })
+    Ok(all)
 }
 
 /// Returns the cause of missing poses if less than a twentieth of each photograph counts; otherwise an empty text.

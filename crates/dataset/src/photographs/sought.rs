@@ -8,7 +8,7 @@ use infonerf_scene::SceneError;
 
 use super::photograph_folder;
 use crate::capture::list_photographs;
-use crate::files::{file_name, write_file};
+use crate::files::file_name;
 
 /// File next to the poses that lists the photographs, each in a line: its size in bytes and its name.
 pub(super) const NAME: &str = "photographs.txt";
@@ -20,11 +20,6 @@ pub(super) fn lines(dir: &Path) -> Result<BTreeSet<String>, SceneError> {
         Ok(format!("{size} {}\n", file_name(path)))
     };
     list_photographs(&photograph_folder(dir))?.iter().map(line).collect()
-}
-
-/// Writes the list to the folder `poses`.
-pub(super) fn write(lines: BTreeSet<String>, poses: &Path) -> Result<(), SceneError> {
-    write_file(&poses.join(NAME), String::from_iter(lines))
 }
 
 /// Names the photographs in `dir` that were added, changed or removed since [`crate::from_images`] found their poses by
@@ -56,7 +51,7 @@ mod tests {
         ["a.png", "b b.png", "c.png"].iter().for_each(|name| photograph(name, "first"));
         fs::create_dir(dir.join("sparse")).unwrap();
         assert_eq!(changed_photographs(dir).unwrap(), None);
-        write(lines(dir).unwrap(), &dir.join("sparse")).unwrap();
+        fs::write(dir.join("sparse").join(NAME), String::from_iter(lines(dir).unwrap())).unwrap();
         assert_eq!(changed_photographs(dir).unwrap(), Some(Vec::new()));
         photograph("b b.png", "retaken");
         photograph("d.png", "first");
