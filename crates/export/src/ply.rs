@@ -1,7 +1,5 @@
 //! PLY (Turk 1994), binary and little-endian.
 
-use std::fmt::Write;
-
 use glam::{DVec3, Vec3};
 
 use crate::mesh::Mesh;
@@ -30,16 +28,12 @@ pub fn ply_points(mesh: &Mesh, origin: DVec3) -> Vec<u8> {
 type Elements<'a> = (&'a str, usize, &'a [&'a str]);
 
 pub(crate) fn header(elements: &[Elements]) -> Vec<u8> {
-    let mut text = "ply\nformat binary_little_endian 1.0\ncomment infonerf\n".to_owned();
-    for (name, count, properties) in elements {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "element {name} {count}");
-        for property in *properties {
-            let _ = writeln!(text, "property {property}");
-        }
-    }
-    text.push_str("end_header\n");
-    text.into_bytes()
+    let element = |(name, count, properties): &Elements| {
+        let properties: String = properties.iter().map(|property| format!("property {property}\n")).collect();
+        format!("element {name} {count}\n{properties}")
+    };
+    let elements: String = elements.iter().map(element).collect();
+    format!("ply\nformat binary_little_endian 1.0\ncomment infonerf\n{elements}end_header\n").into_bytes()
 }
 
 /// Returns the properties that [`push_position`] writes.

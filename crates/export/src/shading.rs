@@ -38,10 +38,11 @@ pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     vertices.chunks(CHUNK).flat_map(of_chunk).collect()
 }
 
-/// Evaluates the colour of each vertex as seen along its normal from outside, at `endpoints`.
-pub(crate) fn colors_along_normals(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[f32; 3]> {
+/// Evaluates the colour of each vertex as seen along its normal from outside, at its [`endpoints`].
+pub(crate) fn colors_along_normals(surface: &Surface, volume: &dyn Volume) -> Vec<[f32; 3]> {
+    let ends = endpoints(surface, volume);
     let against: Vec<Vec3> = surface.normals.iter().map(|&normal| -normal).collect();
-    let chunks = endpoints.chunks(CHUNK).zip(against.chunks(CHUNK));
+    let chunks = ends.chunks(CHUNK).zip(against.chunks(CHUNK));
     chunks.flat_map(|(points, directions)| volume.color(points, directions)).collect()
 }
 
@@ -49,8 +50,8 @@ pub(crate) fn colors_along_normals(surface: &Surface, endpoints: &[Vec3], volume
 const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
 
 /// Fits the colour of each vertex as a linear function of the direction of view, in the coefficients of
-/// [`Gaussian::sh`](crate::Gaussian::sh), by least squares over 13 directions from its front.
-pub(crate) fn harmonics(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[[f32; 4]; 3]> {
+/// [`Gaussian::sh`](crate::Gaussian::sh), by least squares over 13 directions from its front, at its [`endpoints`].
+pub(crate) fn harmonics(surface: &Surface, volume: &dyn Volume) -> Vec<[[f32; 4]; 3]> {
     let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
     let weights = regression(&local);
     let count = local.len();
@@ -74,7 +75,8 @@ pub(crate) fn harmonics(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volu
         };
         frames.iter().zip(colors.chunks_exact(count)).map(fit).collect()
     };
-    endpoints.chunks(CHUNK).zip(surface.normals.chunks(CHUNK)).flat_map(of_chunk).collect()
+    let ends = endpoints(surface, volume);
+    ends.chunks(CHUNK).zip(surface.normals.chunks(CHUNK)).flat_map(of_chunk).collect()
 }
 
 /// Returns axes with z along `normal`.

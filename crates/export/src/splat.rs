@@ -3,7 +3,7 @@
 use glam::{DVec3, Quat, Vec3};
 
 use crate::ply::{header, position_properties, push_position};
-use crate::shading::{endpoints, frame, harmonics};
+use crate::shading::{frame, harmonics};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
@@ -35,7 +35,7 @@ pub struct Gaussian {
 
 /// Places a gaussian with the colours of `volume` at each vertex, tangent to the surface: a start for [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
-    let colors = harmonics(surface, &endpoints(surface, volume), volume);
+    let colors = harmonics(surface, volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
     let place = |((&position, &normal), sh)| {
         let rotation = Quat::from_mat3(&frame(normal)).normalize();
@@ -83,6 +83,7 @@ pub fn ply_splats(gaussians: &[Gaussian], origin: DVec3) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shading::endpoints;
     use crate::volume::testing::Ball;
 
     #[test]

@@ -4,6 +4,8 @@ use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::Vec3;
 use meshopt::{SimplifyOptions, simplify_decoder};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use crate::components::without_small;
 use crate::error::ExportError;
@@ -48,11 +50,14 @@ impl Surface {
         let mut net = SurfaceNetsBuffer::default();
         surface_nets(&values, &shape, [0; 3], (grid.size + 1).to_array(), &mut net);
         let place = |p: &[f32; 3]| grid.origin + grid.voxel * (Vec3::from_array(*p) - 1.0);
-        let positions = net.positions.iter().map(place).collect();
-        let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-        let (positions, triangles, dropped) = without_small(positions, triangles);
+        Ok(Self::of_large_components(net.positions.iter().map(place).collect(), &net.indices, grid.voxel))
+    }
+
+    /// Makes a surface of triangles, given as three vertices each, without small components.
+    fn of_large_components(positions: Vec<Vec3>, vertices: &[u32], voxel: f32) -> Self {
+        let (positions, triangles, dropped) = without_small(positions, vertices.as_chunks().0.to_vec());
         let normals = normals(&positions, &triangles);
-        Ok(Self { positions, normals, triangles, voxel: grid.voxel, dropped })
+        Self { positions, normals, triangles, voxel, dropped }
     }
 
     /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change
@@ -67,10 +72,35 @@ impl Surface {
         // Any error is allowed: the number of triangles decides.
         let (indices, options) = (self.triangles.as_flattened(), SimplifyOptions::None);
         let indices = simplify_decoder(indices, &vertices, 3 * triangles, f32::MAX, options, None);
-        let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-        let (positions, triangles, dropped) = without_small(self.positions, triangles);
-        let normals = normals(&positions, &triangles);
-        Self { positions, normals, triangles, voxel: self.voxel, dropped: self.dropped + dropped }
+        let surface = Self::of_large_components(self.positions, &indices, self.voxel);
+        Self { dropped: self.dropped + surface.dropped, ..surface }
+    }
+
+    /// Draws `count` points, evenly by area and at random within triangles, from a fixed seed; none without any area.
+    pub fn sample(&self, count: usize) -> Vec<Vec3> {
+        let mut total = 0.0;
+        let mut ends = Vec::with_capacity(self.triangles.len());
+        for [a, b, c] in self.corners() {
+            total += f64::from((b - a).cross(c - a).length());
+            ends.push(total);
+        }
+        if total <= 0.0 {
+            return Vec::new();
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let point = |i: usize| {
+            let place = total * (i as f64 + 0.5) / count as f64;
+            let triangle = ends.partition_point(|&end| end <= place).min(ends.len() - 1);
+            let [a, b, c] = self.triangles[triangle].map(|vertex| self.positions[vertex as usize]);
+            let (u, v) = (rng.random::<f32>().sqrt(), rng.random::<f32>());
+            (1.0 - u) * a + u * (1.0 - v) * b + u * v * c
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// Returns the corners of each triangle.
+    fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        self.triangles.iter().map(|triangle| triangle.map(|vertex| self.positions[vertex as usize]))
     }
 }
 
@@ -164,8 +194,7 @@ mod tests {
             assert_closed(&surface);
             assert_eq!(surface.dropped, 0);
             // The surface covers all of the sphere: its area is 4πr² to a few per cent.
-            let corners = surface.triangles.iter().map(|t| t.map(|v| surface.positions[v as usize]));
-            let area: f32 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
+            let area: f32 = surface.corners().map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum();
             let exact = 4.0 * std::f32::consts::PI;
             assert!((area / exact - 1.0).abs() < 0.04, "{area} for {exact}");
         }
@@ -183,6 +212,25 @@ mod tests {
         }
         assert_closed(&surface);
         assert_eq!(whole.clone().simplified(before).triangles, whole.triangles);
+    }
+
+    #[test]
+    fn samples_are_even_by_area() {
+        // Two triangles in the plane z = 0, one of three times the other's area.
+        let surface = Surface {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X * 5.0, Vec3::X * 8.0, Vec3::new(5.0, 1.0, 0.0)],
+            triangles: vec![[0, 1, 2], [3, 4, 5]],
+            ..Surface::default()
+        };
+        let points = surface.sample(1000);
+        assert_eq!(points.len(), 1000);
+        assert_eq!(points.iter().filter(|p| p.x <= 1.0).count(), 250);
+        assert!(points.iter().all(|p| p.z == 0.0 && p.y >= 0.0 && p.y <= 1.0));
+        // The mean of a triangle's points is its centre.
+        let mean = points[..250].iter().sum::<Vec3>() / 250.0;
+        assert!((mean - Vec3::new(1.0, 1.0, 0.0) / 3.0).length() < 0.05, "{mean}");
+        assert_eq!(points, surface.sample(1000));
+        assert!(Surface::default().sample(10).is_empty());
     }
 
     #[test]
