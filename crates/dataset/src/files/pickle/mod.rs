@@ -313,7 +313,11 @@ impl<'a> Machine<'a> {
             (Object::Items(_), [_, shape, kind, Value::Bool(columns_first), data]) => {
                 let values = match data {
                     Value::Bytes(bytes) => self.decode(kind, bytes)?,
-                    list => self.items(list)?.to_vec(),
+                    list => {
+                        let items = self.items(list)?.to_vec();
+                        items.iter().try_for_each(|item| self.charge(item))?;
+                        items
+                    }
                 };
                 self.add(values.len())?;
                 *self.top_object()? = Object::Items(self.arranged(values, shape, *columns_first)?);
@@ -441,6 +445,13 @@ mod tests {
         assert!(pickle.numbers(pickle.root()).is_none());
         // One text of 256 bytes is copied 2²⁰ times.
         let bomb = [b"X\x00\x01\x00\x00", &[b'a'; 256][..], b"q\x00", &b"h\x00".repeat(1 << 20), b"."].concat();
+        assert!(Pickle::read(&bomb).unwrap_err().contains("numbers"));
+        // A list with one text of 64 KiB is copied into 2¹² arrays.
+        let array = object(b"N".to_vec());
+        let at = array.windows(3).position(|bytes| bytes == b"]Na").unwrap();
+        let array = [&array[2..at], b"h\x00", &array[at + 3..array.len() - 1]].concat();
+        let list = [b"]X\x00\x00\x01\x00", &[b'a'; 1 << 16][..], b"aq\x00"].concat();
+        let bomb = [list, array.repeat(1 << 12), b".".to_vec()].concat();
         assert!(Pickle::read(&bomb).unwrap_err().contains("numbers"));
     }
 }
