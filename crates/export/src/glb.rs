@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3, Quat, Vec3};
 use serde_json::{Value, json};
 
-use crate::error::ExportError;
+use crate::ExportError;
 use crate::mesh::Mesh;
 
 /// Component types and buffer targets of the specification.

@@ -3,7 +3,7 @@ use std::ops::RangeInclusive;
 use glam::{UVec3, Vec3};
 use infonerf_scene::Aabb;
 
-use crate::error::ExportError;
+use crate::ExportError;
 use crate::volume::Volume;
 
 /// Range of voxels along the longest side of a grid. The largest grid takes 0.5 GB, its surface three times as much.

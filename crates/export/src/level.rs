@@ -2,7 +2,7 @@
 
 use infonerf_scene::{Camera, resized_dimensions};
 
-use crate::error::ExportError;
+use crate::ExportError;
 use crate::volume::Volume;
 
 /// Number of rays along the longer side of each camera's image, and of samples per ray.

@@ -38,7 +38,6 @@
 
 mod chamfer;
 mod components;
-mod error;
 mod glb;
 mod grid;
 mod level;
@@ -52,7 +51,6 @@ mod surface;
 mod volume;
 
 pub use chamfer::{Chamfer, chamfer};
-pub use error::ExportError;
 pub use glb::glb;
 pub use grid::DensityGrid;
 pub use level::surface_density;
@@ -63,3 +61,8 @@ pub use splat::{Gaussian, gaussians, ply_splats};
 pub use splatter::splat_image;
 pub use surface::Surface;
 pub use volume::Volume;
+
+/// Reason, in one line, why a field cannot be exported.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ExportError(String);

@@ -7,8 +7,8 @@ use meshopt::{SimplifyOptions, simplify_decoder};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::ExportError;
 use crate::components::without_small;
-use crate::error::ExportError;
 use crate::grid::DensityGrid;
 
 /// Closed surface of triangles, counter-clockwise seen from outside.

@@ -281,7 +281,6 @@ mod tests {
             ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
             ("/is_fisheye", Some(json!(true)), "`is_fisheye`: expected false next to the perspective `camera_model`"),
-            ("/near", Some(json!(1.0)), "`far`: expected a distance next to `near`"),
             ("/cx", Some(json!(null)), "`cx`: expected a position in pixels next to `cy`"),
             ("/h", None, "`h`: expected an image side in pixels next to `w`"),
             ("/aabb_scale", Some(json!(0)), "`aabb_scale`: expected a power of two"),

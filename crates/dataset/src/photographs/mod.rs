@@ -21,7 +21,7 @@ use crate::colmap::{ColmapImage, Reconstruction};
 use crate::files::{entries, file_name, write_file};
 
 const OVERLAPPING: &str = "photographs that overlap enough to find their poses";
-/// Min number of images from which poses can be found.
+/// Min number of photographs with a pose, and of those from which poses can be found.
 const MIN_IMAGES: usize = 2;
 
 /// Folder in the scene's folder in which poses are made. It exists afterwards only if an attempt was interrupted.

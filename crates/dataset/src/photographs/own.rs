@@ -11,7 +11,7 @@ use infonerf_scene::{Camera, SceneError, resized_dimensions};
 use infonerf_sfm::{Photograph, Point, SparseModel, reconstruct};
 use rayon::prelude::*;
 
-use super::OVERLAPPING;
+use super::{MIN_IMAGES, OVERLAPPING};
 use crate::capture::{list_photographs, mask_of, read_mask};
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 use crate::files::file_name;
@@ -20,8 +20,6 @@ use crate::files::file_name;
 const MAX_SIDE: u32 = 1600;
 /// Number of photographs that are decoded at the same time; each of twelve million pixels takes 350 MB.
 const AT_ONCE: usize = 4;
-/// Min number of photographs with a pose.
-const MIN_PLACED: usize = 2;
 /// COLMAP's number of the lens model SIMPLE_RADIAL.
 const SIMPLE_RADIAL: usize = 2;
 
@@ -86,7 +84,7 @@ pub(super) fn find(
         progress(&line);
         lost.push(line);
     }
-    if paths.len() - lost.len() < MIN_PLACED {
+    if paths.len() - lost.len() < MIN_IMAGES {
         return Err(fault(lost.swap_remove(0)));
     }
     let colour = |point: &Point| {
