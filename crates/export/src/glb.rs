@@ -1,6 +1,6 @@
 //! glTF 2.0 in its binary container.
 
-use glam::{DQuat, DVec3, Quat, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 use serde_json::{Value, json};
 
 use crate::ExportError;
@@ -39,10 +39,9 @@ pub fn glb(mesh: &Mesh, up: Vec3, origin: DVec3) -> Result<Vec<u8>, ExportError>
     let corners: Vec<u8> = surface.triangles.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()).collect();
     let count = 3 * surface.triangles.len();
     let indices = buffer.add(&corners, ELEMENT_ARRAY_BUFFER, count, "SCALAR", UNSIGNED_INT);
-    let turn = Quat::from_rotation_arc(up.normalize_or(Vec3::Y), Vec3::Y);
-    let mut node = json!({"mesh": 0, "rotation": turn.to_array()});
+    let turn = DQuat::from_rotation_arc(up.as_dvec3().normalize_or(DVec3::Y), DVec3::Y);
+    let mut node = json!({"mesh": 0, "rotation": turn.as_quat().to_array()});
     if origin != DVec3::ZERO {
-        let turn = DQuat::from_rotation_arc(up.as_dvec3().normalize_or(DVec3::Y), DVec3::Y);
         node["translation"] = json!((turn * origin).to_array());
     }
     let document = json!({
