@@ -41,12 +41,8 @@ impl Store {
                 error => WeightsError::file(&path, format!("{error:?}")),
             })
             .and_then(|()| std::fs::rename(&temporary, &path).map_err(|error| WeightsError::io(&path, &error)));
-        if let Err(error) = written {
-            // The first error matters, not one of cleaning up.
-            let _ = std::fs::remove_file(&temporary);
-            return Err(error);
-        }
-        Ok(path)
+        // The first error matters, not one of cleaning up.
+        written.inspect_err(|_| drop(std::fs::remove_file(&temporary))).map(|()| path)
     }
 }
 
