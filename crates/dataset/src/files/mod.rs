@@ -32,12 +32,9 @@ pub(crate) fn write_file(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Sce
     fs::write(path, bytes).map_err(|e| SceneError::io(path, e))
 }
 
-/// Writes a mask of `width × height` pixels as PNG, white where `is_white` is true of a pixel's row-major index.
-pub(crate) fn write_mask(
-    path: &Path,
-    (width, height): (u32, u32),
-    is_white: impl Fn(u32) -> bool,
-) -> Result<(), SceneError> {
+/// Writes a mask of `size` = (width, height) as PNG, white where `is_white` is true of a pixel's row-major index.
+pub(crate) fn write_mask(path: &Path, size: (u32, u32), is_white: impl Fn(u32) -> bool) -> Result<(), SceneError> {
+    let (width, height) = size;
     let rgb = (0..width * height).map(|pixel| [f32::from(u8::from(is_white(pixel))); 3]).collect();
     Image { width, height, rgb, alpha: None }.write_png(path)
 }

@@ -37,22 +37,22 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let transparent = first.map(|frame| has_transparency(&frame.image)).transpose()?;
     let (extent, estimated) = extent(&train, &cameras, transparent);
     warnings.extend(estimated);
-    let tested = if test.is_file() { Some(transforms(&test, &json::read(&test)?)?) } else { None };
-    let (mut train, mut test) = (train.frames, Vec::new());
-    if let Some(tested) = tested {
-        warnings.extend(tested.warnings);
-        test = tested.frames;
+    let (mut train, mut tested) = (train.frames, Vec::new());
+    if test.is_file() {
+        let read = transforms(&test, &json::read(&test)?)?;
+        warnings.extend(read.warnings);
+        tested = read.frames;
     }
-    if test.is_empty() {
-        (train, test) = hold_out(train, &request.test);
-        (train, test) = (numbered(train), numbered(test));
-        if !test.is_empty() {
+    if tested.is_empty() {
+        (train, tested) = hold_out(train, &request.test);
+        (train, tested) = (numbered(train), numbered(tested));
+        if !tested.is_empty() {
             let text = "transforms_test.json has no views: every eighth training view is held out for test";
             warnings.push(text.into());
         }
     }
     let selections = published::synthetic(&cameras_of(&train)?);
-    Ok(Found { warnings, selections, ..Found::new(dir, Format::Blender, train, test, extent) })
+    Ok(Found { warnings, selections, ..Found::new(dir, Format::Blender, train, tested, extent) })
 }
 
 /// Returns the known extent, and a warning if parts of it have to be estimated.

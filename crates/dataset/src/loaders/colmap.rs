@@ -58,9 +58,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     found.warnings.extend(lost.into_iter().chain(alike));
     if let [(place, count), (_, next), ..] = &models[..] {
         let (name, all) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len());
-        found
-            .warnings
-            .push(format!("of {all} reconstructions {name} is read, with {count} images; the next has {next}"));
+        let others = format!("of {all} reconstructions {name} is read, with {count} images; the next has {next}");
+        found.warnings.push(others);
     }
     Ok(found)
 }

@@ -313,12 +313,9 @@ impl<'a> Machine<'a> {
             (Object::Items(_), [_, shape, kind, Value::Bool(columns_first), data]) => {
                 let values = match data {
                     Value::Bytes(bytes) => self.decode(kind, bytes)?,
-                    list => {
-                        let items = self.items(list)?.to_vec();
-                        items.iter().try_for_each(|item| self.charge(item))?;
-                        items
-                    }
+                    list => self.items(list)?.to_vec(),
                 };
+                values.iter().try_for_each(|value| self.charge(value))?;
                 self.add(values.len())?;
                 *self.top_object()? = Object::Items(self.arranged(values, shape, *columns_first)?);
                 Ok(())
