@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Union
+from typing import IO, Any, Union
 
 from ._results import Row, located
 
@@ -127,7 +127,7 @@ def _toml(value: object) -> str:
     return json.dumps(value)
 
 
-def _check(code: int, errors: Any) -> None:
+def _check(code: int, errors: IO[bytes]) -> None:
     errors.seek(0)
     text = errors.read().decode("utf-8", "replace").strip()
     if code != 0:

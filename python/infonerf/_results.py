@@ -18,14 +18,21 @@ def rows(path: str | os.PathLike[str]) -> list[Row]:
     """The records of all runs in `path`: a `results.json`, or a folder with some anywhere below it.
 
     Each has one key in addition to those of `results.schema.json`: `folder`, where the run's pictures, curves and weights are.
-    Raises FileNotFoundError if there is no `results.json`.
+    Raises FileNotFoundError if there is no `results.json`, and ValueError if one is broken.
     """
     path = Path(path)
     files = sorted(path.rglob("results.json")) if path.is_dir() else [path]
     if not files:
         raise FileNotFoundError(f"{path}: expected a results.json in it or below it")
-    records = [(record, file.parent) for file in files for record in json.loads(file.read_text(encoding="utf-8"))]
-    return [located(record, folder) for record, folder in records]
+    return [located(record, file.parent) for file in files for record in _records(file)]
+
+
+def _records(file: Path) -> list[Row]:
+    try:
+        records: list[Row] = json.loads(file.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{file}: expected the records of runs in JSON: {error}") from error
+    return records
 
 
 def results(path: str | os.PathLike[str]) -> pandas.DataFrame:

@@ -126,6 +126,15 @@ class Runs(unittest.TestCase):
             self.assertTrue((run / "checkpoint" / "manifest.json").is_file(), f"attempt {attempt}")
 
 
+class Files(unittest.TestCase):
+    def test_broken_results_are_named(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "results.json")
+            path.write_text('[{"scene": ', encoding="utf-8")
+            with self.assertRaisesRegex(ValueError, "results.json: expected the records of runs in JSON: .* line 1"):
+                infonerf.rows(folder)
+
+
 class Options(unittest.TestCase):
     def test_options_are_those_of_the_command_line(self) -> None:
         options: dict[str, Option] = {
