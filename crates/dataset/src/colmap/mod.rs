@@ -311,6 +311,14 @@ mod tests {
         let all = toy();
         write_binary(&guard.path().join("sparse/0"), &all);
         write_text(&guard.path().join("text"), &all);
+        // Spellings of other programs.
+        for (file, from, to) in [
+            ("cameras.txt", "PINHOLE 32 24", "Pinhole 32.0 24.0"),
+            ("images.txt", " 4.5 -1\n", " 4.5 18446744073709551615\n"),
+        ] {
+            let path = guard.path().join("text").join(file);
+            fs::write(&path, fs::read_to_string(&path).unwrap().replace(from, to)).unwrap();
+        }
         for dir in [guard.path().to_owned(), guard.path().join("text")] {
             let read = Reconstruction::read(&dir).unwrap();
             assert_eq!((&read.cameras, &read.points), (&all.cameras, &all.points));

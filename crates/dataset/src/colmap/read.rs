@@ -58,9 +58,9 @@ pub(crate) fn images(mut values: Values<'_>) -> Result<Vec<ColmapImage>, SceneEr
         let mut observations = Vec::new();
         for _ in 0..values.observations()? {
             let pixel = DVec2::from(values.numbers::<2>()?);
-            // −1 stands for no point.
-            let point = u64::try_from(values.number(i64::from_le_bytes)?);
-            observations.extend(point.ok().map(|point| (pixel, point)));
+            // −1, or the same bits without a sign, stands for no point.
+            let point = u64::try_from(values.number(|bytes| i128::from(i64::from_le_bytes(bytes)))?);
+            observations.extend(point.ok().filter(|point| *point < u64::MAX).map(|point| (pixel, point)));
         }
         images.push(ColmapImage { id, name, camera, pose, observations });
     }
@@ -134,7 +134,9 @@ impl<'a> Values<'a> {
         if word.is_empty() {
             return Err(self.fault("the values of a COLMAP reconstruction", "too few words"));
         }
-        word.parse().map_err(|_| self.fault("a number of a COLMAP reconstruction", format!("`{word}`")))
+        // Some programs write whole numbers as 400.0.
+        let parsed = word.parse::<T>().or_else(|_| word.trim_end_matches(".0").parse());
+        parsed.map_err(|_| self.fault("a number of a COLMAP reconstruction", format!("`{word}`")))
     }
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], SceneError> {
@@ -178,7 +180,7 @@ impl<'a> Values<'a> {
     fn model(&mut self) -> Result<usize, SceneError> {
         let (model, found) = if let Source::Text { .. } = self.source {
             let name: String = self.word()?;
-            (MODELS.iter().position(|model| model.0 == name), name)
+            (MODELS.iter().position(|model| model.0.eq_ignore_ascii_case(&name)), name)
         } else {
             let number = self.number(u32::from_le_bytes)? as usize;
             (Some(number), model_name(number))
@@ -206,7 +208,7 @@ impl<'a> Values<'a> {
         }
         let count = self.next_line().unwrap_or(0);
         if !count.is_multiple_of(3) {
-            let expected = "positions and points seen there: x, y, number, and so on";
+            let expected = "positions and points seen there (x, y, number, and so on), or a blank line";
             return Err(self.fault(expected, format!("{count} numbers")));
         }
         Ok(count as u64 / 3)
