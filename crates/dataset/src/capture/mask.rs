@@ -14,6 +14,8 @@ use crate::frame::{Frame, MaskRole};
 
 /// Prefix of instant-ngp's mask of an image, in the same folder; its white pixels are left out.
 const DYNAMIC: &str = "dynamic_mask_";
+/// Names of folders of images at full size: COLMAP's, the input of 3DGS' scripts, frames of videos, and other usual names.
+pub(crate) const IMAGE_FOLDERS: [&str; 7] = ["images", "input", "photos", "rgb", "frames", "image", "color"];
 /// Names of folders of masks.
 const FOLDERS: [&str; 8] = ["masks", "mask", "mattes", "alpha", "Masks", "Mask", "Mattes", "Alpha"];
 /// Max number of different values of a mask of labels.
@@ -92,7 +94,7 @@ pub(crate) fn stray_masks(dir: &Path, images: &Path) -> Option<String> {
 fn mask_places(dir: &Path, image: &Path) -> Option<Vec<PathBuf>> {
     let is_image_folder = |folder: &&Path| {
         let name = file_name(folder);
-        name.starts_with("images") || ["input", "photos", "rgb"].contains(&&*name)
+        name.starts_with("images") || IMAGE_FOLDERS.contains(&&*name)
     };
     let folder = image.ancestors().skip(1).take_while(|folder| folder.starts_with(dir)).find(is_image_folder);
     let root = folder.map_or(Some(dir), Path::parent)?;
@@ -278,6 +280,7 @@ mod tests {
             ("images/h.png", "masks/h.png.mask.png", MaskRole::Capture),
             ("train/i.jpg", "train/i.mask.png", MaskRole::Capture),
             ("photos/j.png", "Mask/j.png", MaskRole::Capture),
+            ("frames/m.png", "Mask/m.png", MaskRole::Capture),
             ("input/v/k.png", "alpha/v/k.png", MaskRole::Capture),
             ("views/l.png", "views/mattes/l.png", MaskRole::Capture),
         ] {

@@ -7,7 +7,7 @@ use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
-use crate::capture::{Estimate, Found, list_photographs, same_proportions, some_of};
+use crate::capture::{Estimate, Found, IMAGE_FOLDERS, list_photographs, same_proportions, some_of};
 use crate::colmap::{Reconstruction, models};
 use crate::files::file_name;
 use crate::frame::{Frame, find_by_end, keep_apart};
@@ -15,13 +15,11 @@ use crate::photographs::changed_photographs;
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
-/// Folders of full-size images: COLMAP's, the input of 3DGS' scripts, and other usual names.
-const WHOLE: [&str; 4] = ["images", "input", "photos", "rgb"];
 
 /// Reads a folder with a COLMAP reconstruction.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
-/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`, `photos` or `rgb`. Frames
+/// request (without one: `images`), next to the reconstruction or in `dir`; or from another of [`IMAGE_FOLDERS`]. Frames
 /// without an image are left out with a warning. Every 8th by name, starting with the first, is held out for test. The
 /// points that training photographs see give bounds, near and far; without observations all do, with a warning.
 pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
@@ -31,7 +29,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let names: Vec<String> = read.images.iter().map(|image| image.name.replace('\\', "/")).collect();
     let roots = roots(dir, place);
     let folder = image_folder(&roots, &names, request.image_size)?;
-    let reduced = WHOLE.iter().all(|whole| folder.file_name().is_some_and(|name| name != *whole)) && folder != dir;
+    let reduced = !IMAGE_FOLDERS.contains(&&*file_name(&folder)) && folder != dir;
     let index: BTreeMap<u64, usize> = read.points.keys().zip(0..).map(|(&id, index)| (id, index)).collect();
     let (mut frames, mut stated) = (Vec::new(), Vec::new());
     for (image, name) in read.images.iter().zip(&names) {
@@ -83,7 +81,7 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
 /// ones; or a folder of reduced images if there are no others.
 fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
     let images = |folder: &Path| Vec::from_iter(names.iter().filter_map(|name| Some(find_by_end(folder, name)?.0)));
-    let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
+    let whole = roots.iter().flat_map(|root| IMAGE_FOLDERS.map(|name| root.join(name)));
     let reduced = roots.iter().flat_map(|root| FOLDERS.map(|name| root.join(name)));
     let found = whole.chain(reduced).chain(roots.iter().cloned()).find(|folder| !images(folder).is_empty());
     let mut best = found.unwrap_or_else(|| roots[roots.len() - 1].join(FOLDERS[0]));
@@ -202,13 +200,14 @@ mod tests {
         assert_eq!(whole.train.len(), scene.train.len());
     }
 
-    /// Covers images in `input` and `rgb`, paths from the project's folder or another computer, and other extensions.
+    /// Covers images in `input`, `frames` and `rgb`, paths from the project's folder or another computer, and other extensions.
     #[test]
     fn images_are_found_wherever_they_are() {
         for (disk, named) in [
             ("images/v", "/home/me/scan/images/v/0.png"),
             ("rgb/v", "images\\v\\0.JPG"),
             ("input/v", "v/0.png"),
+            ("frames/v", "v/0.png"),
             ("images/V", "v/0.png"),
         ] {
             let (guard, _) = folder(write_text);
