@@ -182,7 +182,7 @@ mod tests {
         let identity = |k: f64| json!([[k, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
         let place = "/frames/1/transform_matrix";
         let cases = [
-            ("/camera_angle_x", None, "`camera_angle_x`: expected a horizontal field of view"),
+            ("/camera_angle_x", None, "`frames[0].camera_angle_x`: expected a horizontal field of view"),
             ("/camera_angle_x", Some(json!(-1)), "found -1"),
             ("/camera_angle_x", Some(json!("wide")), "found \"wide\""),
             ("/camera_angle_x", Some(json!(3.2)), "found 3.2"),

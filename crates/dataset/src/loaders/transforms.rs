@@ -168,14 +168,14 @@ fn name_of(dir: &Path, image: &Path) -> String {
 
 /// Returns the path of the image that a file names, where `\` separates folders too; without such an image, [`stated_path`].
 fn image_path(dir: &Path, named: &str) -> PathBuf {
-    let relative = named.replace('\\', "/");
+    let relative = named.trim().replace('\\', "/");
     let found = find_by_end(dir, relative.trim_start_matches("./"));
     found.map_or_else(|| stated_path(dir, named), |(path, _)| path)
 }
 
 /// Returns the path that a file states; without an image's extension `.png` is appended: `r_0.5` becomes `r_0.5.png`.
 fn stated_path(dir: &Path, named: &str) -> PathBuf {
-    let relative = named.replace('\\', "/");
+    let relative = named.trim().replace('\\', "/");
     let relative = relative.trim_start_matches("./");
     let whole = dir.join(relative);
     let complete = is_image_name(&whole) || unread_format(&whole).is_some();
@@ -214,8 +214,9 @@ fn read_optics(root: &Node<'_>, frame: &Node<'_>) -> Result<(Intrinsics, Lens), 
     }
     let expected = "a horizontal field of view between 0 and π radians";
     let range = (Bound::Excluded(0.0), Bound::Excluded(std::f64::consts::PI));
-    let x =
-        source("camera_angle_x").get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?.within(range, expected)?;
+    let angle = root.find("camera_angle_x").filter(|_| !has_angle);
+    let missing = format!("{expected} (or `fl_x`), there or for all frames");
+    let x = angle.map_or_else(|| frame.get("camera_angle_x", &missing), Ok)?.within(range, expected)?;
     let vertical = |node: Node<'_>| node.within(range, "a vertical field of view between 0 and π radians");
     let y = source("camera_angle_y").optional("camera_angle_y", vertical)?;
     let Some((w, h)) = size else {
@@ -278,6 +279,7 @@ mod tests {
             ".\\scan\\images\\0",
             "C:\\Users\\me\\scan\\images\\0.png",
             "/home/other/scan/images/0.JPG",
+            "scan/images/0.png ",
             "..\\data\\scan\\images\\0.png",
         ] {
             let found = image_path(dir, named);
