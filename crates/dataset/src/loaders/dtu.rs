@@ -48,10 +48,11 @@ pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, Sce
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
     let bytes = read_file(&path, EXPECTED, npy::MAX_ARCHIVE)?;
     let matrices = npy::decode_archive(&path, &bytes, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
-    let images = list_images(&dir.join("image"))?;
+    let folder = dir.join("image");
+    let images = if folder.is_dir() { list_images(&folder)? } else { Vec::new() };
     let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
     let Some(first) = images.first() else {
-        return Err(SceneError::NotFound { path: dir.join("image"), expected: "images".into() });
+        return Err(SceneError::NotFound { path: folder, expected: "the images of the scan".into() });
     };
     if !masks.is_empty() && masks.len() != images.len() {
         let expected = format!("{} masks, one for each image", images.len());
@@ -312,7 +313,7 @@ mod tests {
         fs::remove_file(guard.path().join("mask/001.png")).unwrap();
         assert!(message(guard.path(), &request()).contains("expected 3 masks, one for each image: it has 2"));
         fs::remove_dir_all(guard.path().join("image")).unwrap();
-        assert!(message(guard.path(), &request()).contains("image"));
+        assert!(message(guard.path(), &request()).ends_with("image: not found; expected the images of the scan"));
         let archive = guard.path().join("cameras_sphere.npz");
         let whole = fs::read(&archive).unwrap();
         for keep in [0, 2, 30, whole.len() / 2] {
