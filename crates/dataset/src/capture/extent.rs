@@ -34,7 +34,7 @@ pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     let region = ViewRegion::new(cameras);
     let focus = region.centre().as_vec3();
     let reach = robust_greatest(cameras.iter().map(|camera| camera.position_f64().distance(region.centre()) as f32));
-    let reach = reach.max(1e-3);
+    let reach = if reach > 0.0 { reach } else { 1e-3 };
     let median_distance = || quantile(&sorted(points.iter().map(|p| p.distance(focus))), 0.5);
     let layout = match Layout::of(cameras) {
         // Most points lie beyond the cameras.
@@ -271,6 +271,20 @@ mod tests {
         };
         let space = space_of_depths(&(0..8).map(camera).collect::<Vec<_>>(), (1.0, 1e4)).unwrap();
         assert!(space.layout == Layout::Object && space.centre.length() < 1e-2, "{}", space.centre);
+    }
+
+    #[test]
+    fn a_tiny_world_is_estimated_like_a_large_one() {
+        let scaled = |by: f64| {
+            let camera = |i: u32| {
+                let towards = DVec3::new((0.3 * f64::from(i)).sin(), (0.3 * f64::from(i)).cos(), 0.0);
+                Camera::from_fov(16, 12, 1.2, look_along(-3.0 * by * towards, towards, DVec3::Z))
+            };
+            capture_space(&(0..8).map(camera).collect::<Vec<_>>(), Vec::new(), Vec::new())
+        };
+        let (tiny, usual) = (scaled(1e-5), scaled(1.0));
+        let ratios = [tiny.near / usual.near, tiny.far / usual.far, tiny.radius / usual.radius];
+        assert!(ratios.iter().all(|ratio| (1e5 * ratio - 1.0).abs() < 1e-3), "{ratios:?}");
     }
 
     #[test]
