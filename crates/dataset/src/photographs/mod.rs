@@ -222,6 +222,16 @@ fn no_photographs(folder: &Path) -> Option<SceneError> {
     unread.or_else(|| Some(SceneError::malformed(folder, "at least two photographs", video()?)))
 }
 
+/// Names a file in `dir` that may be another program's export of poses, and the converter of nerfstudio that reads it.
+fn exported_poses(dir: &Path) -> Option<String> {
+    let (path, program) = entries(dir).into_iter().find_map(|path| match path.extension()?.to_str()? {
+        "xml" => Some((path, "metashape")),
+        "csv" => Some((path, "realitycapture")),
+        _ => None,
+    })?;
+    Some(format!("; if {} has poses, nerfstudio's `ns-process-data {program}` converts them", file_name(&path)))
+}
+
 /// Returns an error with advice on finding poses, if `dir` has photographs.
 pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     let folder = photograph_folder(dir);
@@ -230,7 +240,8 @@ pub(crate) fn missing_poses_error(dir: &Path) -> Option<SceneError> {
     }
     let path = dir.display().to_string();
     let advice = format!("`infonerf capture {}` finds their poses and learns the scene", shlex::try_quote(&path).ok()?);
-    Some(SceneError::malformed(dir, "a scene with poses", format!("these are photographs: {advice}")))
+    let exported = exported_poses(dir).unwrap_or_default();
+    Some(SceneError::malformed(dir, "a scene with poses", format!("these are photographs: {advice}{exported}")))
 }
 
 /// Lists the photographs in `folder` of formats that are not read, without those that have an image of their name beside them.
@@ -313,6 +324,9 @@ mod tests {
         ["a.png", "b.png"].iter().for_each(|name| fs::write(shots.join(name), "").unwrap());
         let text = missing_poses_error(&shots).unwrap().to_string();
         assert!(text.contains(&format!("`infonerf capture '{}'` finds", shots.display())), "{text}");
+        fs::write(shots.join("cameras.xml"), "").unwrap();
+        let text = missing_poses_error(&shots).unwrap().to_string();
+        assert!(text.ends_with("; if cameras.xml has poses, nerfstudio's `ns-process-data metashape` converts them"));
         fs::remove_file(guard.path().join("IMG_1.HEIC")).unwrap();
         assert!(fault(guard.path()).ends_with("at least two photographs: it has 0; subfolders with images: my shots"));
         fs::write(guard.path().join("walk.MP4"), "").unwrap();
