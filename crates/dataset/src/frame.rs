@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DMat4;
-use infonerf_scene::image::{dimensions, find_image, is_image_name, list_images};
+use infonerf_scene::image::{dimensions, find_image, is_image_name};
 use infonerf_scene::{Camera, Lens, SceneError};
 use percent_encoding::percent_decode_str;
 use unicode_normalization::UnicodeNormalization;
@@ -142,8 +142,9 @@ fn find_alike(folder: &Path, name: &str) -> Option<PathBuf> {
         found = found.iter().flat_map(|folder| entries(folder)).filter(is_alike).collect();
     }
     let wanted = key(&without_extension(image));
-    let images = found.iter().flat_map(|folder| list_images(folder).unwrap_or_default());
-    let mut alike = images.filter(|path| key(&without_extension(&file_name(path))) == wanted);
+    let is_alike =
+        |path: &PathBuf| is_image_name(path) && key(&without_extension(&file_name(path))) == wanted && path.is_file();
+    let mut alike = found.iter().flat_map(|folder| entries(folder)).filter(is_alike);
     alike.next().filter(|_| alike.next().is_none())
 }
 
