@@ -277,28 +277,6 @@ mod tests {
     use super::*;
     use crate::testing::world;
 
-    #[test]
-    fn derivatives_are_those_of_finite_differences() {
-        let all = world(3, 1, 1);
-        let (lens, pose, position) = (all.lens, all.poses[0], all.points[0].position);
-        let (_, rows) = derivative(&lens, &pose, position).unwrap();
-        let h = 1e-6;
-        let moved = |k: usize, h: f64| {
-            let unit = |first: usize| DVec3::from_array(std::array::from_fn(|i| if first + i == k { h } else { 0.0 }));
-            let focal = lens.focal * if k == 0 { h.exp() } else { 1.0 };
-            let lens = SimpleRadial { focal, k1: lens.k1 + if k == 1 { h } else { 0.0 }, ..lens };
-            let pose = pose.moved(unit(LENS), unit(LENS + 3));
-            lens.project(pose.transform(position + unit(LENS + POSE))).unwrap()
-        };
-        for k in 0..LENS + POSE + 3 {
-            let difference = (moved(k, h) - moved(k, -h)) / (2.0 * h);
-            for (axis, row) in rows.iter().enumerate() {
-                let exact = if k < LENS + POSE { row.camera[k] } else { row.point[k - LENS - POSE] };
-                assert!((exact - difference[axis]).abs() < 1e-4 * (1.0 + exact.abs()), "{k}: {exact} {difference}");
-            }
-        }
-    }
-
     /// Compares the gradient by the lens, all poses and all points with differences of half the cost. The rotations are those
     /// expected, at which the prior's derivative is exact.
     #[test]

@@ -34,18 +34,16 @@ impl Ransac {
             for model in solve(std::array::from_fn(|i| chosen.index(i))) {
                 let cost: f64 = (0..count).map(|i| error(&model, i).min(self.threshold)).sum();
                 if cost < least {
-                    let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).count();
-                    let clean = (inliers as f64 / count as f64).powi(N as i32);
+                    let inliers: Vec<usize> = (0..count).filter(|&i| error(&model, i) < self.threshold).collect();
+                    let clean = (inliers.len() as f64 / count as f64).powi(N as i32);
                     if clean > 0.0 {
                         needed = needed.min((1.0 - CONFIDENCE).ln() / (-clean.min(1.0 - 1e-9)).ln_1p());
                     }
-                    (best, least) = (Some(model), cost);
+                    (best, least) = (Some((model, inliers)), cost);
                 }
             }
         }
-        let model = best?;
-        let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).collect();
-        Some((model, inliers))
+        best
     }
 }
 
