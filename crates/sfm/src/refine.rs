@@ -96,14 +96,11 @@ fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[P
 /// Finds the features of a view at valid pixels, and converts them to a lens of focal length `focal` without distortion.
 fn seen(view: &View, focal: f64) -> Features {
     let (width, height) = (view.image.width as usize, view.image.height as usize);
-    let found = features(&GreyImage::luma(width, height, view.image.rgb.iter().copied()), None, FEATURES);
-    let is_valid = |pixel: DVec2| {
-        let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size - 1));
-        view.valid.as_ref().is_none_or(|valid| valid[y * width + x])
-    };
+    let image = GreyImage::luma(width, height, view.image.rgb.iter().copied());
+    let found = features(&image, view.valid.as_deref(), FEATURES);
     let mut seen = Features::default();
     for (pixel, descriptor) in found.pixels.iter().zip(found.descriptors.chunks_exact(LENGTH)) {
-        if let Some(p) = ray(&view.camera, *pixel).filter(|_| is_valid(*pixel)) {
+        if let Some(p) = ray(&view.camera, *pixel) {
             seen.pixels.push(focal * p);
             seen.descriptors.extend(descriptor);
         }
