@@ -224,16 +224,13 @@ impl PosePrior {
     fn add_to(&self, normal: &mut Normal, poses: &[Pose]) {
         for (camera, residuals) in self.residuals(poses).enumerate() {
             let lever = poses[camera].rotation * self.poses[camera].centre() / self.shift_deviation;
-            for axis in 0..3 {
-                let unit = DVec3::AXES[axis];
+            for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
+                let of_turn = [unit / self.turn_deviation, DVec3::ZERO];
                 // `R (c₀ - c) = R c₀ + t` changes by `ω × R c₀ + shift` with the pose.
-                let by_turn = lever.cross(unit);
-                let mut of_turn = [0.0; POSE];
-                of_turn[axis] = 1.0 / self.turn_deviation;
-                let mut of_shift = [by_turn.x, by_turn.y, by_turn.z, 0.0, 0.0, 0.0];
-                of_shift[3 + axis] = 1.0 / self.shift_deviation;
+                let of_shift = [lever.cross(unit), unit / self.shift_deviation];
                 for (row, residual) in [of_turn, of_shift].iter().zip(residuals.map(|r| r[axis])) {
-                    let first = LENS + POSE * camera;
+                    let (row, first) = (row.map(|part| part.to_array()), LENS + POSE * camera);
+                    let row = row.as_flattened();
                     for i in 0..POSE {
                         normal.gradient[first + i] += row[i] * residual;
                         for j in 0..POSE {
