@@ -263,26 +263,24 @@ mod tests {
         assert!((bounds.min.z + 2.0).abs() < 1e-5 && bounds.max.z > -0.6);
     }
 
-    #[test]
-    fn a_far_sky_does_not_move_the_centre() {
+    /// Returns cameras on an arc about the origin.
+    fn around(distance: f64) -> Vec<Camera> {
         let camera = |i: u32| {
             let towards = DVec3::new((0.3 * f64::from(i)).sin(), (0.3 * f64::from(i)).cos(), 0.0);
-            Camera::from_fov(16, 12, 1.2, look_along(-3.0 * towards, towards, DVec3::Z))
+            Camera::from_fov(16, 12, 1.2, look_along(-distance * towards, towards, DVec3::Z))
         };
-        let space = space_of_depths(&(0..8).map(camera).collect::<Vec<_>>(), (1.0, 1e4)).unwrap();
+        (0..8).map(camera).collect()
+    }
+
+    #[test]
+    fn a_far_sky_does_not_move_the_centre() {
+        let space = space_of_depths(&around(3.0), (1.0, 1e4)).unwrap();
         assert!(space.layout == Layout::Object && space.centre.length() < 1e-2, "{}", space.centre);
     }
 
     #[test]
     fn a_tiny_world_is_estimated_like_a_large_one() {
-        let scaled = |by: f64| {
-            let camera = |i: u32| {
-                let towards = DVec3::new((0.3 * f64::from(i)).sin(), (0.3 * f64::from(i)).cos(), 0.0);
-                Camera::from_fov(16, 12, 1.2, look_along(-3.0 * by * towards, towards, DVec3::Z))
-            };
-            capture_space(&(0..8).map(camera).collect::<Vec<_>>(), Vec::new(), Vec::new())
-        };
-        let (tiny, usual) = (scaled(1e-5), scaled(1.0));
+        let [tiny, usual] = [3e-5, 3.0].map(|distance| capture_space(&around(distance), Vec::new(), Vec::new()));
         let ratios = [tiny.near / usual.near, tiny.far / usual.far, tiny.radius / usual.radius];
         assert!(ratios.iter().all(|ratio| (1e5 * ratio - 1.0).abs() < 1e-3), "{ratios:?}");
     }
