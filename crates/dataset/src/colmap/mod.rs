@@ -269,7 +269,7 @@ pub(crate) mod testing {
             let (q, t) = world_to_camera(&image.pose);
             out += &format!("{} {} {} {} {}\n", image.id, join(&q), join(&t), image.camera, image.name);
             let seen = image.observations.iter().map(|(p, id)| format!("{} {} {id}", p.x, p.y));
-            out += &(seen.chain(["1 2 18446744073709551615 3.5 4.5 -1".to_owned()]).collect::<Vec<_>>().join(" ") + "\n");
+            out += &(seen.chain(["1 2 18446744073709551615 3.5 4.5 -1".into()]).collect::<Vec<_>>().join(" ") + "\n");
         }
         fs::write(dir.join("images.txt"), out).unwrap();
         let point = |(id, p): (&u64, &DVec3)| format!("{id} {} 1 2 3 0.5 1 0\n", join(&p.to_array()));
