@@ -1,12 +1,15 @@
 //! Cells of text as aligned columns and as comma-separated values.
 
+/// Column of a text table: its heading, and the function that returns the cell of a row.
+pub type TextColumn<R> = (&'static str, fn(&R) -> String);
+
 /// Cells of text below headings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TextTable(pub(crate) Vec<Vec<String>>);
 
 impl TextTable {
-    /// Builds a table with a line per row. A column is its heading, and the function that returns the cell of a row.
-    pub fn new<'a, R: 'a>(rows: impl IntoIterator<Item = &'a R>, columns: &[(&str, fn(&R) -> String)]) -> Self {
+    /// Builds a table with a line per row.
+    pub fn new<'a, R: 'a>(rows: impl IntoIterator<Item = &'a R>, columns: &[TextColumn<R>]) -> Self {
         let headings = columns.iter().map(|(heading, _)| (*heading).to_owned()).collect();
         let cells = |row| columns.iter().map(|(_, cell)| cell(row)).collect();
         Self(std::iter::once(headings).chain(rows.into_iter().map(cells)).collect())
