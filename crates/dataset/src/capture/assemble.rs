@@ -12,8 +12,8 @@ use infonerf_scene::{
 };
 use rayon::prelude::*;
 
-use super::compare::implausible;
 use super::mask::{check_valid, lens_mask, read_mask};
+use super::plausible::implausible;
 use super::sizes::ImageScale;
 use super::{Capture, Found, StatedExtent, join_names, same_proportions};
 use crate::files::npy::read_depth;

@@ -9,6 +9,7 @@ mod assemble;
 mod compare;
 mod extent;
 mod mask;
+mod plausible;
 mod sizes;
 
 pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
