@@ -300,6 +300,18 @@ mod tests {
         }
     }
 
+    /// Loads the first scene of each variant, in small images.
+    #[test]
+    fn scenes_of_built_in_experiments_have_the_views_that_they_ask_for() {
+        for (name, _) in list().unwrap() {
+            let runs = Experiment::plan(name, &selected(&[], &[], &["scene.size=8"])).unwrap().runs;
+            for run in runs.iter().filter(|run| (&run.scene, run.seed) == (&runs[0].scene, runs[0].seed)) {
+                let loaded = run.load().unwrap_or_else(|error| panic!("{name}, {}: {error:#}", run.variant));
+                assert!(!loaded.train.is_empty() && !loaded.test.is_empty(), "{name}, {}", run.variant);
+            }
+        }
+    }
+
     /// Returns the keys (`section.key`) at which the configs of two variants of an experiment differ.
     fn differences(experiment: &str, variants: [&str; 2]) -> Vec<String> {
         let runs = Experiment::plan(experiment, &selected(&[], &variants, &[])).unwrap().runs;
