@@ -13,7 +13,8 @@ use crate::camera::Camera;
 /// max distance, at their mean elevation, starting at the first camera's azimuth. Several cameras within 26° of their central
 /// direction, as in a forward-facing capture, give a small ellipse about that direction, at 0.7 of their max angles to the
 /// sides and upwards: the rest was not photographed. With an `open` background, of which only the photographed part is known,
-/// cameras that leave out more than 90° of the circle give a swing there and back over their arc.
+/// cameras that leave out more than 90° of the circle give a swing there and back over their arc; its poses `i` and `n - i`
+/// are equal.
 pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let radius = 0.5 * (region.radii().0 + region.radii().1);
@@ -27,8 +28,8 @@ pub fn orbit(cameras: &[Camera], open: bool, n: usize) -> Vec<DMat4> {
 
     let level = OrbitAngles::of(&region);
     let arc = level.covered(&region).filter(|_| open);
-    let azimuth = |turn: f64| arc.map_or(turn, |(middle, half)| middle - half * turn.cos());
-    (0..n).map(|i| region.pose(level.direction(azimuth(turn(i)), level.elevation), radius)).collect()
+    let azimuth = |i: usize| arc.map_or(turn(i), |(middle, half)| middle - half * turn(i.min(n - i)).cos());
+    (0..n).map(|i| region.pose(level.direction(azimuth(i), level.elevation), radius)).collect()
 }
 
 /// Returns `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high,
@@ -136,6 +137,8 @@ mod tests {
         let mut arc = train_cameras();
         arc.retain(|camera| camera.to_world.w_axis.x > 1.0 && camera.to_world.w_axis.z > 0.5);
         let lowest = |open: bool| orbit(&arc, open, 60).iter().map(|pose| pose.w_axis.x).fold(f64::INFINITY, f64::min);
+        let swing = orbit(&arc, true, 60);
+        assert!((1..30).all(|i| swing[i] == swing[60 - i] && swing[i] != swing[i - 1]));
         assert!(arc.len() > 8 && lowest(false) < -2.0 && lowest(true) > 0.0, "{} {}", lowest(false), lowest(true));
     }
 

@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use image::RgbImage;
 use infonerf_experiment::{RunPlan, Trained};
 use infonerf_field::FieldSpec;
 use infonerf_metrics::to_rgb8;
-use infonerf_render::{render_image, render_normals};
+use infonerf_render::{TrainedModel, render_image, render_normals};
 use infonerf_report::{counted, depth_image, normal_image, save_png};
 use infonerf_scene::{Camera, resized_dimensions};
 
@@ -101,24 +102,17 @@ fn write_frames(
     std::fs::write(out.join(MARKER), "").with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name)), route.fps)?;
     let longest = cameras.iter().map(|camera| camera.width.max(camera.height)).max().unwrap_or(1);
-    let (scene, models, start) = (trained.scene(), trained.models_for_size(longest), Instant::now());
+    let (models, start) = (trained.models_for_size(longest), Instant::now());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         if interrupt::stop_requested() {
             bar.finish_and_clear();
             return Ok(None);
         }
-        let image = render_image(trained.renderer(), &models, camera);
-        let picture = to_rgb8(&image.rgb, image.width, image.height)?;
-        save_png(&picture, &out.join(format!("{index:04}.png")))?;
-        let depth =
-            depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
-        save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
-        if normals {
-            let image = render_normals(trained.renderer(), &models, camera);
-            let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
-            save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
-        }
+        let picture = match cameras[..index].iter().position(|earlier| earlier == camera) {
+            Some(earlier) => copy_frame(out, earlier, index)?,
+            None => render_frame(trained, &models, camera, (out, index), normals)?,
+        };
         animation.add(&picture)?;
         bar.inc(1);
     }
@@ -128,6 +122,44 @@ fn write_frames(
     let frames = counted(cameras.len(), "frame");
     outln!("{frames} of {width}x{height} in {seconds:.1} s: {}", path.display());
     Ok(Some(path))
+}
+
+/// Renders what `camera` sees, with its depth and, if asked for, its normals, to the files of frame `index` in the folder `out`.
+fn render_frame(
+    trained: &Trained,
+    models: &[TrainedModel],
+    camera: &Camera,
+    (out, index): (&Path, usize),
+    normals: bool,
+) -> Result<RgbImage> {
+    let (space, image) = (&trained.scene().space, render_image(trained.renderer(), models, camera));
+    let picture = to_rgb8(&image.rgb, image.width, image.height)?;
+    let depth = depth_image(&image.depth, &image.acc, image.width, image.height, space.near, space.far)?;
+    save_png(&picture, &frame_file(out, "", index))?;
+    save_png(&depth, &frame_file(out, "depth", index))?;
+    if normals {
+        let image = render_normals(trained.renderer(), models, camera);
+        let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
+        save_png(&normals, &frame_file(out, "normals", index))?;
+    }
+    Ok(picture)
+}
+
+/// Copies the files of frame `from` in the folder `out` to those of frame `to`, which has the same camera.
+fn copy_frame(out: &Path, from: usize, to: usize) -> Result<RgbImage> {
+    for kind in ["", "depth", "normals"] {
+        let (from, to) = (frame_file(out, kind, from), frame_file(out, kind, to));
+        if from.exists() {
+            std::fs::copy(from, &to).with_context(|| to.display().to_string())?;
+        }
+    }
+    let file = frame_file(out, "", from);
+    Ok(image::open(&file).with_context(|| file.display().to_string())?.to_rgb8())
+}
+
+/// Returns the path of frame `index`: an image in the folder `out`, or its depth or normals in the subfolder `kind`.
+fn frame_file(out: &Path, kind: &str, index: usize) -> PathBuf {
+    out.join(kind).join(format!("{index:04}.png"))
 }
 
 /// Longest side, in pixels, of the picture that is rendered to estimate the time of others, and of the smallest frames.
@@ -149,13 +181,17 @@ pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Re
     let start = Instant::now();
     render();
     let speed = RENDER_SHARE * f64::from(small.width * small.height) / start.elapsed().as_secs_f64();
-    // Each training view is rendered once for its residual.
+    // Each training view is rendered once for its residual, and each pose of the orbit once.
     let views = if models.iter().any(|model| model.residuals.is_some()) { trained.scene().train.len() } else { 0 };
-    let share = f64::from(FRAMES) / (f64::from(FRAMES) + views as f64);
+    let renders = |cameras: &[Camera]| {
+        let distinct = (0..cameras.len()).filter(|&i| !cameras[..i].contains(&cameras[i])).count();
+        (distinct + views) as f64
+    };
+    let share = f64::from(FRAMES) / renders(&route.cameras(trained.scene(), Some(FRAMES), None));
     let (frames, size) = affordable_frames((full.width, full.height), share * speed * budget.as_secs_f64());
     let cameras = route.cameras(trained.scene(), Some(frames), Some(size));
     let (width, height) = (cameras[0].width, cameras[0].height);
-    let seconds = (f64::from(frames) + views as f64) * f64::from(width * height) / speed;
+    let seconds = renders(&cameras) * f64::from(width * height) / speed;
     outln!("orbit: {frames} frames of {width}x{height}, about {seconds:.0} s");
     write_frames(trained, &route, &cameras, out, false)
 }
