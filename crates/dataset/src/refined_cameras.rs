@@ -51,8 +51,7 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
         }
         // All cameras share the lens, so the factor applies to cameras of other views too.
         scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras).for_each(refocus);
-        let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
-        let by = PoseError::of(&now, &given, centre);
+        let by = PoseError::of(&scene.training_cameras(), &given, centre);
         scene.notes.push(format!(
             "training cameras were refined by {:.2}° and {:.2} % of their distance: {shared} {after:.2} pixels, before \
              {before:.2}",
@@ -77,8 +76,7 @@ mod tests {
     use crate::source::{SceneSource, load};
 
     fn error(scene: &Scene) -> PoseError {
-        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
-        PoseError::of(&cameras, scene.exact_cameras.as_ref().unwrap(), scene.space.centre.as_dvec3())
+        PoseError::of(&scene.training_cameras(), scene.exact_cameras.as_ref().unwrap(), scene.space.centre.as_dvec3())
     }
 
     fn scene(source: &SceneSource, train: ViewSelection, size: u32) -> Scene {

@@ -53,7 +53,7 @@ impl Trained {
     /// If the resolution is out of range, or the fields have no surface.
     pub fn surface(&self, resolution: usize) -> Result<Surface, ExportError> {
         let volume = self.volume();
-        let cameras: Vec<Camera> = self.scene().train.iter().map(|view| view.camera.clone()).collect();
+        let cameras = self.scene().training_cameras();
         Surface::extract(&DensityGrid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?)
     }
 
@@ -61,7 +61,7 @@ impl Trained {
     /// poses in the region that they span. Test views are not used.
     pub fn splats(&self, surface: &Surface) -> Vec<Gaussian> {
         let (scene, models) = (self.scene(), self.fields());
-        let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let training = scene.training_cameras();
         let (region, mut rng) = (ViewRegion::new(&training), ChaCha8Rng::seed_from_u64(0));
         let more: Vec<_> = (0..SPLAT_VIEWS).map(|_| region.sample(&mut rng)).collect();
         let first = &training[0];

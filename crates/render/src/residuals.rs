@@ -195,8 +195,7 @@ mod tests {
     }
 
     fn residuals(scene: &Scene) -> Residuals {
-        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
-        Residuals::new(Arc::new(scene.clone()), cameras)
+        Residuals::new(Arc::new(scene.clone()), scene.training_cameras())
     }
 
     /// Returns what the residuals of `scene` add to each pixel of the grey picture, and the photograph's pattern at the

@@ -137,10 +137,14 @@ impl Scene {
         self.space.range.along(ray)
     }
 
+    /// Returns the cameras of `train` as they are now, refined or not.
+    pub fn training_cameras(&self) -> Vec<Camera> {
+        self.train.iter().map(|view| view.camera.clone()).collect()
+    }
+
     /// Returns the cameras of `train` as they were given.
     pub fn given_cameras(&self) -> Vec<Camera> {
-        let now = || self.train.iter().map(|view| view.camera.clone()).collect();
-        self.unrefined_cameras.clone().unwrap_or_else(now)
+        self.unrefined_cameras.clone().unwrap_or_else(|| self.training_cameras())
     }
 
     /// Returns the number of pixels of the scene's views.

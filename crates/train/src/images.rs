@@ -8,7 +8,7 @@ use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
-use crate::pixels::{Pixels, central_half, crop, training_cameras};
+use crate::pixels::{Pixels, central_half, crop};
 
 /// The training images of a scene at every size that a run uses.
 #[derive(Clone, Debug)]
@@ -82,7 +82,7 @@ impl TrainingImages {
         };
         let sizes: Vec<Images> = factors.filter_map(sized).collect();
         assert!(sizes.first().is_some_and(|images| images.factor == 1), "every training view has a valid pixel");
-        Self { cameras: training_cameras(scene).into(), sizes }
+        Self { cameras: scene.training_cameras().into(), sizes }
     }
 
     /// Returns the images that a run learns from at a moment; at full size if there are none of its size.
@@ -228,7 +228,7 @@ mod tests {
         let downscale = "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}";
         let config = Config::of(Preset::Paper, [downscale]).unwrap().train;
         let images = TrainingImages::new(&scene, &config);
-        let cameras = training_cameras(&scene);
+        let cameras = scene.training_cameras();
         let region = ViewRegion::new(&cameras);
         let noise = Noise::new(0, 0, RandomStream::SeenRays);
         let camera = unseen_camera(&scene, &region, &config, noise);

@@ -6,7 +6,7 @@ use infonerf_render::{Noise, RandomStream, RenderRequest, Renderer, TrainedModel
 use infonerf_scene::{Ray, Scene, ViewRegion, near_pose};
 
 use crate::config::Config;
-use crate::pixels::{generator, training_cameras};
+use crate::pixels::generator;
 
 /// Entropy and information gain along test rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub fn information<F: Field>(
     if count == 0 || scene.test.is_empty() {
         return None;
     }
-    let centre = neighbours.about.of(&ViewRegion::new(&training_cameras(scene)));
+    let centre = neighbours.about.of(&ViewRegion::new(&scene.training_cameras()));
     let noise = Noise::new(seed, 0, RandomStream::InformationRays);
     let pair = |i: usize| {
         let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);

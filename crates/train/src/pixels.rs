@@ -66,11 +66,6 @@ impl Pixels {
     }
 }
 
-/// Returns the training cameras of `scene` as they are now, refined by matches or not.
-pub(crate) fn training_cameras(scene: &Scene) -> Vec<Camera> {
-    scene.train.iter().map(|view| view.camera.clone()).collect()
-}
-
 /// Returns the first and the number of columns (or rows) that are drawn from: the central half until `train.precrop_steps`.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { central_half(size) } else { (0, size) }
@@ -122,7 +117,7 @@ mod tests {
         for view in &mut scene.train {
             view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
         }
-        let cameras = training_cameras(&scene);
+        let cameras = scene.training_cameras();
         let region = ViewRegion::new(&cameras);
         let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras: cameras.into() };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;

@@ -9,7 +9,6 @@ use infonerf_scene::{Scene, ViewRegion};
 use crate::config::{Config, checks};
 use crate::error::TrainError;
 use crate::images::TrainingImages;
-use crate::pixels::training_cameras;
 use crate::sources::all_sources;
 
 /// Scene with everything that training derives from it once.
@@ -30,7 +29,7 @@ impl TrainingScene {
         let objective = Objective::new(&config.loss, &scene, device)?;
         Ok(Self {
             renderer: Renderer::new(&config.render, &scene),
-            region: ViewRegion::new(&training_cameras(&scene)),
+            region: ViewRegion::new(&scene.training_cameras()),
             images: TrainingImages::new(&scene, &config.train),
             sources: all_sources(&scene, sees),
             objective,

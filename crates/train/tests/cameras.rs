@@ -55,7 +55,7 @@ fn disturbed_cameras_approach_the_exact_ones() {
     let scene = Arc::new(scene_of("knot", 30, 48).as_ref().clone().disturbed(3.0, 0.04, 1));
     let mut trainer = Trainer::new(&config("photometric"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
-    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let given = scene.training_cameras();
     let exact = scene.exact_cameras.as_ref().unwrap();
     let error = |cameras: &[Camera]| PoseError::of(cameras, exact, DVec3::ZERO);
     let (before, after) = (error(&given), error(&trainer.cameras()));

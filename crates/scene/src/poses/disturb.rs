@@ -12,7 +12,7 @@ impl Scene {
     pub fn disturbed(mut self, degrees: f64, distance: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let centre = self.space.centre.as_dvec3();
-        self.exact_cameras = Some(self.train.iter().map(|view| view.camera.clone()).collect());
+        self.exact_cameras = Some(self.training_cameras());
         for view in &mut self.train {
             let position = view.camera.position_f64();
             let turn = DMat3::from_axis_angle(direction(&mut rng), degrees.to_radians());

@@ -114,7 +114,6 @@ fn name(value: &impl serde::Serialize) -> String {
 mod tests {
     use super::*;
     use crate::config::Preset;
-    use crate::pixels::training_cameras;
     use crate::testing::knot;
 
     #[test]
@@ -175,7 +174,7 @@ mod tests {
         let turned = glam::DMat4::from_rotation_y(std::f64::consts::PI);
         scene.train = vec![views[0].clone(), views[0].clone()];
         scene.train[1].camera.to_world = views[0].camera.to_world * turned;
-        scene.all_train_cameras = training_cameras(&scene);
+        scene.all_train_cameras = scene.training_cameras();
         let message = check_scene(&config, &scene).unwrap_err().to_string();
         assert!(message.contains("render.space") && message.contains("knot"), "{message}");
     }

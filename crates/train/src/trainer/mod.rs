@@ -23,7 +23,6 @@ use crate::config::{Config, checks};
 use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{FieldBuilder, field_bounds, optimizer};
-use crate::pixels::training_cameras;
 use crate::profile::Profile;
 use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
@@ -238,7 +237,7 @@ impl<F: Field> Trainer<F> {
 
     /// Returns the learned training cameras, in the model's own frame; the scene's cameras if none are learned.
     pub fn cameras(&self) -> Vec<Camera> {
-        let given = training_cameras(self.scene());
+        let given = self.scene().training_cameras();
         let mean = self.weight_average.mean.as_ref().unwrap_or(&self.model);
         mean.cameras.as_ref().map(|cameras| cameras.apply(&given)).unwrap_or(given)
     }
@@ -248,7 +247,7 @@ impl<F: Field> Trainer<F> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
         let centre = self.scene().space.centre.as_dvec3();
-        let given = training_cameras(self.scene());
+        let given = self.scene().training_cameras();
         differ.then(|| ModelFrame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
     }
 

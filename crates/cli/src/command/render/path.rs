@@ -47,7 +47,7 @@ impl Route {
 
     /// Returns the [`camera`] of each frame along the path. `size` is the longest side of the pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
-        let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let training = scene.training_cameras();
         let (frames, of_file): (Vec<Keyframe>, _) = match &self.poses {
             Poses::BuiltIn(poses) => {
                 let poses = poses(&training, scene, frames.unwrap_or(FRAMES) as usize);
