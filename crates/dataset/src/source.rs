@@ -65,7 +65,7 @@ impl SceneSource {
 pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, SceneError> {
     match source {
         SceneSource::Procedural(name) => procedural::load(name, request),
-        SceneSource::Folder { path } => capture::assemble(loaders::read(path, request)?, request),
+        SceneSource::Folder { path } => capture::assemble(loaders::read(path, request)?, request, true),
     }
 }
 

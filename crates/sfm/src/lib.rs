@@ -23,6 +23,6 @@ mod two_view;
 pub use bundle::Point;
 pub use camera::{Pose, SimpleRadial, ray};
 pub use matching::max_matched_pairs;
-pub use reconstruction::{NO_DEPTH, Photograph, SparseModel, reconstruct};
+pub use reconstruction::{NoReconstruction, Photograph, SparseModel, reconstruct};
 pub use refine::{Refined, Uncertainty, refine};
 pub use two_view::{ImageMatches, explains, verified_matches};

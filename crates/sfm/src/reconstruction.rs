@@ -1,6 +1,7 @@
 //! Structure from motion: from photographs to cameras and points.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
 
 use glam::DVec2;
 use rayon::prelude::*;
@@ -42,9 +43,28 @@ const STARTS: usize = 3;
 /// Max angle between rays, in radians, that counts in the choice of a starting pair.
 const MAX_COUNTED_ANGLE: f64 = 0.2;
 
-/// Error of photographs that show no depth.
-pub const NO_DEPTH: &str = "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
-                            turned, crops of one photograph, or a flat scene";
+/// Reason why photographs have no reconstruction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoReconstruction {
+    /// One homography explains the matches of each pair.
+    NoDepth,
+    /// No two of so many photographs have enough matches that agree on a relative pose.
+    NoPair(usize),
+}
+
+impl Display for NoReconstruction {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoDepth => f.write_str(
+                "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
+                 turned, crops of one photograph, or a flat scene",
+            ),
+            Self::NoPair(count) => {
+                write!(f, "no two of {count} photographs have {MIN_MATCHES} matches that agree on a relative pose")
+            }
+        }
+    }
+}
 
 /// A photograph. All share one lens with the principal point in the middle; images of several sizes have one scale.
 #[derive(Clone, Debug)]
@@ -83,13 +103,12 @@ impl SparseModel {
 /// replaces the focal lengths of the photographs.
 ///
 /// # Errors
-/// Returns one line if no two photographs have enough matches that agree on a relative pose, or if one homography
-/// explains the matches of each pair, so that nothing shows depth.
+/// No pair of photographs can start a reconstruction.
 pub fn reconstruct(
     photographs: &[Photograph],
     focal: Option<f64>,
     mut progress: impl FnMut(&str),
-) -> Result<SparseModel, String> {
+) -> Result<SparseModel, NoReconstruction> {
     let count = photographs.len();
     let size_of = |p: &Photograph| DVec2::new(p.image.width as f64, p.image.height as f64);
     let size = photographs.iter().map(size_of).fold(DVec2::ONE, DVec2::max);
@@ -174,7 +193,7 @@ fn best_guess(
     count: usize,
     map: impl Fn(f64) -> Result<SparseModel, bool>,
     progress: &mut impl FnMut(&str),
-) -> Result<SparseModel, String> {
+) -> Result<SparseModel, NoReconstruction> {
     let mut best: Option<((usize, f64), SparseModel)> = None;
     let mut tried = Vec::new();
     let mut flat = false;
@@ -204,8 +223,7 @@ fn best_guess(
         }
     }
     let Some((score, found)) = best else {
-        let apart = format!("no two of {count} photographs have {MIN_MATCHES} matches that agree on a relative pose");
-        return Err(if flat { NO_DEPTH.to_owned() } else { apart });
+        return Err(if flat { NoReconstruction::NoDepth } else { NoReconstruction::NoPair(count) });
     };
     let rivals = tried.iter().filter(|(placed, value, _)| *placed == score.0 && *value >= MIN_RIVAL_RATIO * score.1);
     let rivals: Vec<f64> = rivals.map(|(_, _, to)| *to).collect();

@@ -37,9 +37,6 @@ const THUMBNAIL: u32 = 16;
 /// Correlation of reduced images above which two views of one camera show one photograph: photographs of three published
 /// scenes and their copies with other tones and white balance have 0.95 to 1.
 const SAME_PHOTOGRAPH: f32 = 0.94;
-/// End of the warning about exact depths of resized images.
-pub(crate) const DEPTHS_LEFT_OUT: &str =
-    "are left out: depths are used only where images keep their stored size (`scene.size = 0`)";
 
 /// Views that a request chooses; no image is decoded yet.
 struct Chosen<'f> {
@@ -166,8 +163,9 @@ pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<P
 
 /// Chooses views, reads their images in parallel and builds the scene.
 ///
-/// Views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning.
-pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
+/// Views without a valid pixel, and test views that show the photograph of a training view, are left out with a warning, and if
+/// `needs_depths` also the exact depths of resized images.
+pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest, needs_depths: bool) -> Result<Scene, SceneError> {
     let Capture { mut found, mut space, origin } = found.prepared()?;
     let mut warnings = std::mem::take(&mut found.warnings);
     let Chosen { train, test: chosen_test, cameras, scale, alpha, warnings: left_out } = choose(&found, request)?;
@@ -193,7 +191,10 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     let resized = stored.filter(|(_, camera)| (camera.width, camera.height) != scale.canvas);
     let lost = resized.filter(|(frame, _)| frame.depth.is_some()).count();
     let all = train.len() + tested.len();
-    warnings.extend((lost > 0).then(|| format!("exact depths of {lost} of {all} views {DEPTHS_LEFT_OUT}")));
+    warnings.extend((needs_depths && lost > 0).then(|| {
+        let used = "depths are used only where images keep their stored size (`scene.size = 0`)";
+        format!("exact depths of {lost} of {all} views are left out: {used}")
+    }));
     let is_known = train_views.iter().zip(shown).all(|(view, [border, _])| view.image.alpha.is_some() || border);
     warnings.extend(check_valid(&train, &mut train_views, &mut test)?);
     if request.test != TestProtocol::Training {

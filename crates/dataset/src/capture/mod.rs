@@ -12,7 +12,7 @@ mod mask;
 mod plausible;
 mod sizes;
 
-pub(crate) use assemble::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, count_pixels, in_order, scene_name};
+pub(crate) use assemble::{MAX_BYTES, assemble, count_pixels, in_order, scene_name};
 pub(crate) use compare::compare;
 pub(crate) use extent::{capture_space, frusta_bounds, grid, join_names, some_of};
 pub(crate) use mask::{IMAGE_FOLDERS, list_photographs, mask_of, read_mask, read_stored_mask, stray_masks};

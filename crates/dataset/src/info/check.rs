@@ -5,7 +5,7 @@ use std::path::Path;
 use infonerf_scene::poses::angle;
 use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-use crate::capture::{DEPTHS_LEFT_OUT, MAX_BYTES, assemble, compare, count_pixels, grid, some_of};
+use crate::capture::{MAX_BYTES, assemble, compare, count_pixels, grid, some_of};
 use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
@@ -14,8 +14,6 @@ const FAR_OFF: f32 = 20.0;
 const UPRIGHT: f64 = 0.5;
 /// Views closer together than this, in degrees, have hardly any parallax.
 const NARROW_DEG: f64 = 2.0;
-/// End of the warning about such views.
-const NO_PARALLAX: &str = "they show hardly any depth";
 /// An image is blurred if its detail is below this fraction of the median detail.
 const BLURRED: f32 = 0.2;
 /// An image is dark if the mean of its values is below this fraction of the median mean.
@@ -35,10 +33,8 @@ const CHECKED_SIZE: u32 = 512;
 pub fn check_folder(dir: &Path) -> Result<(usize, Vec<String>, Option<String>), SceneError> {
     let request = fitting_request(dir, MAX_BYTES)?;
     let (doubts, note) = compare(&loaders::read(dir, &request)?.prepared()?)?;
-    let scene = assemble(loaders::read(dir, &request)?, &request)?;
-    let mut warnings = check(&scene);
-    // The images are resized for the check alone, and doubts explain a lack of parallax better.
-    warnings.retain(|text| !text.ends_with(DEPTHS_LEFT_OUT) && (doubts.is_empty() || !text.ends_with(NO_PARALLAX)));
+    let scene = assemble(loaders::read(dir, &request)?, &request, false)?;
+    let mut warnings = check(&scene, doubts.is_empty());
     warnings.extend(doubts);
     Ok((scene.train.len() + scene.test.len(), warnings, note))
 }
@@ -58,8 +54,9 @@ fn fitting_request(dir: &Path, limit: u64) -> Result<SceneRequest, SceneError> {
     }
 }
 
-/// Returns the warnings about `scene` that should be looked at before training on it.
-fn check(scene: &Scene) -> Vec<String> {
+/// Returns the warnings about `scene` that should be looked at before training on it; about a lack of parallax only if its
+/// photographs raise no doubts about its poses, which explain it better.
+fn check(scene: &Scene, is_undoubted: bool) -> Vec<String> {
     let mut warnings = scene.warnings.clone();
     let (bounds, diagonal) = (&scene.space.bounds, scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(bounds.centre()) > FAR_OFF * diagonal;
@@ -67,7 +64,7 @@ fn check(scene: &Scene) -> Vec<String> {
     let is_blind = |camera: &Camera| grid(camera).all(|ray| bounds.intersect(&ray).is_none());
     let blind = "that see nothing of the box (are the axes of the poses OpenGL's?)";
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
-    warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene)]).flatten());
+    warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene).filter(|_| is_undoubted)]).flatten());
     warnings.extend(images(scene));
     warnings
 }
@@ -100,7 +97,7 @@ fn baseline(scene: &Scene) -> Option<String> {
     let pairs = directions.iter().enumerate().flat_map(|(i, a)| directions[..i].iter().map(move |b| angle(*a, *b)));
     let widest = pairs.fold(0.0, f64::max).to_degrees();
     (directions.len() > 1 && widest < NARROW_DEG && scene.space.layout != Layout::Inside)
-        .then(|| format!("the training views are within {widest:.1}° of each other: {NO_PARALLAX}"))
+        .then(|| format!("the training views are within {widest:.1}° of each other: they show hardly any depth"))
 }
 
 fn images(scene: &Scene) -> Vec<String> {
@@ -180,7 +177,7 @@ mod tests {
     #[test]
     fn each_fault_is_found_and_a_sound_scene_has_none() {
         let sound = scene();
-        assert_eq!(check(&sound), [""; 0]);
+        assert_eq!(check(&sound, true), [""; 0]);
         /// A change of the scene, and a part of each warning that it leads to.
         type Case<'a> = (&'a dyn Fn(&mut Scene), &'a [&'a str]);
         let cases: [Case<'_>; 9] = [
@@ -203,7 +200,7 @@ mod tests {
         let changed = |change: &dyn Fn(&mut Scene)| {
             let mut scene = sound.clone();
             change(&mut scene);
-            check(&scene)
+            check(&scene, true)
         };
         for (change, expected) in cases {
             let found = changed(change);

@@ -112,13 +112,8 @@ fn find_poses(
     }
     let own = own::find(dir, images, search.focal, &mut *progress);
     // COLMAP cannot read more photographs, and invents a baseline where there is none.
-    let is_final = match &own {
-        Ok(found) => found.left_out == 0,
-        Err(SceneError::Malformed { expected, reason, .. }) if expected == OVERLAPPING => {
-            reason.contains(infonerf_sfm::NO_DEPTH)
-        }
-        Err(_) => true,
-    };
+    let is_final = own.as_ref().map_or_else(|not_found| !not_found.too_few_overlap, |found| found.left_out == 0);
+    let own = own.map_err(|not_found| not_found.error);
     match colmap.filter(|_| search.solver == PoseSolver::Best && !is_final) {
         Some(colmap) => better(own, &colmap, (work, poses, images), progress),
         None => own?.write(poses),

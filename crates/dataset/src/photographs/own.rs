@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec2;
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, orientation, quarter_turns, read_rgba, resized_mask};
 use infonerf_scene::{Camera, SceneError, resized_dimensions};
-use infonerf_sfm::{Photograph, Point, SparseModel, reconstruct};
+use infonerf_sfm::{NoReconstruction, Photograph, Point, SparseModel, reconstruct};
 use rayon::prelude::*;
 
 use super::{MIN_IMAGES, OVERLAPPING};
@@ -41,6 +41,20 @@ impl OwnPoses {
     }
 }
 
+/// Error of finding poses.
+#[derive(Debug)]
+pub(super) struct PosesNotFound {
+    pub(super) error: SceneError,
+    /// Whether too few photographs overlap for this program, of which another may place more.
+    pub(super) too_few_overlap: bool,
+}
+
+impl From<SceneError> for PosesNotFound {
+    fn from(error: SceneError) -> Self {
+        Self { error, too_few_overlap: false }
+    }
+}
+
 /// Finds the poses of the photographs in `images`, which is `dir` or a folder in it. `progress` receives a line for
 /// each step, and the reason for each photograph without a pose.
 ///
@@ -51,7 +65,7 @@ pub(super) fn find(
     images: &Path,
     focal: Option<f64>,
     mut progress: impl FnMut(&str),
-) -> Result<OwnPoses, SceneError> {
+) -> Result<OwnPoses, PosesNotFound> {
     let all = list_photographs(images)?;
     progress(&format!("finding the poses of {} photographs", all.len()));
     let sides = all.iter().map(|path| dimensions(path).map(|(w, h)| w.max(h))).collect::<Result<Vec<u32>, _>>()?;
@@ -70,13 +84,17 @@ pub(super) fn find(
         let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(dir, path, longest)).collect();
         photographs.extend(read?);
     }
-    let fault = |reason: String| SceneError::malformed(images, OVERLAPPING, reason);
+    let fault = |reason: String, too_few_overlap: bool| {
+        let error = SceneError::malformed(images, OVERLAPPING, reason);
+        PosesNotFound { error, too_few_overlap }
+    };
     let masked = photographs.iter().filter(|photograph| photograph.mask.is_some()).count();
     if masked > 0 {
         progress(&format!("features count within masks: {masked} of {} photographs", photographs.len()));
     }
     let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
-    let found = reconstruct(&input, focal, &mut progress).map_err(|reason| fault(reason + cause(&photographs)))?;
+    let found = reconstruct(&input, focal, &mut progress)
+        .map_err(|why| fault(format!("{why}{}", cause(&photographs)), why != NoReconstruction::NoDepth))?;
     let mut lost = Vec::new();
     for (i, (path, pose)) in paths.iter().zip(&found.poses).enumerate() {
         let Err(reason) = pose else { continue };
@@ -85,7 +103,7 @@ pub(super) fn find(
         lost.push(line);
     }
     if paths.len() - lost.len() < MIN_IMAGES {
-        return Err(fault(lost.swap_remove(0)));
+        return Err(fault(lost.swap_remove(0), true));
     }
     let colour = |point: &Point| {
         let (by, pixel) = point.seen[0];

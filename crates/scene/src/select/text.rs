@@ -26,8 +26,12 @@ impl FromStr for TestProtocol {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `training`, `regnerf`, `pixelnerf`, `infonerf` or `neural-body`";
-        let error = || format!("expected {expected}, found `{text}`");
+        let error = || {
+            let [names @ .., last] = PUBLISHED;
+            let names = names.map(|name| format!("`{name}`")).join(", ");
+            let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `training`";
+            format!("expected {expected}, {names} or `{last}`, found `{text}`")
+        };
         let positive = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
         match (text, text.split_once('-')) {
             ("all", _) => Ok(Self::All),
