@@ -5,7 +5,7 @@ use infonerf_field::{
     BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, Sources,
     density_gradient,
 };
-use infonerf_ops::{Segments, from_host, to_host, upload};
+use infonerf_ops::{Segments, to_host, upload, upload_rows};
 use infonerf_schedule::Moment;
 use infonerf_tests::{devices, fixture, hashed, parameters_of, with_parameters};
 
@@ -47,7 +47,7 @@ fn points(positions: &[f32], device: &Device) -> Points {
     let count = positions.len() / 3;
     let each = |value: f32| upload(vec![value; count], [count], device);
     Points {
-        positions: from_host(positions, 3, device),
+        positions: upload_rows(positions, 3, device),
         directions: Tensor::from_floats([[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]], device),
         segments: Segments::from_counts([2, count - 2]),
         extent: Extent::Cones { t: each(3.0), delta: each(0.2), radii: Tensor::from_floats([0.01, 0.02], device) },
@@ -97,7 +97,7 @@ fn gradients_in_parameters_are_those_of_differences() {
                 let field = field.conditioned(&sources(), Some(5));
                 let out = field.evaluate(&points(&AT, device), true, Moment::END);
                 let weights = |l: usize, n: usize| (0..n).map(|n| hashed(l, n) as f32).collect::<Vec<_>>();
-                let color = out.color.unwrap() * from_host(&weights(8, 15), 3, device);
+                let color = out.color.unwrap() * upload_rows(&weights(8, 15), 3, device);
                 let penalties = [Penalty::TOTAL_VARIATION, Penalty::LATENT_DIVERGENCE].map(|name| field.penalty(name));
                 let shown = (out.sigma * upload(weights(7, 5), [5], device)).sum() + color.sum();
                 penalties.into_iter().flatten().fold(shown, |sum, penalty| sum + penalty)

@@ -5,7 +5,7 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::{
-    RayGaussians, from_host, frustum_gaussians, integrated_encode, ray_divergence, ray_entropy, to_host,
+    RayGaussians, frustum_gaussians, integrated_encode, ray_divergence, ray_entropy, to_host, upload_rows,
 };
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Ray, Scene};
@@ -188,7 +188,7 @@ fn frusta_and_their_encoding_agree_with_jax() {
         let found = triple(&fixture["direction"]).map(|d| along * d * d + across * (1.0 - d * d));
         compare_relative(&found, &floats(&row["variance"]), &format!("frustum {index}, variance"));
         if t0 < 10.0 {
-            let [mean, variance] = ["mean", "variance"].map(|key| from_host(&numbers(&row[key]), 3, &Device::flex()));
+            let [mean, variance] = ["mean", "variance"].map(|key| upload_rows(&numbers(&row[key]), 3, &Device::flex()));
             let features = to_host(integrated_encode(mean, variance, 16, &[]));
             compare(&features, &row["features"], &format!("frustum {index}, features"));
         }

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 use infonerf_field::{
     BodyVertices, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField,
 };
-use infonerf_ops::{from_host, to_host};
+use infonerf_ops::{to_host, upload_rows};
 use infonerf_schedule::Moment;
 use infonerf_tests::{close, fixture, hashed, numbers, overwritten, parameters_of, triple};
 use serde_json::Value;
@@ -58,7 +58,7 @@ fn agrees_with_pytorch_on_every_device() {
         assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
         let field = original.conditioned(&no_sources(), None);
         let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
-        let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
+        let [positions, directions] = [positions, directions].map(|rows| upload_rows(&rows, 3, device));
         let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
         let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
         close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, 0.0, "density alone");

@@ -8,7 +8,7 @@ use infonerf_field::{
     CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
     RadianceField, Sources,
 };
-use infonerf_ops::{Segments, additive_depth, composite, from_host, to_host};
+use infonerf_ops::{Segments, additive_depth, composite, to_host, upload_rows};
 use infonerf_procedural::load;
 use infonerf_render::Exposure;
 use infonerf_scene::{SceneRequest, TestProtocol};
@@ -87,7 +87,7 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
     let field = original.conditioned(sources, None);
     let segments = Segments::from_counts(wholes(&fixture["counts"]));
     let (positions, deltas) = (numbers(&fixture["positions"]), numbers(&fixture["deltas"]));
-    let points = Points::scattered(from_host(&positions, 3, device), Extent::Ball { variance: 0.0 });
+    let points = Points::scattered(upload_rows(&positions, 3, device), Extent::Ball { variance: 0.0 });
     let sampled = field.evaluate(&points, true, Moment::END);
     let alone = field.evaluate(&points, false, Moment::END);
     assert!(alone.color.is_none());
@@ -154,7 +154,7 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
 /// Returns the densities of the fixture's points from the field conditioned on `sources`.
 fn densities(fixture: &Value, field: &RadianceField, sources: &Sources, seed: Option<u64>) -> Vec<f32> {
     let positions = numbers(&fixture["positions"]);
-    let points = Points::scattered(from_host(&positions, 3, &field.device()), Extent::Ball { variance: 0.0 });
+    let points = Points::scattered(upload_rows(&positions, 3, &field.device()), Extent::Ball { variance: 0.0 });
     to_host(field.conditioned(sources, seed).evaluate(&points, false, Moment::END).sigma)
 }
 

@@ -10,7 +10,7 @@ use infonerf_field::{
     DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSpec, PixelNerfConfig, Points, RadianceField,
     Sources,
 };
-use infonerf_ops::{Segments, from_host, to_host};
+use infonerf_ops::{Segments, to_host, upload_rows};
 use infonerf_schedule::Moment;
 use infonerf_tests::{
     TOLERANCE, compare_within, fixture, gradients_of_rank, hashed, numbers, triple, whole, wholes, with_parameters,
@@ -133,7 +133,7 @@ fn agrees_with_pytorch() {
         let counts = wholes(&fixture["counts"]);
         let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
         let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
-        let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
+        let [positions, directions] = [positions, directions].map(|rows| upload_rows(&rows, 3, &field.device()));
         let (segments, extent) = (Segments::from_counts(counts.clone()), Extent::Ball { variance: 0.0 });
         let points = Points { positions, directions, segments, extent };
         let sampled = field.conditioned(&sources, None).evaluate(&points, true, Moment::END);

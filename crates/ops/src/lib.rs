@@ -79,6 +79,6 @@ pub use frustum::{RayGaussians, frustum_gaussians};
 pub use mlp::radiance_mlp;
 pub use rotation::rotate;
 pub use segments::Segments;
-pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};
+pub use traffic::{HostNumber, Traffic, to_host, to_host_together, upload, upload_rows, upload_together};
 pub use trilinear::trilinear;
 pub use unit_box::unit_box;

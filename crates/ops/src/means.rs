@@ -21,15 +21,15 @@ pub fn weighted_sum(terms: Vec<(Tensor<1>, f32)>) -> Option<Tensor<1>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::traffic::{from_host, to_host};
+    use crate::traffic::{to_host, upload_rows};
     use burn::tensor::Device;
 
     #[test]
     fn values_and_gradients_by_hand() {
         for device in [Device::flex(), Device::ndarray()] {
             let device = device.autodiff();
-            let a = from_host(&[1.0, 2.0, 4.0, 8.0], 2, &device).require_grad();
-            let b = from_host(&[0.0, 2.0, 6.0, 8.5], 2, &device).require_grad();
+            let a = upload_rows(&[1.0, 2.0, 4.0, 8.0], 2, &device).require_grad();
+            let b = upload_rows(&[0.0, 2.0, 6.0, 8.5], 2, &device).require_grad();
             let mean = mean_squared_difference(a.clone(), b.clone());
             let grads = mean.clone().backward();
             assert_eq!(to_host(mean), [(1.0 + 4.0 + 0.25) / 4.0]);

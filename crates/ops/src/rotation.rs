@@ -25,7 +25,7 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::traffic::{from_host, to_host};
+    use crate::traffic::{to_host, upload_rows};
 
     fn exact(v: [f64; 3], w: [f64; 3]) -> [f64; 3] {
         let cross = |a: [f64; 3], b: [f64; 3]| {
@@ -45,7 +45,7 @@ mod tests {
         let weights = [0.7, -1.1, 0.4];
         let device = Device::flex().autodiff();
         let rows = |rows: &[[f64; 3]]| {
-            from_host(&rows.as_flattened().iter().map(|x| *x as f32).collect::<Vec<_>>(), 3, &device)
+            upload_rows(&rows.as_flattened().iter().map(|x| *x as f32).collect::<Vec<_>>(), 3, &device)
         };
         let (v, w) = (rows(&vectors).require_grad(), rows(&rotations).require_grad());
         let rotated = rotate(v.clone(), w.clone());

@@ -100,15 +100,15 @@ impl Segments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::traffic::{from_host, to_host};
+    use crate::traffic::{to_host, upload_rows};
 
     #[test]
     fn rows_of_rays_go_to_their_samples_and_gradients_back() {
         let segments = Segments::from_counts([0, 2, 0, 1]);
         for device in [Device::flex(), Device::ndarray()] {
-            let rows = from_host(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0], 2, &device.autodiff()).require_grad();
+            let rows = upload_rows(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0], 2, &device.autodiff()).require_grad();
             let out = segments.spread(rows.clone());
-            let pull = from_host(&[1.0, 10.0, 2.0, 20.0, 3.0, 30.0], 2, &rows.device());
+            let pull = upload_rows(&[1.0, 10.0, 2.0, 20.0, 3.0, 30.0], 2, &rows.device());
             let gradient = rows.grad(&(out.clone() * pull).sum().backward()).unwrap();
             assert_eq!(to_host(out), [3.0, 4.0, 3.0, 4.0, 7.0, 8.0]);
             assert_eq!(to_host(gradient), [0.0, 0.0, 3.0, 30.0, 0.0, 0.0, 3.0, 30.0]);

@@ -58,8 +58,8 @@ pub fn upload_together<const N: usize>(
     }
 }
 
-/// Uploads rows of `columns` elements.
-pub fn from_host(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+/// Uploads `rows`, of `columns` elements each, as by [`upload`].
+pub fn upload_rows(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     upload(rows.to_vec(), [rows.len() / columns, columns], device)
 }
 

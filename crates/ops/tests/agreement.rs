@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use burn::tensor::Tensor;
-use infonerf_ops::{Segments, composite, composite_over, from_host, has_host_kernels};
+use infonerf_ops::{Segments, composite, composite_over, has_host_kernels, upload_rows};
 use infonerf_oracle as oracle;
 use serde_json::Value;
 
@@ -257,7 +257,7 @@ fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
         let device = body.device();
         let t = || vector(&tau, &device);
         let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
-        let composited = body.composite(t(), from_host(&[0.5; 5], 1, &device), &segments);
+        let composited = body.composite(t(), upload_rows(&[0.5; 5], 1, &device), &segments);
         let entropies = EPSILONS.map(|epsilon| body.entropy(t(), &segments, epsilon).bits);
         let divergences = [(t(), sane()), (sane(), t())].map(|(p, q)| body.divergence(p, q, &segments, 1e-10));
         let others = [composited.values.squeeze_dim(1), composited.acc];
@@ -275,7 +275,7 @@ fn no_rays_and_rays_without_samples() {
         for rays in [0, 3] {
             let segments = Segments::uniform(rays, 0);
             let empty = || vector(&[], &device);
-            let values = from_host(&[], 2, &device);
+            let values = upload_rows(&[], 2, &device);
             let out = body.composite(empty(), values, &segments);
             assert_eq!(out.values.dims(), [rays, 2], "{body:?}");
             let entropy = body.entropy(empty(), &segments, 0.0).bits;

@@ -2,7 +2,7 @@
 
 use crate::common::{Draws, RayImplementation, floats, wide};
 use burn::tensor::Tensor;
-use infonerf_ops::{frequency, frequency_encode, from_host, integrated_encode};
+use infonerf_ops::{frequency, frequency_encode, integrated_encode, upload_rows};
 
 /// Error of a sine, and of a gradient relative to the highest frequency, by which its terms are scaled.
 const WAVE: f64 = 3e-7;
@@ -25,11 +25,11 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
     let window = wide(&WINDOW);
     for (body, integrate) in RayImplementation::ALL.into_iter().flat_map(|body| [(body, false), (body, true)]) {
         let device = body.device().autodiff();
-        let [m, v] = [&means, &variances].map(|rows| from_host(rows, 3, &device).require_grad());
+        let [m, v] = [&means, &variances].map(|rows| upload_rows(rows, 3, &device).require_grad());
         let out = encode(body, integrate, m.clone(), v.clone());
         let [rows, columns] = out.dims();
         let upstream = draws.row(rows * columns);
-        let grads = (out.clone() * from_host(&upstream, columns, &device)).sum().backward();
+        let grads = (out.clone() * upload_rows(&upstream, columns, &device)).sum().backward();
         let (out, dmeans) = (floats(out), floats(m.grad(&grads).unwrap()));
         let dvariances = v.grad(&grads).map(floats);
         assert_eq!(dvariances.is_some(), integrate, "{body:?}");

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::common::{Draws, assert_close, joined, vector, wide};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::factored::{self, FactoredLayout, Query, factored_field, plane_variation};
-use infonerf_ops::{from_host, to_host};
+use infonerf_ops::{to_host, upload_rows};
 use infonerf_oracle::factored as oracle;
 
 fn narrow(values: &[f64]) -> Vec<f32> {
@@ -31,7 +31,7 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> F
     let layout = Arc::new(FactoredLayout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
     let query = Query {
         positions: Tensor::zeros([0, 3], &Device::flex()),
-        directions: (color && view_dependent).then(|| from_host(&numbers(3 * samples, 2), 3, &Device::flex())),
+        directions: (color && view_dependent).then(|| upload_rows(&numbers(3 * samples, 2), 3, &Device::flex())),
         frequency_weights: vec![1.0, 0.5],
         level_weights: vec![1.0, 0.4, 0.0],
         color,
@@ -51,12 +51,12 @@ type VariationBody = fn(Tensor<1>, &Arc<FactoredLayout>) -> Tensor<1>;
 fn run(case: &FactoredCase, device: &Device, body: FieldBody, scale: impl Fn(usize) -> f32) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
-    let directions = case.query.directions.clone().map(|rows| from_host(&to_host(rows), 3, &device));
+    let directions = case.query.directions.clone().map(|rows| upload_rows(&to_host(rows), 3, &device));
     let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
     let out = joined(body(tables.clone(), weights.clone(), &case.layout, query));
     let [rows, columns] = out.dims();
     let u: Vec<f32> = numbers(rows * columns, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect();
-    let grads = (out.clone() * from_host(&u, columns, &device)).sum().backward();
+    let grads = (out.clone() * upload_rows(&u, columns, &device)).sum().backward();
     let [dtables, dweights, dpositions] = [tables, weights, positions].map(|x| to_host(x.grad(&grads).unwrap()));
     [to_host(out), dtables, dweights, dpositions]
 }

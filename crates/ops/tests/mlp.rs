@@ -3,7 +3,7 @@
 use crate::common::{Draws, assert_close, joined, vector};
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::mlp::{self, Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
-use infonerf_ops::{Segments, from_host, to_host};
+use infonerf_ops::{Segments, to_host, upload_rows};
 
 /// Width of encoded positions.
 const ENCODED: usize = 7;
@@ -50,19 +50,19 @@ impl MlpCase {
     fn run(&self, device: &Device, precision: Precision, body: NetworkBody) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
         let dense = |([_, outputs], weight, bias): &([usize; 2], Vec<f32>, Vec<f32>)| Dense {
-            weight: from_host(weight, *outputs, &device).require_grad(),
+            weight: upload_rows(weight, *outputs, &device).require_grad(),
             bias: vector(bias, &device).require_grad(),
         };
         let mut trunk: Vec<Dense> = self.layers.iter().map(dense).collect();
         let parameters = trunk.clone();
         let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(trunk.split_off(trunk.len() - 4)).unwrap();
-        let directions = from_host(&self.directions, 3, &device);
+        let directions = upload_rows(&self.directions, 3, &device);
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         let network = RadianceMlp { trunk, skip: self.skip, sigma, color, precision };
-        let x = from_host(&self.x, ENCODED, &device).require_grad();
+        let x = upload_rows(&self.x, ENCODED, &device).require_grad();
         let out = joined(body(x.clone(), &network, [Activation::None; 2]));
-        let u = from_host(&self.u(out.dims()[1]), out.dims()[1], &device);
+        let u = upload_rows(&self.u(out.dims()[1]), out.dims()[1], &device);
         let sum = (out.clone() * u).sum();
         // Burn keeps no graph of tensors without elements.
         if !sum.is_tracked() {

@@ -3,7 +3,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
-use infonerf_ops::{from_host, rotate, to_host, upload};
+use infonerf_ops::{rotate, to_host, upload, upload_rows};
 use infonerf_scene::{Camera, PixelAt, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -119,7 +119,7 @@ impl CameraRefinement {
         let cameras = self.refocused(cameras);
         let rows = |of: &dyn Fn(&PixelAt) -> DVec3| {
             let numbers: Vec<f32> = at.iter().flat_map(|pixel| of(pixel).as_vec3().to_array()).collect();
-            from_host(&numbers, 3, &device)
+            upload_rows(&numbers, 3, &device)
         };
         let direction = |camera: &Camera, pixel: &PixelAt| camera.ray_f64(pixel.x.into(), pixel.y.into()).1;
         let mut directions = rows(&|pixel| direction(&cameras[pixel.view], pixel));
@@ -166,7 +166,7 @@ mod tests {
         let start = CameraRefinement::new(3, PIVOT, Focal::Shared, &device);
         let focal = Tensor::from_floats([phi], &device);
         CameraRefinement {
-            poses: start.poses.map(|_| from_host(poses, 6, &device).require_grad()),
+            poses: start.poses.map(|_| upload_rows(poses, 6, &device).require_grad()),
             focal: start.focal.map(|param| param.map(|_| focal.require_grad())),
             ..start
         }
@@ -199,7 +199,7 @@ mod tests {
                     numbers.zip(&weights).map(|(x, weight)| x * f64::from(*weight)).sum()
                 };
                 let all = Tensor::cat(learned.rays(&cameras, &at).to_vec(), 1);
-                let total = (all * from_host(&weights, 6, &Device::flex().autodiff())).sum();
+                let total = (all * upload_rows(&weights, 6, &Device::flex().autodiff())).sum();
                 let value = f64::from(total.clone().into_scalar::<f32>());
                 approx::assert_abs_diff_eq!(value, loss(&poses, phi), epsilon = 1e-5);
                 let gradients = total.backward();
@@ -230,7 +230,7 @@ mod tests {
         }
         assert!(to_host(moved.prior())[0] < 1e-12);
         let single = CameraRefinement::single(PIVOT, &Device::flex());
-        let poses = single.poses.map(|_| from_host(&motion, 6, &Device::flex()));
+        let poses = single.poses.map(|_| upload_rows(&motion, 6, &Device::flex()));
         let found = CameraRefinement { poses, ..single }.apply(&cameras[..1]);
         assert!(found[0].position_f64().distance(cameras[0].position_f64()) > 1.0);
     }

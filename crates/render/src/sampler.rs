@@ -210,7 +210,7 @@ impl Renderer {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use infonerf_ops::from_host;
+    use infonerf_ops::upload_rows;
     use infonerf_scene::{Range, Scene, Space};
 
     use super::*;
@@ -291,7 +291,7 @@ mod tests {
     fn points_follow_tracked_rays() {
         let renderer = Renderer::new(&config(Placement::Mid), &scene());
         let (device, rays) = (Device::flex().autodiff(), rays(&renderer));
-        let tracked = rays.geometry().map(|rows| from_host(&to_host(rows), 3, &device).require_grad());
+        let tracked = rays.geometry().map(|rows| upload_rows(&to_host(rows), 3, &device).require_grad());
         let pass = renderer.first_coordinates(&rays, Moment::START);
         let placed = renderer.place(&rays.tracked(tracked.clone()), &pass, NOTHING, &device);
         let gradients = placed.points.positions.sum().backward();

@@ -7,7 +7,7 @@ use flate2::read::ZlibDecoder;
 use glam::Vec3;
 use infonerf_experiment::{DeviceName, open};
 use infonerf_field::{Extent, Field, FieldConfig, FieldSetup, Points, RadianceField};
-use infonerf_ops::{from_host, to_host};
+use infonerf_ops::{to_host, upload_rows};
 use infonerf_render::{Model, OccupancyGrid, RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Moment;
@@ -146,7 +146,7 @@ pub(crate) fn packed(config: &RenderConfig, trained: &TrainedModel, voxels: usiz
 
 pub(crate) fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
     let field = &trained.model.fine;
-    let [p, direction] = [p, direction].map(|v| from_host(&v.to_array(), 3, &field.device()));
+    let [p, direction] = [p, direction].map(|v| upload_rows(&v.to_array(), 3, &field.device()));
     let points = Points::scattered(p, Extent::Ball { variance: 0.0 }).seen_along(direction);
     let sampled = field.evaluate(&points, true, trained.at);
     (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
-use infonerf_ops::{Segments, from_host};
+use infonerf_ops::{Segments, upload_rows};
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
 use crate::values::{layer, leaf, leaves, trunk, uniform};
@@ -48,7 +48,7 @@ fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_
         let encoded = leaf(&encoded, device);
         let (leaves, mut dense) = leaves(&layers, device);
         let [sigma, feature, view, rgb]: [Dense; 4] = dense.split_off(in_trunk).try_into().expect("there are four");
-        let (directions, segments) = (from_host(&directions, 3, device), segments.clone());
+        let (directions, segments) = (upload_rows(&directions, 3, device), segments.clone());
         let color = ColorBranch { feature, view, rgb, directions, frequencies, segments };
         let network = RadianceMlp { trunk: dense, skip, sigma, color: Some(color), precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, inputs as i32]);

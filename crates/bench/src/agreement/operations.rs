@@ -13,8 +13,8 @@ use infonerf_ops::sampling::{
     stratified,
 };
 use infonerf_ops::{
-    Segments, composite, composite_over, frequency_encode, from_host, integrated_encode, ray_divergence, ray_entropy,
-    to_host, to_host_together,
+    Segments, composite, composite_over, frequency_encode, integrated_encode, ray_divergence, ray_entropy, to_host,
+    to_host_together, upload_rows,
 };
 
 use super::comparison::{DeviceComparisons, value_and_gradients};
@@ -75,7 +75,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         for jittered in [true, false] {
             let kind = if jittered { "jittered" } else { "even" };
             compare.within(DISTANCE, &format!("samples {rule:?}, {kind}"), |device| {
-                let ends = from_host(&ends, 2, device);
+                let ends = upload_rows(&ends, 2, device);
                 let tau = Tensor::from_floats(tau.as_slice(), device);
                 let streams = Streams::new(streams.iter().copied(), device);
                 let jitter = Some(&streams).filter(|_| jittered);
@@ -140,11 +140,11 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
                 }
             };
             let on_gpu = || {
-                let [origins, directions] = [&origins, &directions].map(|values| from_host(values, 3, &plain));
+                let [origins, directions] = [&origins, &directions].map(|values| upload_rows(values, 3, &plain));
                 let jitter = jittered.then(|| Streams::new(streams.iter().copied(), &plain));
                 let density = Tensor::from_floats(density.as_slice(), &plain);
                 let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
-                Some((MarchedRays { origins, directions, ends: from_host(&ends, 2, &plain), jitter }, Some(cells)))
+                Some((MarchedRays { origins, directions, ends: upload_rows(&ends, 2, &plain), jitter }, Some(cells)))
             };
             let PackedSamples { segments, distance, delta, positions, .. } =
                 march(RAYS, &plain, settings, walk, on_gpu);
@@ -183,7 +183,7 @@ fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
             let [tables, weights, positions] = [&tables, &weights, &positions].map(|input| leaf(input, device));
             let query = Query {
                 positions: rows(&positions),
-                directions: Some(from_host(&directions, 3, device)),
+                directions: Some(upload_rows(&directions, 3, device)),
                 frequency_weights: vec![1.0, 1.0, 0.5],
                 level_weights: vec![1.0, 0.5],
                 color,
@@ -222,7 +222,7 @@ fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         }
     }
     compare.within(ENCODING, "frequency encoding of 1.5 million points", |device| {
-        let points = from_host(&many, 3, device);
+        let points = upload_rows(&many, 3, device);
         vec![to_host(frequency_encode(points, 1, &[]).narrow(0, MANY - SHOWN, SHOWN))]
     });
 }
@@ -250,8 +250,8 @@ fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
 fn adam(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let (start, factors) = (uniform(rng, 3 * 500, -1.0, 1.0), uniform(rng, 3 * 500, 0.0, 1.0));
     compare.operation("Adam", |device| {
-        let factors = from_host(&factors, 3, device);
-        let (mut x, mut state) = (from_host(&start, 3, device), None);
+        let factors = upload_rows(&factors, 3, device);
+        let (mut x, mut state) = (upload_rows(&start, 3, device), None);
         let mut finite = None;
         // The last two steps are skipped.
         for loss in [1.0, -f32::MAX, 0.0, 1.0, 2.0, f32::NAN, 1.0] {

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
-use infonerf_ops::{Composite, Segments, composite, from_host, ray_entropy, to_host};
+use infonerf_ops::{Composite, Segments, composite, ray_entropy, to_host, upload_rows};
 use rayon::prelude::*;
 
 use super::errors::Errors;
@@ -76,8 +76,8 @@ fn merged(a: Vec<Errors>, b: Vec<Errors>) -> Vec<Errors> {
 
 fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
     let tau = leaf(&batch.tau, device);
-    let values = from_host(&batch.values, CHANNELS, &device.clone().autodiff()).require_grad();
-    let upstream = from_host(&batch.upstream, 3, &device.clone().autodiff());
+    let values = upload_rows(&batch.values, CHANNELS, &device.clone().autodiff()).require_grad();
+    let upstream = upload_rows(&batch.upstream, 3, &device.clone().autodiff());
     // Each backward pass needs a graph of its own, since Burn consumes the graph.
     let run = || composite(tau.clone(), values.clone(), &batch.segments);
     let entropy = |epsilon| ray_entropy(tau.clone(), &batch.segments, epsilon);

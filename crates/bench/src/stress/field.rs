@@ -8,8 +8,8 @@ use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::factored::{FactoredLayout, Query};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
-    RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
-    to_host,
+    RayGaussians, factored_field, frequency_encode, frustum_gaussians, integrated_encode, plane_variation, to_host,
+    upload_rows,
 };
 
 use super::errors::Errors;
@@ -33,7 +33,7 @@ const FREQUENCIES: usize = 20;
 
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let points = drawn(rng, count, draw);
-    let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
+    let encoded = to_host(frequency_encode(upload_rows(&points, 1, device), FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (row, &x) in encoded.chunks_exact(encoded_width(1, FREQUENCIES)).zip(&points) {
         errors.value(row[0], f64::from(x));
@@ -48,7 +48,7 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
 /// Measures the integrated encoding of `count` Gaussians around drawn coordinates, from nearly points to a unit wide.
 pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let (means, variances) = (drawn(rng, 3 * count, draw), drawn(rng, 3 * count, |rng| log_uniform(rng, -12.0, 0.0)));
-    let [mean, variance] = [&means, &variances].map(|rows| from_host(rows, 3, device));
+    let [mean, variance] = [&means, &variances].map(|rows| upload_rows(rows, 3, device));
     let encoded = to_host(integrated_encode(mean, variance, FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (sample, row) in encoded.chunks_exact(6 * FREQUENCIES).enumerate() {
@@ -127,8 +127,8 @@ pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device
         let positions: Vec<f32> = (0..3 * SAMPLES).map(|_| coordinate(rng)).collect();
         let directions: Vec<f32> = (0..SAMPLES).flat_map(|_| on_sphere(rng, 1.0)).collect();
         let query = Query {
-            positions: from_host(&positions, 3, &device),
-            directions: Some(from_host(&directions, 3, &device)),
+            positions: upload_rows(&positions, 3, &device),
+            directions: Some(upload_rows(&directions, 3, &device)),
             frequency_weights: vec![1.0; layout.frequencies],
             level_weights: vec![1.0; layout.levels.len()],
             color: true,
@@ -137,7 +137,7 @@ pub(super) fn field((tables, weights, bias): FieldContents, count: usize, device
         let (t, w) = (leaf(&tables, &device), leaf(&weights, &device));
         let out = joined(factored_field(t.clone(), w.clone(), &layout, query.clone()));
         let upstream = drawn(rng, 4 * SAMPLES, signed);
-        let weigh = from_host(&upstream, 4, &device);
+        let weigh = upload_rows(&upstream, 4, &device);
         let [tables, weights, positions] = [&tables, &weights, &positions].map(|values| wide(values));
         let wants = infonerf_oracle::factored::value(&tables, &weights, &positions, &layout, &query);
         for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
@@ -189,8 +189,8 @@ pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();
     let device = device.clone().autodiff();
-    let rendered = from_host(&color, 3, &device).require_grad();
-    let loss = photometric_loss(rendered.clone(), from_host(&target, 3, &device), Norm::Mean);
+    let rendered = upload_rows(&color, 3, &device).require_grad();
+    let loss = photometric_loss(rendered.clone(), upload_rows(&target, 3, &device), Norm::Mean);
     let difference = |(a, b): (&f32, &f32)| f64::from(*a) - f64::from(*b);
     let differences: Vec<f64> = color.iter().zip(&target).map(difference).collect();
     let share = 1.0 / (3 * count) as f64;

@@ -3,7 +3,7 @@
 use burn::tensor::Device;
 use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, Precision, RadianceMlp, radiance_mlp};
-use infonerf_ops::{from_host, to_host};
+use infonerf_ops::{to_host, upload_rows};
 
 use super::errors::Errors;
 use crate::values::{gradient_of, joined, layer, leaves, trunk, uniform, wide};
@@ -30,9 +30,9 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
         let (leaves, mut trunk) = leaves(&layers, device);
         let sigma = trunk.pop().expect("there is a last layer");
         let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision };
-        let encoded = from_host(&encoded, ENCODED, &device.clone().autodiff());
+        let encoded = upload_rows(&encoded, ENCODED, &device.clone().autodiff());
         let out = joined(radiance_mlp(encoded, &network, [Activation::None; 2]));
-        let grads = (out.clone() * from_host(&upstream, 1, &out.device())).sum().backward();
+        let grads = (out.clone() * upload_rows(&upstream, 1, &out.device())).sum().backward();
         (to_host(out.detach()), leaves.iter().map(|leaf| gradient_of(leaf, &grads)).collect::<Vec<Vec<f32>>>())
     };
     let ((got, got_gradients), (want, want_gradients)) = (run(Precision::Bf16), run(Precision::F32));

@@ -23,7 +23,7 @@ impl AdditiveKernel {
 }
 
 impl Kernel for AdditiveKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let tau = inputs[0];
         let mut out = vec![0.0; tau.len()];
         self.each_ray(tau, &mut out, |tau, out, _| {

@@ -339,7 +339,7 @@ impl Job for ReluGradient<'_> {
 }
 
 impl Kernel for RoundedMlpKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let samples = inputs[0].len() / self.widths[0];
         let mut out = vec![0.0; samples * self.width()];
         let layers = self.layers(&inputs[1..], false);

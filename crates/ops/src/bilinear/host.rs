@@ -46,7 +46,7 @@ impl BilinearKernel {
 }
 
 impl Kernel for BilinearKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let &[table] = inputs else { unreachable!("bilinear reading has one input") };
         let channels = self.channels;
         let mut out = vec![0.0; self.taps.0.len() * channels];

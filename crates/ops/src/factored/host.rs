@@ -24,14 +24,9 @@ impl FactoredKernel {
     pub(super) fn outputs(&self) -> usize {
         if self.query.color { OUTPUTS } else { 1 }
     }
-}
 
-impl Kernel for FactoredKernel {
-    fn saved_len(&self, inputs: &[&[f32]]) -> usize {
-        (inputs[2].len() / 3).div_ceil(BLOCK) * activations(&self.layout)
-    }
-
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
+    /// Computes the output, and the activations of each block in `saved`, if it is given.
+    fn evaluate(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
@@ -45,6 +40,18 @@ impl Kernel for FactoredKernel {
             simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
         });
         out
+    }
+}
+
+impl Kernel for FactoredKernel {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
+        self.evaluate(inputs, None)
+    }
+
+    fn forward_saving(&self, inputs: &[&[f32]]) -> (Vec<f32>, Scratch) {
+        let blocks = (inputs[2].len() / 3).div_ceil(BLOCK);
+        let mut saved = Scratch::of_len(blocks * activations(&self.layout));
+        (self.evaluate(inputs, Some(&mut saved)), saved)
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {

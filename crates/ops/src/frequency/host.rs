@@ -56,7 +56,7 @@ fn sines_and_cosines(x: f32) -> impl Iterator<Item = (f32, f32)> {
 }
 
 impl Kernel for EncodingKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let (points, variances) = (inputs[0], inputs.get(1));
         let (dims, width) = (self.dims, self.width());
         let mut out = vec![0f32; points.len() / dims * width];

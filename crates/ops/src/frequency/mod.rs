@@ -94,11 +94,11 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::traffic::from_host;
+    use crate::traffic::upload_rows;
 
     #[test]
     fn no_frequencies_or_no_points_give_an_empty_encoding() {
-        let rows = |rows: &[f32]| from_host(rows, 3, &Device::flex());
+        let rows = |rows: &[f32]| upload_rows(rows, 3, &Device::flex());
         assert_eq!(integrated_encode(rows(&[0.0; 3]), rows(&[0.0; 3]), 0, &[]).dims(), [1, 0]);
         assert_eq!(integrated_encode(rows(&[]), rows(&[]), 4, &[]).dims(), [0, 24]);
     }

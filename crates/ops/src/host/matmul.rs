@@ -4,24 +4,24 @@ use super::simd::{self, Job};
 
 /// Layout of a matrix in a slice: element (r, c) at `start` + r·`row` + c·`column`.
 #[derive(Clone, Copy, Debug)]
-pub struct Matrix {
+pub(crate) struct Matrix {
     /// Index of the first element.
-    pub start: usize,
+    pub(crate) start: usize,
     /// Distance between rows.
-    pub row: usize,
+    pub(crate) row: usize,
     /// Distance between columns.
-    pub column: usize,
+    pub(crate) column: usize,
 }
 
 impl Matrix {
     /// Creates the layout of contiguous rows, `row` apart.
-    pub fn rows(start: usize, row: usize) -> Self {
+    pub(crate) fn rows(start: usize, row: usize) -> Self {
         Self { start, row, column: 1 }
     }
 
     /// Returns the layout of the transposed matrix.
     #[must_use]
-    pub fn transposed(self) -> Self {
+    pub(crate) fn transposed(self) -> Self {
         Self { row: self.column, column: self.row, ..self }
     }
 
@@ -33,7 +33,7 @@ impl Matrix {
 
 /// Initial value of a product's sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum InitialSum<'a> {
+pub(crate) enum InitialSum<'a> {
     /// 0
     Zero,
     /// Previous value of the element.
@@ -51,7 +51,7 @@ pub(crate) const COLUMNS: usize = 16;
 ///
 /// # Panics
 /// If rows of y or b are not contiguous, rows of y overlap, or a matrix reaches beyond its slice.
-pub fn product(
+pub(crate) fn product(
     [m, n, k]: [usize; 3],
     initial: InitialSum<'_>,
     (y, y_at): (&mut [f32], Matrix),

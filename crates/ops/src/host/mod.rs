@@ -25,15 +25,14 @@ use crate::graph::{self, KernelBackend, Operation};
 pub(crate) const PARTIAL_SUMS: usize = 16;
 
 /// Differentiable function of contiguous row-major `f32` arrays.
-pub trait Kernel: Debug + Send + Sync + 'static {
-    /// Returns the number of values that a forward pass keeps for the backward pass.
-    fn saved_len(&self, _inputs: &[&[f32]]) -> usize {
-        0
-    }
+pub(crate) trait Kernel: Debug + Send + Sync + 'static {
+    /// Computes the output.
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32>;
 
-    /// Computes the output. If a backward pass will follow, `saved` is filled with the values for it. The buffer has
-    /// [`Self::saved_len`] values, at first those of an earlier pass.
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32>;
+    /// Computes the output, and the values that the backward pass needs in addition to inputs and output; by default none.
+    fn forward_saving(&self, inputs: &[&[f32]]) -> (Vec<f32>, Scratch) {
+        (self.forward(inputs), Scratch::default())
+    }
 
     /// Computes the vector–Jacobian product: the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and
     /// perhaps to others. Inputs beyond the end of the result have no gradient.
@@ -42,17 +41,17 @@ pub trait Kernel: Debug + Send + Sync + 'static {
 
 /// Arguments of a backward pass.
 #[derive(Clone, Copy, Debug)]
-pub struct Pass<'a> {
+pub(crate) struct Pass<'a> {
     /// Inputs of the forward pass.
-    pub inputs: &'a [&'a [f32]],
+    pub(crate) inputs: &'a [&'a [f32]],
     /// Output of the forward pass.
-    pub output: &'a [f32],
+    pub(crate) output: &'a [f32],
     /// Values that the forward pass kept.
-    pub saved: &'a [f32],
+    pub(crate) saved: &'a [f32],
     /// Gradient with respect to the output.
-    pub grad: &'a [f32],
+    pub(crate) grad: &'a [f32],
     /// Whether the gradient with respect to each input is used.
-    pub wanted: &'a [bool],
+    pub(crate) wanted: &'a [bool],
 }
 
 /// Evaluates `kernel(inputs)` as a tensor of `shape`.
@@ -95,14 +94,11 @@ impl KernelBackend for Flex {
 
 impl<K: Kernel> Operation<Flex> for HostOperation<K> {
     fn forward(&self, inputs: &[Host]) -> Host {
-        let slices = slices(inputs);
-        tensor(self.kernel.forward(&slices, None), self.shape.clone())
+        tensor(self.kernel.forward(&slices(inputs)), self.shape.clone())
     }
 
     fn forward_keeping(&self, inputs: &[Host]) -> (Host, Arc<Scratch>) {
-        let slices = slices(inputs);
-        let mut saved = Scratch::of_len(self.kernel.saved_len(&slices));
-        let output = self.kernel.forward(&slices, Some(&mut saved));
+        let (output, saved) = self.kernel.forward_saving(&slices(inputs));
         (tensor(output, self.shape.clone()), Arc::new(saved))
     }
 

@@ -98,7 +98,7 @@ impl<K: RayKernel<N>, const N: usize> AlongRays<K, N> {
 }
 
 impl<K: RayKernel<N>, const N: usize> Kernel for AlongRays<K, N> {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let (segments, columns) = (&self.segments, self.columns);
         let mut out = vec![0.0; segments.rays() * columns];
         segments.groups().zip(out.par_chunks_mut(GROUP * columns)).for_each(|(group, out)| {

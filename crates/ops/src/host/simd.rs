@@ -1,7 +1,7 @@
 //! Code compiled for several instruction sets, one of which is chosen at run time.
 
 /// Work whose loops the compiler vectorises for the processor at hand.
-pub trait Job {
+pub(crate) trait Job {
     /// Does the work; mark the implementation `#[inline(always)]`. `FMA` is set if fused multiply-add is one instruction, `WIDE`
     /// if there are 32 registers of 16 values.
     fn run<const FMA: bool, const WIDE: bool>(self);
@@ -66,7 +66,7 @@ impl Instructions {
 }
 
 /// Runs `job` with the widest vectors that this processor has.
-pub fn run(job: impl Job) {
+pub(crate) fn run(job: impl Job) {
     let widest = Instructions::ALL.into_iter().find(|instructions| instructions.present());
     widest.expect("every processor has the baseline").run(job);
 }

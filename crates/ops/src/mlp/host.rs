@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::{Dense, RadianceMlp};
 use crate::frequency::encoded_width;
-use crate::host::buffers::each_with_buffer;
+use crate::host::buffers::{Scratch, each_with_buffer};
 use crate::host::matmul::{InitialSum, Matrix, product};
 use crate::host::{Kernel, PARTIAL_SUMS, Pass};
 
@@ -255,6 +255,19 @@ impl MlpKernel {
         self.backward_block(transposed, &gathered, &gathered_grad, &places, &mut sums);
         sums
     }
+
+    /// Computes the output, and the activations of each block in `saved`, if it is given.
+    fn evaluate(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
+        let encoded = inputs[0];
+        let (width, outputs) = (self.encoded[0].columns, self.output.columns);
+        let samples = encoded.len() / width;
+        let mut out = vec![0.0; samples * outputs];
+        let blocks = encoded.par_chunks(width * BLOCK).zip(out.par_chunks_mut(outputs * BLOCK)).enumerate();
+        each_with_buffer(blocks, self.activations, saved, |(index, (x, out)), block| {
+            self.forward_block(inputs, x, index * BLOCK, block, out);
+        });
+        out
+    }
 }
 
 struct GroupGradients {
@@ -265,20 +278,14 @@ struct GroupGradients {
 }
 
 impl Kernel for MlpKernel {
-    fn saved_len(&self, inputs: &[&[f32]]) -> usize {
-        inputs[0].len().div_ceil(self.encoded[0].columns * BLOCK) * self.activations
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
+        self.evaluate(inputs, None)
     }
 
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut [f32]>) -> Vec<f32> {
-        let encoded = inputs[0];
-        let (width, outputs) = (self.encoded[0].columns, self.output.columns);
-        let samples = encoded.len() / width;
-        let mut out = vec![0.0; samples * outputs];
-        let blocks = encoded.par_chunks(width * BLOCK).zip(out.par_chunks_mut(outputs * BLOCK)).enumerate();
-        each_with_buffer(blocks, self.activations, saved, |(index, (x, out)), block| {
-            self.forward_block(inputs, x, index * BLOCK, block, out);
-        });
-        out
+    fn forward_saving(&self, inputs: &[&[f32]]) -> (Vec<f32>, Scratch) {
+        let blocks = inputs[0].len().div_ceil(self.encoded[0].columns * BLOCK);
+        let mut saved = Scratch::of_len(blocks * self.activations);
+        (self.evaluate(inputs, Some(&mut saved)), saved)
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<Vec<f32>>> {

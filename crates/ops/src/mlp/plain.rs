@@ -55,7 +55,7 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::traffic::{from_host, to_host};
+    use crate::traffic::{to_host, upload_rows};
 
     /// Compares values of f(2x + b), and the gradient with respect to b.
     #[test]
@@ -73,8 +73,8 @@ mod tests {
             ),
         ] {
             let bias = Tensor::<1>::from_floats([1.0], &device).require_grad();
-            let layer = Dense { weight: from_host(&[2.0], 1, &device), bias: bias.clone() };
-            let out = dense(from_host(&[-1.0, 0.5], 1, &device), &layer, function, Precision::F32);
+            let layer = Dense { weight: upload_rows(&[2.0], 1, &device), bias: bias.clone() };
+            let out = dense(upload_rows(&[-1.0, 0.5], 1, &device), &layer, function, Precision::F32);
             let gradients = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
             for (found, want) in to_host(out).into_iter().zip(values).chain([(gradients[0], gradient)]) {
                 approx::assert_abs_diff_eq!(found, want, epsilon = 1e-6);

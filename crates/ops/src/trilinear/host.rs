@@ -100,7 +100,7 @@ impl TrilinearKernel {
 }
 
 impl Kernel for TrilinearKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let &[table, places] = inputs else { unreachable!("trilinear reading has two inputs") };
         let mut out = vec![0.0; places.len() / 3 * self.channels];
         let rows = out.par_chunks_exact_mut(self.channels).zip(places.par_chunks_exact(3)).with_min_len(CHUNK);

@@ -13,7 +13,7 @@ pub(super) struct UnitBoxKernel {
 }
 
 impl Kernel for UnitBoxKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let positions = inputs[0].as_chunks::<3>().0.par_iter().with_min_len(CHUNK);
         positions.map(|&position| share_of_box(position, self.bounds)).collect::<Vec<_>>().into_flattened()
     }

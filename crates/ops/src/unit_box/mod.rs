@@ -34,12 +34,12 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::traffic::{from_host, to_host};
+    use crate::traffic::{to_host, upload_rows};
 
     #[test]
     fn values_and_gradients_by_hand() {
         for device in [Device::flex(), Device::ndarray()] {
-            let positions = from_host(&[0.0, 2.0, -5.0, 3.0, 1.0, 0.5], 3, &device.autodiff()).require_grad();
+            let positions = upload_rows(&[0.0, 2.0, -5.0, 3.0, 1.0, 0.5], 3, &device.autodiff()).require_grad();
             let shares = unit_box(positions.clone(), [[-1.0, 0.0, 0.0], [1.0, 4.0, 1.0]]);
             let gradients = to_host(positions.grad(&shares.clone().sum().backward()).unwrap());
             assert_eq!(to_host(shares), [0.5, 0.5, 0.0, 1.0, 0.25, 0.5]);

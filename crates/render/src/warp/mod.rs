@@ -276,13 +276,13 @@ mod tests {
     #[test]
     fn tensors_are_warped_as_points_are() {
         use burn::tensor::Device;
-        use infonerf_ops::from_host;
+        use infonerf_ops::upload_rows;
 
         let device = Device::flex().autodiff();
         let points = [[0.3, -0.2, -1.7], [0.1, 0.4, -9.0], [-2.0, 5.0, -30.0]];
         for warp in warps() {
             for axis in 0..3 {
-                let p = from_host(points.as_flattened(), 3, &device).require_grad();
+                let p = upload_rows(points.as_flattened(), 3, &device).require_grad();
                 let warped = warp.points(p.clone());
                 let gradients = warped.clone().narrow(1, axis, 1).sum().backward();
                 let gradient = to_host(p.grad(&gradients).unwrap());

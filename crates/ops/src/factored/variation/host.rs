@@ -90,7 +90,7 @@ impl Job for DifferenceGradient<'_> {
 }
 
 impl Kernel for VariationKernel {
-    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut [f32]>) -> Vec<f32> {
+    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
         let levels = &self.0.levels;
         let part = |index: usize| {
             let level = &levels[index / 3];
