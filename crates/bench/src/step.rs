@@ -73,8 +73,8 @@ fn measure(
     let ms = |spent: f64| 1e3 * spent / synchronised.len() as f64;
     let timing = |phase, spent| PhaseTiming { phase, ms: ms(spent), share: spent / total };
     let spent = |phase: Phase| (trainer.profile().spent(phase) - before.spent(phase)).as_secs_f64();
-    let mut phases: Vec<_> = Phase::ALL.into_iter().map(|phase| timing(phase.name(), spent(phase))).collect();
-    phases.push(timing("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
+    let mut phases: Vec<_> = Phase::ALL.into_iter().map(|(phase, name)| timing(name, spent(phase))).collect();
+    phases.push(timing("other", total - Phase::ALL.into_iter().map(|(phase, _)| spent(phase)).sum::<f64>()));
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
     let median_ms = 1e3 * median(&seconds);

@@ -39,7 +39,7 @@ impl Points {
     }
 
     /// Returns the unit view direction of each sample, `[M, 3]`.
-    pub fn sample_directions(&self) -> Tensor<2> {
+    pub(crate) fn sample_directions(&self) -> Tensor<2> {
         self.segments.spread(self.directions.clone())
     }
 }

@@ -180,14 +180,14 @@ impl OccupancyGrid {
     }
 
     /// Returns the density of the cell at `p`; `None` if it is empty, 0 outside the box.
-    pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
+    pub(crate) fn occupied_density(&self, p: Vec3) -> Option<f32> {
         let [cell] = self.cells_at(p.to_array().map(|x| [x])).map(|cell| cell as usize);
         self.occupied.get(cell).map_or(Some(0.0), |occupied| occupied.then(|| self.density[cell]))
     }
 
     /// Returns the mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all
     /// cells are empty. Outside the box it is 0.
-    pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
+    pub(crate) fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
         let lookups = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
         let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / lookups);
         let seen = (0..lookups as usize).filter_map(|i| self.occupied_density(at(i)));

@@ -22,22 +22,16 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// Every phase, in the order of a step.
-    pub const ALL: [Self; 7] =
-        [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Neighbours, Self::Backward, Self::Optimizer];
-
-    /// Returns the name in tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Occupancy => "occupancy",
-            Self::Rays => "rays",
-            Self::Seen => "seen rays",
-            Self::Unseen => "unseen rays",
-            Self::Neighbours => "neighbours",
-            Self::Backward => "backward",
-            Self::Optimizer => "optimizer",
-        }
-    }
+    /// Every phase, in the order of a step, and its name in tables.
+    pub const ALL: [(Self, &'static str); 7] = [
+        (Self::Occupancy, "occupancy"),
+        (Self::Rays, "rays"),
+        (Self::Seen, "seen rays"),
+        (Self::Unseen, "unseen rays"),
+        (Self::Neighbours, "neighbours"),
+        (Self::Backward, "backward"),
+        (Self::Optimizer, "optimizer"),
+    ];
 }
 
 /// Wall-clock time spent in each phase.

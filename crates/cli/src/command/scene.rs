@@ -9,7 +9,7 @@ use infonerf_dataset::{
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::{counted, write_atomically};
-use infonerf_scene::image::{dimensions, list_images};
+use infonerf_scene::image::{FILM_WIDTH, dimensions, list_images};
 use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
 use crate::print::{errln, outln, quoted};
@@ -72,9 +72,6 @@ pub(crate) enum FocalLength {
     /// Focal length in pixels of the image file.
     Pixels(f64),
 }
-
-/// Width of a frame of 35 mm film, mm.
-const FILM_WIDTH: f64 = 36.0;
 
 fn focal_length(text: &str) -> Result<FocalLength, String> {
     let parse = |number: &str| number.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);

@@ -139,7 +139,7 @@ impl Warp {
 
     /// Returns Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: converts the `gradient` g with respect
     /// to mapped points `q` to the gradient with respect to points of the world.
-    pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
+    pub(crate) fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
         if self.is_identity() {
             return gradient;
         }

@@ -9,8 +9,8 @@ use exif::{In, Reader, Tag, Value};
 
 use super::codec::has_extension;
 
-/// Width of 35 mm film in millimetres.
-const FILM_WIDTH: f64 = 36.0;
+/// Width of a frame of 35 mm film in millimetres.
+pub const FILM_WIDTH: f64 = 36.0;
 /// Min ratio of the longer to the shorter side of the images that cameras write, and the relative tolerance of ratios.
 const MIN_RATIO: f64 = 4.0 / 3.0;
 const RATIO_TOLERANCE: f64 = 0.02;

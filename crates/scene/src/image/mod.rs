@@ -12,7 +12,7 @@ pub use codec::{
     decode_bytes, dimensions, find_image, has_alpha, has_transparency, is_image_name, list_images, read_rgba,
     read_rgba_turned, stored_dimensions, unread_format,
 };
-pub use exif::{focal_length, orientation, quarter_turns};
+pub use exif::{FILM_WIDTH, focal_length, orientation, quarter_turns};
 pub use grey::GreyImage;
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};

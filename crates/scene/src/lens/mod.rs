@@ -138,7 +138,7 @@ impl Lens {
     }
 
     /// Returns [`Lens::unproject`] or, outside the invertible domain, the direction at its edge on the same side.
-    pub fn nearest_direction(&self, image: DVec2) -> DVec3 {
+    pub(crate) fn nearest_direction(&self, image: DVec2) -> DVec3 {
         if let Some(direction) = self.unproject(image) {
             return direction;
         }
@@ -149,7 +149,7 @@ impl Lens {
     /// Returns the magnification in `direction` (unit length) relative to the axis: the square root of the change in
     /// area. 1 for a perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and
     /// divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
-    pub fn magnification(&self, direction: DVec3) -> f64 {
+    pub(crate) fn magnification(&self, direction: DVec3) -> f64 {
         let scale = match &self.model {
             LensModel::Perspective => return 1.0,
             LensModel::RadialTangential { .. } | LensModel::Fov { .. } => {

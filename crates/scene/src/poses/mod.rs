@@ -10,8 +10,7 @@ mod spiral;
 mod unseen;
 
 pub use cap::angle;
-pub use centre::up_direction;
-pub(crate) use centre::{FORWARD_FACING, cone, scene_focus, view_directions};
+pub(crate) use centre::{FORWARD_FACING, cone, scene_focus, up_direction, view_directions};
 pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
 pub use similarity::{PoseError, Similarity, rotation_angle_deg};
