@@ -12,10 +12,10 @@ pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
     time.ok_or_else(|| "expected a time above 0 with its unit, such as 60s or 5m".to_owned())
 }
 
-/// Refuses the file `out` if its extension is not that of `format`, which is written.
-pub(crate) fn check_extension(out: &Path, format: &Path) -> anyhow::Result<()> {
-    let fits = out.extension().is_none_or(|found| format.extension().is_some_and(|it| found.eq_ignore_ascii_case(it)));
-    anyhow::ensure!(fits, "--out {}: expected a name with the extension of {}", out.display(), format.display());
+/// Refuses the file `out` if it has another extension than `expected`.
+pub(crate) fn check_extension(out: &Path, expected: &str) -> anyhow::Result<()> {
+    let fits = out.extension().is_none_or(|found| found.eq_ignore_ascii_case(expected));
+    anyhow::ensure!(fits, "--out {}: expected a file name that ends in .{expected}", out.display());
     Ok(())
 }
 

@@ -96,6 +96,7 @@ fn config() {
         ("loss.kl.epsilon=0.0", &["loss.kl.epsilon"]),
         ("render.hidden_depth=-1.0", &["render.hidden_depth"]),
         ("field.width=0", &["field.width"]),
+        ("field.kind=mip", &["field: missing key `layers`; a field of another kind keeps no key of the former"]),
         ("field.channels=3", &["field.channels"]),
         ("field.resolutions=[4,1]", &["field.resolutions"]),
         ("train.adam_beta2=1.0", &["train.adam_beta2"]),
@@ -116,11 +117,13 @@ fn arguments() {
     exp("--variant best").fails_with(&["--variant best", "infonerf"]);
     exp("--scene lego").fails_with(&["--scene lego", "knot"]);
     exp("--scene knot").fails_with(&["--scene knot", "twice"]);
+    place.run("demo --scene lego").fails_with(&["--scene", "lego", "expected one of castle, crane"]);
     exp("--seed 1 --seed 1").fails_with(&["--seed 1", "twice"]);
     place.tiny("exp capture").fails_with(&["infonerf capture my-photos", "--data . --scene my-photos", "--scene room"]);
     exp("--seed 4294967296").fails_with(&["NumPy seed"]);
     place.run("exp synthetic-5view").fails_with(&["synthetic-5view", "fast-losses"]);
-    place.run("exp .").fails_with(&["."]);
+    place.run("exp .").fails_with(&[".: expected an experiment file or one of"]);
+    place.run("exp released-small").fails_with(&["released-small: variants: expected at least one"]);
     place.run("scene export lego data").fails_with(&["lego", "knot"]);
     place.run("scene export room data --format film").fails_with(&["--format", "film", "llff"]);
 
@@ -153,9 +156,9 @@ fn experiment_files() {
     for (file, parts) in [
         ("[variants.a]\n[config.train]\niterationz = 3\n", &["iterationz"][..]),
         ("[variants.a\n", &["line 1"]),
-        ("", &["mine.toml: variants: expected at least one"]),
+        ("", &["mine.toml: variants: expected at least one", "[variants.NAME]"]),
         ("variants = 3\n", &["line 1", "expected a table, found 3"]),
-        ("base = \"nothing\"\n", &["nothing"]),
+        ("base = \"nothing\"\n", &["mine.toml: base: nothing: expected an experiment file or one of"]),
         ("base = \"mine.toml\"\n", &["base"]),
         ("seeds = [0]\ntitel = \"x\"\n[variants.a]\n", &["line 2: titel: "]),
         ("preset = \"best\"\n[variants.a]\n", &["line 1: preset: expected one of fast, ", "found \"best\""]),
@@ -210,10 +213,11 @@ fn output_that_cannot_be_written() {
 fn folders_that_are_no_run() {
     let place = Workplace::new();
     for command in ["eval nowhere", "render nowhere", "export nowhere --format html"] {
-        place.run(command).fails_with(&["nowhere", "config.toml"]);
+        place.run(command).fails_with(&["nowhere: expected the folder of a run, with a config.toml: not found"]);
     }
     place.run("view nowhere").fails_with(&["nowhere"]);
     place.tiny(EXP).succeeds();
+    place.run("eval runs").fails_with(&["runs: expected the folder of a run, with a config.toml, such as ", RUN]);
     place.run(format!("eval {RUN} --test some")).fails_with(&["--test", "some"]);
     for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
         place.run(format!("eval {RUN} --scale {scale}")).fails_with(&["--scale", "1/64"]);

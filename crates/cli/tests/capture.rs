@@ -88,7 +88,7 @@ fn what_is_no_folder_of_photographs_is_refused() {
     for file in ["photos/b.png", "a:b/a.png", "a:b/b.png"] {
         fs::copy(place.path("photos/a.png"), place.path(file)).unwrap();
     }
-    place.run("capture a:b").fails_with(&["--scene \"a:b\": expected a name that can be a folder's"]);
+    place.run("capture a:b").fails_with(&["folder \"a:b\": expected a name that a folder can have", "':'; rename it"]);
     place.run("capture photos --set scene.sise=9").fails_with(&["sise"]);
 }
 

@@ -395,7 +395,16 @@ fn results_are_collected_into_one_document() {
     for file in ["notes.md", "photo.jpg"] {
         place.run(format!("collect results-of-mine/fast-losses --out {file}")).fails_with(&[file, "--out"]);
     }
-    place.run("collect nowhere").fails_with(&["nowhere", "results.json"]);
+    place.run("collect results-of-mine/fast-losses --out /dev/full").fails_with(&["/dev/full: expected no file"]);
+    place.run("collect nowhere").fails_with(&["nowhere", "results.json: not found"]);
+    place.run("collect mixed").fails_with(&["results.json, such as mixed/fast-losses"]);
+    // Results can be collected where the scenes are not.
+    place.run("scene export knot data/knot --size 24").succeeds();
+    place.tiny("exp fast-losses --data data --variant factored --out far").succeeds();
+    fs::remove_dir_all(place.path("data")).unwrap();
+    place.run("collect far/fast-losses").succeeds();
+    let eval = place.run("eval far/fast-losses/knot/factored/seed0");
+    eval.fails_with(&["seed0/config.toml: scene ", "data/knot: not found"]);
 }
 
 #[test]

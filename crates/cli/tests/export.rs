@@ -124,13 +124,14 @@ fn impossible_exports_and_paths_are_refused() {
     let place = with_run();
     let export = |args: &str| export(&place, "ply", args);
     place.run(format!("export {RUN} --format points --triangles 9")).fails_with(&["--triangles", "expected a"]);
+    place.run(format!("export {RUN} --format cameras --resolution 9")).fails_with(&["--resolution: expected another"]);
     place.write("file", "");
     export("--out file/below.ply").fails_with(&["file"]);
     for unknown in ["--variant nope", "--scene nope"] {
         place.run(format!("figure runs/fast-losses {unknown}")).fails_with(&[unknown, "expected one of those in runs"]);
     }
     place.run(format!("scene info {RUN} --json")).fails_with(&["--json", "found a run"]);
-    export("--out a.glb").fails_with(&["--out a.glb: expected a name with the extension of export/mesh.ply"]);
+    export("--out a.glb").fails_with(&["--out a.glb: expected a file name that ends in .ply"]);
     export("--out runs").fails_with(&["runs", "expected a file"]);
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
     // A field that has hardly been trained has no half-opaque ray, and so no surface.
@@ -138,7 +139,7 @@ fn impossible_exports_and_paths_are_refused() {
     let run = "begun/fast-losses/knot/factored/seed0";
     place
         .run(format!("export {run} --format ply"))
-        .fails_with(&["--format html needs no surface: ", "expected at least 0.5; train it longer"]);
+        .fails_with(&["expected at least 0.5; train it longer, or take --format html, which needs no surface"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
     place.run(format!("export {run} --format ply")).fails_with(&["expected a checkpoint"]);

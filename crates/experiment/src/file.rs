@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail};
 use infonerf_report::Claim;
 use infonerf_train::{Preset, config};
 use serde::Deserialize;
@@ -33,7 +33,7 @@ const MAX_CHAIN: usize = 8;
 pub(crate) struct File {
     /// Title: one line on what the experiment shows.
     pub(crate) title: Option<String>,
-    /// Name or path of the experiment that this one is based on.
+    /// Built-in experiment that this one is based on, or the path of a file, relative to the folder of this one.
     base: Option<String>,
     /// Name of the experiment in results; by default the file name.
     pub(crate) name: Option<String>,
@@ -76,15 +76,15 @@ impl Layers {
     /// Reads the experiment called `name`: a built-in one, or the path of a file.
     pub(crate) fn read(name: &str) -> Result<Self> {
         let (own_name, text, file) = read(name)?;
-        let mut base = file.base.clone();
         let mut files = vec![(name.to_owned(), file)];
-        while let Some(name) = base {
+        let based = |(file, contents): &(String, File)| Some((file.clone(), contents.base.clone()?));
+        while let Some((file, base)) = files.last().and_then(based) {
             if files.len() > MAX_CHAIN {
-                bail!("{own_name}: base: expected at most {MAX_CHAIN} experiments in a row, each changing the next");
+                bail!("{name}: base: expected at most {MAX_CHAIN} experiments in a row, each changing the next");
             }
-            let (_, _, file) = read(&name).with_context(|| format!("{own_name}: base"))?;
-            base = file.base.clone();
-            files.push((name, file));
+            let base = base_path(&file, &base);
+            let (_, _, contents) = read(&base).with_context(|| format!("{file}: base"))?;
+            files.push((base, contents));
         }
         files.reverse();
         Ok(Self { name: own_name, text, files })
@@ -92,7 +92,7 @@ impl Layers {
 
     /// Reads the built-in experiment called `name`, if there is one.
     pub(crate) fn built_in(name: &str) -> Option<Self> {
-        BUILT_IN.iter().any(|(known, _)| *known == name).then(|| Self::read(name).ok())?
+        built_in_text(name).and_then(|_| Self::read(name).ok())
     }
 
     /// Returns the name of the experiment in results: the one that the last file sets, by default its file name.
@@ -206,15 +206,29 @@ pub fn list() -> Result<Vec<(&'static str, String)>> {
     Ok(files.into_iter().filter(runs).map(|(name, file)| (name, file.title.unwrap_or_default())).collect())
 }
 
+fn built_in_text(name: &str) -> Option<&'static str> {
+    BUILT_IN.iter().find(|(built_in, _)| *built_in == name).map(|(_, text)| *text)
+}
+
+/// Returns the name of a built-in experiment, or the path of a file, that `file` names as its `base`.
+fn base_path(file: &str, base: &str) -> String {
+    match built_in_text(base) {
+        Some(_) => base.to_owned(),
+        None => Path::new(file).with_file_name(base).display().to_string(),
+    }
+}
+
 /// Reads an experiment, and returns its name, its text and the parsed file.
 fn read(name: &str) -> Result<(String, String, File)> {
-    if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
-        return Ok((name.to_owned(), (*text).to_owned(), parse(name, text)?));
+    if let Some(text) = built_in_text(name) {
+        return Ok((name.to_owned(), text.to_owned(), parse(name, text)?));
     }
     let path = Path::new(name);
-    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
-    ensure!(path.exists(), "{name}: expected an experiment file or one of: {}", names.join(", "));
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    if path.is_dir() || !path.exists() {
+        let names: Vec<&str> = list()?.into_iter().map(|(name, _)| name).collect();
+        bail!("{name}: expected an experiment file or one of: {}", names.join(", "));
+    }
+    let text = std::fs::read_to_string(path).with_context(|| format!("{name}: expected an experiment file"))?;
     let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());
     let file = parse(name, &text)?;
     Ok((stem, text, file))
@@ -258,6 +272,17 @@ mod tests {
         assert!(found[1].changes.is_empty() && !found[0].changes.is_empty());
         let error = format!("{:#}", variants(&["[variants.a]\npreset = 'slow'\n"]).unwrap_err());
         assert!(error.starts_with("variants.a.preset: expected one of fast, "), "{error}");
+    }
+
+    #[test]
+    fn a_base_lies_beside_the_file_that_names_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("child.toml");
+        std::fs::write(&file, "base = 'parent.toml'\n").unwrap();
+        std::fs::write(folder.path().join("parent.toml"), "base = 'fast-losses'\ntitle = 'parent'\n").unwrap();
+        let layers = Layers::read(&file.to_string_lossy()).unwrap();
+        assert_eq!(layers.last(|file| file.title.clone()).as_deref(), Some("parent"));
+        assert_eq!(layers.bases().nth(1), Some("fast-losses"));
     }
 
     #[test]

@@ -51,4 +51,4 @@ pub use run::{
     Control, Existing, Finished, RunEvent, Session, Trained, TrainedVolume, Watch, is_finished, picture_notes,
 };
 pub use run_plan::RunPlan;
-pub use scenes::parse_seeds;
+pub use scenes::{check_name, parse_seeds};

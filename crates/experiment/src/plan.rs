@@ -4,7 +4,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use infonerf_dataset::SceneSource;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{Backdrop, Layout};
@@ -174,9 +174,18 @@ impl Outline {
         config::merge(&mut table, variant.changes.clone());
         assign(&mut table, &self.selection.set)
             .and_then(|()| assign(&mut table, set))
-            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {}", variant.name)))
+            .and_then(|()| read(table).with_context(|| format!("variant {}", variant.name)))
             .with_context(|| self.experiment.clone())
     }
+}
+
+fn read(table: Table) -> Result<Config> {
+    const HINT: &str = "a field of another kind keeps no key of the former, so set all of its own: \
+                        `infonerf config EXPERIMENT --variant V` prints those of a variant";
+    Config::from_table(table).map_err(|fault| match fault.to_string() {
+        text if text.starts_with("field: missing key") => anyhow!("{text}; {HINT}"),
+        _ => fault.into(),
+    })
 }
 
 pub(crate) fn assign(table: &mut Table, set: &[String]) -> Result<()> {
@@ -204,7 +213,8 @@ impl ChosenScene {
 /// Returns the selected variants of `experiment`, by default all. Refuses claims about other variants than those of `layers`.
 fn chosen_variants(experiment: &str, layers: &Layers, selection: &Selection) -> Result<Vec<Variant>> {
     let all = layers.variants().with_context(|| experiment.to_owned())?;
-    check_list(&format!("{experiment}: variants"), all.iter().map(|variant| variant.name.clone()))?;
+    let expected = "expected at least one, as a table [variants.NAME] or from a `base` (`infonerf list` names some)";
+    ensure!(!all.is_empty(), "{experiment}: variants: {expected}");
     let names = all.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
     let named = |name: &str| all.iter().find(|variant| variant.name == name).cloned();
     for (index, claim) in layers.last(|file| file.claims.clone()).iter().flatten().enumerate() {

@@ -99,6 +99,18 @@ fn stored_records(folder: &Path) -> Result<Vec<Record>> {
     Ok(records)
 }
 
+/// Names the first folder below `folder` that has a file `name`, for errors about `folder` that has none.
+pub(crate) fn found_below(folder: &Path, name: &str) -> String {
+    /// Depth of a run's files below a folder of results: `<experiment>/<scene>/<variant>/seed<N>/<file>`.
+    const DEPTH: usize = 5;
+    if !folder.exists() {
+        return ": not found".to_owned();
+    }
+    let files = WalkDir::new(folder).max_depth(DEPTH).sort_by_file_name().into_iter().flatten();
+    let found = files.filter(|file| file.file_name() == name).find_map(|file| Some(file.path().parent()?.to_owned()));
+    found.map_or_else(String::new, |found| format!(", such as {}", found.display()))
+}
+
 pub(crate) fn is_own_record(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))

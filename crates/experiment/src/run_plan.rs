@@ -15,6 +15,7 @@ use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
+use crate::records::found_below;
 use crate::scenes::{check_name, find_scenes};
 
 /// One run: a variant on a scene with a seed.
@@ -195,7 +196,8 @@ impl RunPlan {
     /// If there is none, or it is not of a run.
     pub fn of_run(folder: &Path) -> Result<Self> {
         let path = folder.join("config.toml");
-        ensure!(path.is_file(), "{}: expected the folder of a run: it has no config.toml", folder.display());
+        let hint = || found_below(folder, "config.toml");
+        ensure!(path.is_file(), "{}: expected the folder of a run, with a config.toml{}", folder.display(), hint());
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         Self::from_toml(&text).with_context(|| path.display().to_string())
     }
@@ -211,7 +213,12 @@ impl RunPlan {
         };
         check_name("experiment", &file.name)?;
         check_name("variant", variant)?;
-        let source = find_scenes(file.data.as_deref(), Some(vec![scene.clone()]), "scenes")?.remove(0).1;
+        check_name("scene", scene)?;
+        let source = match &file.data {
+            // Results can be read where the scene is not: loading the scene reports that.
+            Some(data) => SceneSource::Folder { path: data.join(scene) },
+            None => find_scenes(None, Some(vec![scene.clone()]), "scenes")?.remove(0).1,
+        };
         Ok(Self {
             experiment: file.name,
             scene: scene.clone(),

@@ -26,7 +26,7 @@ pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
 
 /// Returns an error for a name that some file system does not allow for a folder: it is empty, a path, `.` or `..`, has
 /// control characters or one of `<>:"|?*`, ends with a dot or space, or is too long.
-pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
+pub fn check_name(what: &str, name: &str) -> Result<()> {
     let reserved = |c: &char| c.is_control() || r#"/\<>:"|?*"#.contains(*c);
     let fault = match name {
         "" => "it is empty".to_owned(),
@@ -38,7 +38,7 @@ pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
             None => return Ok(()),
         },
     };
-    bail!("{what} {name:?}: expected a name that can be a folder's: {fault}")
+    bail!("{what} {name:?}: expected a name that a folder can have on every system: {fault}")
 }
 
 /// Finds the scenes called `names`, by default all: in the folder `data` or, without one, among the built-in scenes. Errors name

@@ -156,11 +156,14 @@ impl<'a> SceneContents<'a> {
     }
 }
 
-/// Returns the beginning of the name of a plot in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`.
+/// Returns the name of a plot in ASCII: λ₁ becomes `lambda1`, and all but letters, digits, `-` and `_` becomes `-`. A long name
+/// loses its middle, since plots of one scene begin alike.
 fn plot_name(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
-    name.chars().map(safe).take(MAX_PLOT_NAME).collect()
+    let name: String = name.chars().map(safe).collect();
+    let kept = MAX_PLOT_NAME / 2 - 1;
+    if name.len() > MAX_PLOT_NAME { format!("{}--{}", &name[..kept], &name[name.len() - kept..]) } else { name }
 }
 
 fn warnings(input: &ReportInput, records: &[&Record]) -> Vec<String> {

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use humantime::format_duration;
 use infonerf_dataset::{
@@ -11,7 +11,9 @@ use infonerf_dataset::{
 };
 use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, is_finished};
+use infonerf_experiment::{
+    Existing, Experiment, RunEvent, RunPlan, Selection, Session, Trained, check_name, is_finished,
+};
 use infonerf_report::{Record, VIEWER_PAGE, counted};
 use infonerf_scene::image::{is_image_name, list_images};
 
@@ -176,6 +178,7 @@ fn plan(args: &CaptureArgs, dir: &Path, count: usize) -> Result<Experiment> {
     let (Some(data), Some(name)) = (dir.parent(), dir.file_name().and_then(|name| name.to_str())) else {
         bail!("{}: expected a folder of photographs whose name is text", args.path.display());
     };
+    check_name("folder", name).map_err(|fault| anyhow!("{fault}; rename it, since results take its name"))?;
     Experiment::plan("capture", &selection(args, Some(data.to_owned()), name, count))
 }
 

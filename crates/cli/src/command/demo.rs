@@ -7,6 +7,7 @@ use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execut
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session};
 use infonerf_report::VIEWER_PAGE;
+use infonerf_scene::SceneError;
 
 use super::exp::write_viewer;
 use crate::print::{errln, outln};
@@ -29,7 +30,7 @@ Examples:
 #[command(after_help = DEMO_EXAMPLES)]
 pub(crate) struct DemoArgs {
     /// Built-in scene (see `infonerf scene list`)
-    #[arg(long, default_value = "crane", add = completion::scenes())]
+    #[arg(long, default_value = "crane", value_parser = built_in_scene, add = completion::scenes())]
     scene: String,
     #[command(flatten)]
     device: DeviceArgs,
@@ -40,6 +41,10 @@ pub(crate) struct DemoArgs {
 
 /// Test views that are measured: a few all round, enough for a first look.
 const TEST_VIEWS: &str = "eval.test=every-40";
+
+fn built_in_scene(name: &str) -> Result<String, SceneError> {
+    infonerf_procedural::check_name(name).map(|()| name.to_owned())
+}
 
 pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let selection = Selection {
@@ -75,6 +80,6 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         outln!("next: infonerf capture FOLDER learns photographs of your own");
         return Ok(ExitCode::SUCCESS);
     }
-    outln!("stopped");
+    outln!("stopped; the same command begins anew");
     Ok(interrupt::exit_code())
 }

@@ -89,8 +89,12 @@ fn compare(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
         format!("--protocol {}: expected one of {known}", args.pictures.protocol)
     })?;
     // Metrics that are given by name must have a value. Without names, all metrics that can be computed are.
-    let required = select(args.pictures.metrics.iter().map(String::as_str))?;
+    let required = select(args.pictures.metrics.iter().map(String::as_str)).context("--metric")?;
     let metrics = if required.is_empty() { METRICS } else { required.as_slice() };
+    let given = [("--renders", Some(renders)), ("--truth", Some(truth)), ("--masks", args.pictures.masks.as_deref())];
+    for (option, folder) in given.into_iter().filter_map(|(option, folder)| Some((option, folder?))) {
+        ensure!(folder.is_dir(), "{option} {}: expected a folder of pictures", folder.display());
+    }
     let networks = args.networks.open(&open_device(args.device.device)?)?;
     let folders = Folders { renders, truth, masks: args.pictures.masks.as_deref(), partial: args.pictures.partial };
     let bar = counting_bar("pictures", 0);

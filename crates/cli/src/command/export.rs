@@ -1,8 +1,8 @@
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
 use infonerf_dataset::SceneSource;
 use infonerf_experiment::{RunPlan, Trained};
@@ -72,10 +72,12 @@ const SPLAT_RESOLUTION: usize = 128;
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     let is_mesh = matches!(args.format, FormatName::Ply | FormatName::Glb);
     ensure!(is_mesh || args.triangles.is_none(), "--triangles: expected a mesh (ply or glb)");
+    let has_voxels = args.format != FormatName::Cameras;
+    ensure!(has_voxels || args.resolution.is_none(), "--resolution: expected another format than cameras");
     let plan = RunPlan::of_run(&args.run)?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join(args.format.file()));
     ensure!(!out.is_dir(), "{}: expected a file to write, found a folder", out.display());
-    check_extension(&out, Path::new(args.format.file()))?;
+    check_extension(&out, args.format.file().rsplit('.').next().unwrap_or_default())?;
     // An impossible path is reported before the work begins.
     fs::create_dir_all(out.parent().unwrap_or(&out)).with_context(|| out.display().to_string())?;
     let read = || read_run(plan.clone(), &args.run, &open_device(args.device.device)?);
@@ -99,7 +101,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         );
     }
     let note = plan.export_note(&args.run, args.format == FormatName::Html);
-    if let Some(note) = note.filter(|_| args.format != FormatName::Cameras) {
+    if let Some(note) = note.filter(|_| has_voxels) {
         outln!("exported: {note}");
     }
     if let Some(help) = args.format.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string)) {
@@ -144,7 +146,9 @@ fn page(trained: &Trained, args: &ExportArgs) -> Result<Exported> {
 fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surface)> {
     let usual = if args.format == FormatName::Splat { SPLAT_RESOLUTION } else { RESOLUTION };
     let surface = trained.surface(args.resolution.map_or(usual, |voxels| voxels as usize));
-    let mut surface = surface.with_context(|| format!("{}: --format html needs no surface", args.run.display()))?;
+    let run = args.run.display();
+    let mut surface =
+        surface.map_err(|fault| anyhow!("{run}: {fault}, or take --format html, which needs no surface"))?;
     if args.format == FormatName::Splat {
         let splats = trained.splats(&surface);
         let fidelity = trained.splat_fidelity(&splats)?.map_or(String::new(), |found| {

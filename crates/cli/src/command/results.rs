@@ -32,8 +32,13 @@ pub(crate) struct CollectArgs {
 
 pub(crate) fn collect(args: &CollectArgs) -> Result<ExitCode> {
     let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..sweep::collect(folder)? });
+    check_extension(&args.out, "md")?;
     let is_own = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).contains(WRITTEN_BY);
-    let is_free = fs::read(&args.out).map_or_else(|error| error.kind() == ErrorKind::NotFound, is_own);
+    let is_free = match fs::metadata(&args.out) {
+        Err(error) => error.kind() == ErrorKind::NotFound,
+        // A device, such as /dev/full, may have no end.
+        Ok(found) => found.is_file() && fs::read(&args.out).is_ok_and(is_own),
+    };
     ensure!(is_free, "{}: expected no file, or one that `collect` wrote: --out FILE names another", args.out.display());
     let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
@@ -75,7 +80,7 @@ pub(crate) fn figure(args: &FigureArgs) -> Result<ExitCode> {
         [("--scene", &args.scenes, |record| &record.scene), ("--variant", &args.variants, |record| &record.variant)];
     let default = args.folder.join("figure.png");
     let out = args.out.as_ref().unwrap_or(&default);
-    check_extension(out, &default)?;
+    check_extension(out, "png")?;
     let mut records = sweep::results(&args.folder)?;
     for (option, names, name_of) in options {
         let known: BTreeSet<&str> = records.iter().map(|record| name_of(record).as_str()).collect();

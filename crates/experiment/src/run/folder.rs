@@ -81,7 +81,10 @@ pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String
             Ok(()) => return Ok((file, None)),
             Err(fs::TryLockError::WouldBlock) if Instant::now() < patience => sleep(Duration::from_millis(20)),
             Err(fs::TryLockError::WouldBlock) => {
-                bail!("{}: another process is at work on this {what}", folder.display())
+                bail!(
+                    "{}: another process is at work on this {what}; wait for it, or name another --out",
+                    folder.display()
+                )
             }
             Err(fs::TryLockError::Error(error)) => return without_lock(file, &error, folder),
         }

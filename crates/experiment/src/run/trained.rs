@@ -35,7 +35,8 @@ impl Trained {
     /// # Errors
     /// If it has no checkpoint, or its scene cannot be read.
     pub fn read(plan: RunPlan, folder: &Path, device: &OpenDevice) -> Result<Self> {
-        let scene = Arc::new(plan.load()?);
+        let scene = plan.load().with_context(|| format!("{}/config.toml", folder.display()))?;
+        let scene = Arc::new(scene);
         let mut trained = Self::on_scene(plan, scene, folder, device)?;
         let is_under_way = |trainer: &&Trainer| trainer.done() < 1.0 && !trainer.progress().has_collapsed();
         if let Some(least) = trained.trainers.iter().filter(is_under_way).map(Trainer::done).reduce(f64::min) {

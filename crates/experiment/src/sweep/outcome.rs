@@ -11,7 +11,7 @@ use super::figures::figures;
 use super::{Item, Sweep, assignments};
 use crate::identity::differences;
 use crate::plan::About;
-use crate::records::{LIST, list_records, read_records};
+use crate::records::{LIST, found_below, list_records, read_records};
 use crate::run_plan::RunPlan;
 
 /// Files that a sweep has written, and what they contain.
@@ -32,7 +32,9 @@ pub struct SweepFiles {
 /// If there is no list of records, or it cannot be read.
 pub fn results(folder: &Path) -> Result<Vec<Record>> {
     let path = folder.join(LIST);
-    ensure!(path.is_file(), "{}: expected an experiment with a finished run: it has no {LIST}", folder.display());
+    let hint = || found_below(folder, LIST);
+    let expected = "expected the folder of an experiment with a finished run, with a";
+    ensure!(path.is_file(), "{}: {expected} {LIST}{}", folder.display(), hint());
     read_records(&path)
 }
 
