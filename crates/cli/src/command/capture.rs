@@ -99,7 +99,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         warnings = scene::print_warnings(&photographs)?;
     }
     interrupt::install()?;
-    let Some((trained, report)) = train(experiment, &session, &warnings)? else {
+    let Some((trained, report)) = train(experiment, &session, &warnings, result)? else {
         outln!("stopped and saved; {} continues", args.existing.same_command());
         return Ok(interrupt::exit_code());
     };
@@ -197,9 +197,15 @@ fn selection(args: &CaptureArgs, data: Option<PathBuf>, scene: &str, count: usiz
     }
 }
 
-/// Trains the one run of `experiment` and writes its page, unless it is finished; then writes the report. Returns the
-/// fields, if they were trained just now, and the report's path; `None` if the user stops. `known` warnings are not repeated.
-fn train(experiment: Experiment, session: &Session, known: &[String]) -> Result<Option<(Option<Trained>, PathBuf)>> {
+/// Trains the one run of `experiment`, prints its `result` and writes its page, unless it is finished; then writes the report.
+/// Returns the fields, if they were trained just now, and the report's path; `None` if the user stops. `known` warnings are not
+/// repeated.
+pub(super) fn train(
+    experiment: Experiment,
+    session: &Session,
+    known: &[String],
+    result: fn(&Record) -> String,
+) -> Result<Option<(Option<Trained>, PathBuf)>> {
     let folder = session.experiment_folder(&experiment.about.name);
     let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
     let mut trained = None;

@@ -3,15 +3,12 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
-use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Existing, Experiment, Selection, Session};
 use infonerf_report::VIEWER_PAGE;
 use infonerf_scene::SceneError;
 
-use super::exp::write_viewer;
-use crate::print::{errln, outln};
-use crate::progress::ProgressDisplay;
+use super::capture;
+use crate::print::outln;
 use crate::reporter::summary;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
@@ -53,31 +50,17 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         set: vec![TEST_VIEWS.into()],
         ..Selection::default()
     };
-    let sweep = Sweep::from(Experiment::plan("fast-losses", &selection)?);
+    let experiment = Experiment::plan("fast-losses", &selection)?;
     // A demonstration shows training, so a finished run is trained again.
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Existing::Overwrite);
     interrupt::install()?;
     outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);
-    let mut progress = ProgressDisplay::new(&args.scene);
-    let mut watch = |event: PlanEvent<'_>| {
-        match event {
-            PlanEvent::Run(_, _, event) => progress.show(event),
-            PlanEvent::RunEnded(sweep, index, RunEnd::Trained(record, fields)) => {
-                outln!("{}", summary(&record));
-                let folder = session.run_folder(sweep.run(index));
-                match write_viewer(&fields, &folder) {
-                    Ok(()) => outln!("page in 3D: {}", folder.join(VIEWER_PAGE).display()),
-                    Err(error) => errln!("warning: no page in 3D: {error:#}"),
-                }
-            }
-            PlanEvent::Written(_, Some(outcome), _) => outln!("report: {}", outcome.report.display()),
-            _ => {}
+    let page = session.run_folder(&experiment.runs[0]).join(VIEWER_PAGE);
+    if let Some((_, report)) = capture::train(experiment, &session, &[], summary)? {
+        if page.is_file() {
+            outln!("page in 3D: {}", page.display());
         }
-        interrupt::control()
-    };
-    let executed = execute(&[sweep], &session.out, &Executor::InProcess(&session), &mut watch)?;
-    if matches!(executed, Executed::Ended { .. }) {
-        outln!("next: infonerf capture FOLDER learns photographs of your own");
+        outln!("report: {}\nnext: infonerf capture FOLDER learns photographs of your own", report.display());
         return Ok(ExitCode::SUCCESS);
     }
     outln!("stopped; the same command begins anew");
