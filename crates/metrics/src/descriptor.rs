@@ -72,5 +72,6 @@ mod tests {
         assert!(psnr.rank(20.01) < psnr.rank(20.0));
         assert!(sharpness.rank(0.98) < sharpness.rank(1.03));
         assert!(sharpness.rank(1.02) < sharpness.rank(0.95));
+        assert_eq!([29.96, 30.0].map(|seconds| training.rank(seconds)), [300.0; 2]);
     }
 }

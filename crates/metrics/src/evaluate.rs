@@ -240,14 +240,24 @@ mod tests {
 
     #[test]
     fn view_without_a_valid_pixel_is_left_out() {
-        let (render, truth) = (flat(0.2), flat(0.5));
+        let mut networks = Networks::none();
+        let corner = |picture: &&Picture| vec![picture.pixels()[0][0]];
+        let corners = move |pictures: &[&Picture]| -> Vec<Vec<f32>> { pictures.iter().map(corner).collect() };
+        networks.extractors.insert("inception-fid", Box::new(corners));
+        let [dark, grey, light, bright] = [0.2, 0.4, 0.6, 1.0].map(flat);
         let none = Mask::new(vec![false; 144], 12, 12).unwrap();
-        let pairs = [Pair { valid: Some(&none), ..Pair::new(&render, &truth) }, Pair::new(&render, &truth)];
-        let measured = evaluate(&pairs, &Networks::none(), &Protocol::default()).unwrap();
+        let left_out = Pair { valid: Some(&none), ..Pair::new(&bright, &dark) };
+        let pairs = [left_out, Pair::new(&dark, &light), Pair::new(&grey, &bright)];
+        let measured = evaluate(&pairs, &networks, &Protocol::default()).unwrap();
         assert!(measured.views[0].values().all(Option::is_none));
-        assert_eq!(measured.set["psnr"], measured.views[1]["psnr"]);
-        let expected = "mean over 1 of 2 views, for the others: no valid pixel to compare";
+        let psnr = [1, 2].map(|view| measured.views[view]["psnr"].unwrap()).iter().sum::<f64>() / 2.0;
+        assert_eq!(measured.set["psnr"], Some(psnr));
+        let expected = "mean over 2 of 3 views, for the others: no valid pixel to compare";
         assert_eq!(reason(&measured, "psnr"), Some(expected));
+        // Features 0.2 and 0.4 of renders, 0.6 and 1 of truths: (0.8 − 0.3)² + (√0.08 − √0.02)².
+        approx::assert_abs_diff_eq!(measured.set["fid"].unwrap(), 0.27, epsilon = 1e-6);
+        let single = evaluate(&pairs[..2], &networks, &Protocol::default()).unwrap();
+        assert_eq!(reason(&single, "fid"), Some("needs at least 2 images, got 1"));
     }
 
     #[test]
@@ -260,6 +270,8 @@ mod tests {
         let pair = Pair { mask: Some(&mask), depths, ..Pair::new(&render, &truth) };
         let set = evaluate(&[pair], &networks, &Protocol::default()).unwrap().set;
         assert_eq!((set["lpips_vgg_masked"], set["depth_error"]), (Some(0.0), Some(2.0)));
-        assert!(set["lpips_vgg"].unwrap() > 0.29);
+        let [psnr, ssim, lpips] = ["psnr", "ssim", "lpips_vgg"].map(|key| set[key].unwrap());
+        approx::assert_abs_diff_eq!(lpips, 77.0 / 255.0, epsilon = 1e-6);
+        assert_eq!(set["average"], Some(crate::metric::average(psnr, ssim, lpips)));
     }
 }

@@ -79,8 +79,10 @@ mod tests {
     fn required_metrics_must_have_a_value() {
         let measured = measured(Some(20.0));
         assert_eq!(measured.require(&select(["psnr"]).unwrap()), Ok(()));
-        let error = measured.require(&select(["psnr", "ssim"]).unwrap()).unwrap_err();
-        assert_eq!(error.to_string(), "ssim: was not measured");
+        for (key, expected) in [("ssim", "ssim: was not measured"), ("fid", "fid: too few")] {
+            let error = measured.require(&select(["psnr", key]).unwrap()).unwrap_err();
+            assert_eq!(error.to_string(), expected);
+        }
         assert_eq!(measured.notes[0].to_string(), "fid, kid: too few");
     }
 

@@ -82,7 +82,8 @@ mod tests {
     #[test]
     fn broken_maps_are_refused() {
         assert_eq!(depth_error(&[1.0], &[1.0, 2.0]), Err(MetricError::length("rendered depth", 1, 2)));
-        let nan = [1.0, f32::NAN];
-        assert_eq!(silhouette_iou(&nan, &nan), Err(MetricError::not_finite("rendered depth", 1)));
+        for broken in [[1.0, f32::NAN], [1.0, f32::NEG_INFINITY]] {
+            assert_eq!(silhouette_iou(&broken, &broken), Err(MetricError::not_finite("rendered depth", 1)));
+        }
     }
 }

@@ -113,6 +113,9 @@ mod tests {
     fn metrics_are_found_by_key() {
         let keys: Vec<&str> = select(["ssim", "psnr"]).unwrap().iter().map(|metric| metric.key()).collect();
         assert_eq!(keys, ["ssim", "psnr"]);
+        let networks = select(["psnr", "average", "lpips_alex_masked", "kid"]).unwrap();
+        let networks: Vec<_> = networks.iter().map(|metric| metric.network()).collect();
+        assert_eq!(networks, [None, Some(LPIPS_VGG_NETWORK), Some(LPIPS_ALEX_NETWORK), Some(INCEPTION_NETWORK)]);
         let error = select(["psnr", "vmaf"]).unwrap_err().to_string();
         assert!(error.starts_with("no metric is called `vmaf`; known: psnr, ssim,"), "{error}");
     }

@@ -117,9 +117,11 @@ mod tests {
 
     #[test]
     fn images_below_the_window_are_refused() {
-        let picture = Picture::new(vec![[0.0; 3]; 10 * 40], 40, 10).unwrap();
-        let expected = MetricError::other("both sides need at least 11 pixels, got 40×10");
-        assert_eq!(ssim(&picture, &picture, Protocol::INFONERF.ssim), Err(expected));
-        assert!(ssim(&picture, &picture, Ssim { window: SsimWindow::Uniform7, data_range: 1.0 }).is_ok());
+        for (width, height) in [(40, 10), (10, 40)] {
+            let picture = Picture::new(vec![[0.0; 3]; width * height], width, height).unwrap();
+            let expected = MetricError::other(format!("both sides need at least 11 pixels, got {width}×{height}"));
+            assert_eq!(ssim(&picture, &picture, Protocol::INFONERF.ssim), Err(expected));
+            assert!(ssim(&picture, &picture, Ssim { window: SsimWindow::Uniform7, data_range: 1.0 }).is_ok());
+        }
     }
 }
