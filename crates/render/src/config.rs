@@ -189,4 +189,21 @@ mod tests {
             assert!(bad.iter().all(|&value| refused(value) == Some(format!("render.{key}"))), "{key}");
         }
     }
+
+    #[test]
+    fn keys_without_effect_are_named() {
+        let named = |change: fn(&mut RenderConfig)| {
+            let mut config =
+                RenderConfig { early_stop_transmittance: 1e-3, hidden_depth: 16.0, ..RenderConfig::default() };
+            change(&mut config);
+            let lines = config.without_effect().into_iter();
+            lines.map(|line| line.split(' ').next().unwrap_or_default()).collect::<Vec<_>>()
+        };
+        let (stop, hidden) = ("render.early_stop_transmittance", "render.hidden_depth");
+        assert_eq!(RenderConfig::default().without_effect(), Vec::<&str>::new());
+        assert_eq!(named(|config| config.placement = Placement::Mid), [stop, hidden]);
+        assert_eq!(named(|config| config.fine_samples = 0), [stop, hidden]);
+        assert_eq!(named(|config| (config.placement, config.fine_samples) = (Placement::Mid, 0)), [hidden]);
+        assert_eq!(named(|config| config.occupancy.enabled = true), [stop]);
+    }
 }

@@ -75,11 +75,15 @@ mod tests {
 
     #[test]
     fn picture_takes_the_exposure_of_its_view() {
-        let device = Device::flex();
+        let device = Device::flex().autodiff();
         let parameter = |values: [f32; 6]| Param::from_data(TensorData::new(values.to_vec(), [2, 3]), &device);
         let (gain, bias) = (parameter([1.0, 1.0, 1.0, 2.0, 1.0, 0.5]), parameter([0.0, 0.0, 0.0, 0.0, 0.25, 0.0]));
-        let (rgb, acc) = (vec![[0.25; 3]; 2], vec![1.0; 2]);
+        // The second pixel shows half of the background.
+        let (rgb, acc) = (vec![[0.25; 3], [0.625; 3]], vec![1.0, 0.5]);
         let picture = RenderedImage { rgb, acc, ..RenderedImage::default() };
-        assert_eq!(Exposure { gain, bias }.expose(picture, [1.0; 3], 1).rgb, [[0.5, 0.5, 0.125]; 2]);
+        let shown = |exposure: &Exposure| exposure.expose(picture.clone(), [1.0, 0.5, 0.0], 1).rgb;
+        let exposure = Exposure { gain, bias };
+        assert_eq!(shown(&exposure), [[0.5, 0.5, 0.125], [0.75, 0.875, 0.3125]]);
+        assert_eq!(shown(&exposure.centred()), [[0.375, 0.375, 0.1875], [0.6875, 0.75, 0.46875]]);
     }
 }

@@ -56,6 +56,12 @@ mod tests {
         for (i, color) in filled(&holed(0.0), SIZE, Vec3::splat(0.5)).into_iter().enumerate() {
             assert!(color.abs_diff_eq(if i % SIZE.0 < 6 { Vec3::X } else { Vec3::Y }, 1e-5), "{i}: {color}");
         }
+        // A hole of two pixels in a ramp: ¾ of the nearer end and ¼ of the other.
+        let ramp = |i: u8| if i == 3 || i == 4 { Vec4::ZERO } else { Vec3::splat(f32::from(i)).extend(1.0) };
+        for size in [(8, 1), (1, 8)] {
+            let shown = filled(&(0..8).map(ramp).collect::<Vec<_>>(), size, Vec3::ZERO);
+            assert_eq!([shown[3], shown[4]], [2.75, 4.25].map(Vec3::splat));
+        }
     }
 
     #[test]

@@ -160,15 +160,15 @@ impl RenderedImage {
 pub(crate) mod tests {
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
-    use glam::{DMat4, DVec3};
+    use glam::{DMat3, DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
     use infonerf_ops::sampling::Placement;
-    use infonerf_scene::Scene;
+    use infonerf_scene::{Scene, Similarity};
     use infonerf_schedule::Moment;
 
     use super::*;
-    use crate::config::{OccupancyConfig, RenderConfig};
-    use crate::model::Model;
+    use crate::config::{Compositing, OccupancyConfig, RenderConfig};
+    use crate::model::{Model, ModelFrame};
     use crate::noise::{Noise, RandomStream};
     use crate::occupancy::OccupancyGrid;
 
@@ -237,6 +237,31 @@ pub(crate) mod tests {
         }
     }
 
+    /// Compares pictures, which march, with a batch of tensors; also in a frame of twice the size.
+    #[test]
+    fn pictures_have_the_values_of_a_batch() {
+        let (_, trained, camera) = seen(|p| if p.z < 0.0 { 1.0 } else { 0.4 }, Placement::Mid);
+        let similarity = Similarity { rotation: DMat3::IDENTITY, scale: 2.0, translation: DVec3::ZERO };
+        let scaled = TrainedModel { frame: Some(ModelFrame { similarity, zoom: 1.0 }), ..trained.clone() };
+        let nearer = camera.with_pose(DMat4::from_translation(DVec3::new(0.05, 0.05, 2.0)));
+        for compositing in [Compositing::Exponential, Compositing::Additive] {
+            let config = RenderConfig { compositing, early_stop_transmittance: 0.0, ..config(Placement::Mid) };
+            let (background, backdrop) = ([0.5, 0.6, 0.7], Backdrop::Unknown);
+            let renderer = Renderer { background, backdrop, ..Renderer::new(&config, &Scene::default()) };
+            let rays = renderer.rays(vec![camera.ray(0.5, 0.5)], &Device::flex());
+            let request = RenderRequest { color: true, hidden: true };
+            let want = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at).fine;
+            let (color, depth, acc) = (to_host(want.color.unwrap()), to_host(want.depth)[0], to_host(want.acc)[0]);
+            for (trained, camera, scale) in [(&trained, &camera, 1.0), (&scaled, &nearer, 2.0)] {
+                let picture = render_one(&renderer, trained, camera, None);
+                let found = [&picture.rgb[0][..], &[scale * picture.depth[0] * acc, picture.acc[0]]].concat();
+                for (found, want) in found.iter().zip([&color[..], &[depth, acc]].concat()) {
+                    approx::assert_abs_diff_eq!(*found, want, epsilon = 2e-5);
+                }
+            }
+        }
+    }
+
     /// Renders a wall behind uniform fog with a finer grid, which knows both.
     #[test]
     fn thin_fog_takes_fewer_samples_of_the_same_picture() {
@@ -255,6 +280,7 @@ pub(crate) mod tests {
         let in_fog = |picture: &RenderedImage| picture.counts.evaluated - 1;
         let counts = [in_fog(&still), in_fog(&joined)];
         assert!(counts[0] >= 8 && counts[1] <= counts[0] / 2 + 2, "{counts:?}");
+        assert_eq!(exact.counts.total, 32);
         assert!((exact.acc[0] - joined.acc[0]).abs() < 1e-5, "{} {}", exact.acc[0], joined.acc[0]);
         assert!((exact.depth[0] - joined.depth[0]).abs() < 0.1 * step, "{} {}", exact.depth[0], joined.depth[0]);
     }
@@ -263,7 +289,8 @@ pub(crate) mod tests {
 
     /// Returns a picture of a surface at distance `depth`, which ends at column `x`.
     fn edge(x: u32, depth: f32) -> RenderedImage {
-        let mut image = RenderedImage { width: SIZE, height: SIZE, ..RenderedImage::default() };
+        let counts = Counts { total: 3, evaluated: 2 };
+        let mut image = RenderedImage { width: SIZE, height: SIZE, counts, ..RenderedImage::default() };
         for pixel in 0..SIZE * SIZE {
             let inside = pixel % SIZE < x;
             let (rgb, acc) = if inside { ([0.2, 0.4, 0.1], 1.0) } else { ([1.0; 3], 0.0) };
@@ -280,5 +307,6 @@ pub(crate) mod tests {
         // Two of three members see the surface at column 19: opaque enough to have a distance, the mean of theirs.
         assert_eq!((combined.width, combined.height, combined.depth[0]), (SIZE, SIZE, (2.0 + 2.0 + 4.0) / 3.0));
         assert!((combined.depth[19] - 3.0).abs() < 1e-6 && combined.depth[21] == f32::INFINITY);
+        assert_eq!(combined.counts, Counts { total: 9, evaluated: 6 });
     }
 }

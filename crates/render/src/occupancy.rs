@@ -307,7 +307,31 @@ mod tests {
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
-        assert!(fraction(&grid) < 0.2);
+        let (share, mut asked) = (fraction(&grid), 0);
+        assert!(share < 0.2);
+        grid.update(noise(8), 0.02, |points| {
+            asked += points.len() / 3;
+            ball(points)
+        });
+        let expected = 4096.0 * (0.5 * share + 0.125 * (1.0 - share));
+        assert!((asked as f64 - expected).abs() < 100.0, "{asked} cells are evaluated, {expected} expected");
+    }
+
+    /// Checks that an occupied cell marks its six neighbours, or the three that it has in a corner, and no others.
+    #[test]
+    fn occupied_cells_mark_their_neighbours() {
+        for (centre, marked) in [(0.0625, 7.0), (-0.9375, 4.0), (0.9375, 4.0)] {
+            let (mut grid, centre) = (grid(), Vec3::splat(centre));
+            let is_inside = |p: Vec3| (p - centre).abs().max_element() < 0.0625;
+            assert!(grid.update(noise(0), 0.02, densities(|p| if is_inside(p) { 20.0 } else { 0.0 })));
+            assert_eq!(fraction(&grid), marked / 4096.0);
+            let inwards = 0.125 * if centre.x > 0.0 { -1.0 } else { 1.0 };
+            for axis in Vec3::AXES {
+                assert!(grid.is_occupied(centre + inwards * axis), "{axis}");
+                let away = centre + 5.0 * inwards * axis;
+                assert_eq!(grid.states_at(away.to_array().map(|x| [x]))[0].distance(), 4, "{axis}");
+            }
+        }
     }
 
     proptest! {
@@ -364,10 +388,17 @@ mod tests {
     #[test]
     fn refined_grid_keeps_faint_fog() {
         let (step, threshold) = (0.02, config().threshold(0.02));
-        let (mut grid, fog) = (grid(), densities(|p| threshold * (0.9 + 0.05 * p.x)));
+        // The opacity of a sample at the threshold is 0.01.
+        approx::assert_relative_eq!(threshold, 0.502_516_8, max_relative = 1e-5);
+        let thicker = Vec3::new(1.0, 0.7, -0.4);
+        let (mut grid, fog) = (grid(), densities(|p| threshold * (0.9 + 0.04 * p.dot(thicker))));
         assert!(grid.update(noise(0), step, &fog));
         let refined = grid.refined(2, Noise::new(0, 0, RandomStream::RefinedOccupancy), step, fog);
-        assert!(fraction(&refined) >= fraction(&grid) && fraction(&grid) > 0.5, "{}", fraction(&refined));
+        assert!((0.5..0.65).contains(&fraction(&grid)), "{}", fraction(&grid));
+        for index in 0..1000 {
+            let p = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * noise(1).uniform(index, axis) - 1.0));
+            assert_eq!(refined.is_occupied(p), grid.is_occupied(p), "{p}");
+        }
     }
 
     /// Checks that a restored grid evaluates the same cells as the original, also after an update that found nothing.
@@ -396,12 +427,18 @@ mod tests {
         assert!(grid.update(noise(0), 0.02, densities(|p| if p.x > 0.5 && p.x < 0.625 { 20.0 } else { 0.0 })));
         let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);
         assert_eq!(grid.occupied_density(ray.at(1.0)), None);
+        assert_eq!(fraction(&grid), 3.0 / 16.0, "the wall and the cells next to it");
         // One of the sixteen cells is the wall.
         let mean = grid.density_between(&ray, 0.0, 2.0).unwrap();
         assert!((mean - 20.0 / 16.0).abs() < 1e-4, "{mean}");
         assert_eq!(grid.density_between(&ray, 0.0, 1.0), None);
         assert_eq!(grid.density_between(&ray, 1.56, 1.56), Some(20.0), "at least one look");
         assert_eq!(grid.density_between(&ray, 3.0, 4.0), Some(0.0), "outside nothing is known");
+        let (density, occupied, _) = grid.state();
+        let (density, occupied) = (density.to_vec(), occupied.to_vec());
+        grid.restore(density, occupied, false).unwrap();
+        assert!(grid.update(noise(1), 0.02, densities(|_| 0.0)));
+        assert_eq!(grid.density_between(&ray, 1.56, 1.56), Some(20.0 * 0.8), "densities decay");
     }
 
     #[test]

@@ -229,6 +229,10 @@ mod tests {
             assert!(found.position_f64().distance(camera.position_f64()) < 1e-6);
         }
         assert!(to_host(moved.prior())[0] < 1e-12);
+        // Two opposite motions, whose squares sum to 0.64 each, among three views.
+        let opposed = [motion, motion.map(|x| -x), [0.0; 6]].concat();
+        let prior = to_host(refinement(&opposed, 0.2).prior())[0];
+        approx::assert_relative_eq!(prior, 2.0 * 0.64 / 3.0 + 0.04, max_relative = 1e-5);
         let single = CameraRefinement::single(PIVOT, &Device::flex());
         let poses = single.poses.map(|_| upload_rows(&motion, 6, &Device::flex()));
         let found = CameraRefinement { poses, ..single }.apply(&cameras[..1]);

@@ -151,3 +151,22 @@ pub fn evaluate_at<F: Field>(
     let directions = upload(directions.iter().flat_map(|v| v.to_array()).collect(), [count, 3], &device);
     field.evaluate(&points.seen_along(directions), color, at)
 }
+
+#[cfg(test)]
+mod tests {
+    use infonerf_ops::sampling::Placement;
+
+    use super::*;
+    use crate::image::tests::config;
+
+    #[test]
+    fn only_training_before_an_unknown_backdrop_has_random_backgrounds() {
+        let scene = |backdrop| Scene { backdrop, ..Scene::default() };
+        let [known, unknown] = [Backdrop::Colour, Backdrop::Unknown]
+            .map(|backdrop| Renderer::new(&config(Placement::Mid), &scene(backdrop)));
+        let noise = |step| Some(Noise::new(0, step, RandomStream::SeenRays));
+        assert_eq!([known.behind(noise(0)), known.behind(None), unknown.behind(None)], [[1.0; 3]; 3]);
+        let [first, second] = [0, 1].map(|step| unknown.behind(noise(step)));
+        assert!(first != second && first[0] != first[1], "{first:?}, {second:?}");
+    }
+}

@@ -212,13 +212,14 @@ mod tests {
     #[test]
     fn residuals_follow_their_points_and_weigh_less_from_other_directions() {
         let photograph = camera(0.0);
-        for at in [photograph.clone(), camera(0.2)] {
+        let inside = |at: f32| (0.49..=SIZE as f32 - 0.49).contains(&at);
+        for (at, factor) in [(photograph.clone(), 1.0), (camera(0.2), 1.0), (camera(0.2), 1.01)] {
             let points: Vec<Vec3> = plane(&at).map(|(point, _)| point).skip(1).collect();
-            let mut seen = 0;
-            for ((added, pattern), point) in added(&photographed(), &at, 1.0).into_iter().zip(points) {
+            let (mut seen, apart) = (0, (factor - 1.0) / TOLERANCE);
+            for ((added, pattern), point) in added(&photographed(), &at, factor).into_iter().zip(points) {
                 let angle = (point - at.position()).angle_between(point - photograph.position());
-                let weight = (ANGLE / (ANGLE + angle)).powi(2);
-                let is_seen = seen_at(&photograph, point).is_some();
+                let weight = (ANGLE / (ANGLE + angle)).powi(2) * (-apart * apart).exp();
+                let is_seen = photograph.project(point).is_some_and(|at| inside(at.x) && inside(at.y));
                 let expected = if is_seen { weight / (weight + PRIOR) * pattern } else { 0.0 };
                 seen += usize::from(expected != 0.0);
                 assert!((added - expected).abs() < 2e-3, "{added} {expected}");

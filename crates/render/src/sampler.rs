@@ -217,6 +217,7 @@ mod tests {
     use crate::config::RenderConfig;
     use crate::image::tests::config;
     use crate::noise::{Noise, RandomStream};
+    use crate::steps::Step;
     use crate::warp::SpaceChoice;
 
     const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
@@ -254,6 +255,9 @@ mod tests {
             let config =
                 RenderConfig { samples: 9.0.into(), fine_samples: 7, clip_to_bounds: true, space, ..config(placement) };
             let renderer = Renderer::new(&config, &scene());
+            // The edges of intervals are drawn anew in the fine pass; other samples are merged with those of the coarse one.
+            let samples = if placement == Placement::Interval { 7 } else { 9 + 7 };
+            assert_eq!(renderer.max_samples(Moment::START), samples, "{placement:?}");
             let mut grid = OccupancyGrid::new(&config.occupancy, renderer.warp.bounds(&scene()));
             grid.restore(vec![0.5; 8], vec![true; 8], true).unwrap();
             for jitter in [None, Some(noise())] {
@@ -301,7 +305,24 @@ mod tests {
         assert!(to_host(tracked[1].grad(&gradients).unwrap())[0] > 1.0);
     }
 
-    /// Checks that a march through a grid with empty cells and hidden parts keeps the steps of [`Renderer::for_each_visible`].
+    /// Checks that a sample that represents its interval is kept if the interval begins or ends in an occupied cell.
+    #[test]
+    fn intervals_are_kept_that_pass_an_occupied_cell() {
+        let mut config = config(Placement::Interval);
+        config.occupancy.resolution = 16;
+        let renderer = Renderer::new(&config, &scene());
+        let mut grid = OccupancyGrid::new(&config.occupancy, scene().space.bounds);
+        // The layer −0.1875 < z < 0.
+        grid.restore(vec![1.0; 4096], (0..4096).map(|cell| cell / 256 == 7).collect(), true).unwrap();
+        let ray = Ray::new(Vec3::new(0.3, -0.2, 4.0), Vec3::NEG_Z);
+        let samples = [3.6, 3.8, 4.3, 4.5].map(|t| (t, (t, 0.6)));
+        let mut kept = Vec::new();
+        let skip = Skip { grid: Some(&grid), ..NOTHING };
+        renderer.for_each_visible(samples.into_iter(), &ray, skip, |t: f32, _| kept.push(t));
+        assert_eq!(kept, [3.8, 4.3]);
+    }
+
+    /// Checks that a march keeps all steps but those in empty cells and those behind the hidden depth.
     #[test]
     fn march_skips_what_the_grid_knows_to_be_empty_or_hidden() {
         let device = Device::flex();
@@ -322,9 +343,14 @@ mod tests {
             for (index, ray) in rays.on_host.iter().enumerate() {
                 let Some(ends) = rays.ends[index] else { continue };
                 let places = (renderer.step_length(at), noise().uniform(index, 0));
-                let steps = UniformSteps::new(&renderer, ray, ends, places, None);
-                let steps = steps.map(|step| ((), (step.t, step.delta)));
-                renderer.for_each_visible(steps, ray, skip, |(), (t, _)| want.push(t));
+                let mut depth = 0.0;
+                for Step { t, delta, .. } in UniformSteps::new(&renderer, ray, ends, places, None) {
+                    let Some(density) = grid.occupied_density(renderer.warp.point(ray.at(t))) else { continue };
+                    if depth < skip.hidden_depth {
+                        want.push(t);
+                    }
+                    depth += density * delta;
+                }
             }
             assert_eq!(marched.t(), want);
             let (kept, given) = (want.len(), all.segments.samples());

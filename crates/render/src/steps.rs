@@ -156,24 +156,61 @@ mod tests {
     use infonerf_scene::Scene;
 
     use super::*;
+    use crate::config::{OccupancyConfig, RenderConfig};
     use crate::image::tests::config;
+    use crate::noise::{Noise, RandomStream};
 
-    /// Compares the steps through a grid of 2³ cells with all steps, of which those in empty cells are left out.
+    /// Ends of 50 steps of a ray within the box, and their length.
+    const ENDS: [f32; 2] = [2.75, 5.25];
+    const LENGTH: f32 = 0.05;
+
+    fn ray() -> Ray {
+        Ray::new(Vec3::new(0.3, -0.2, 4.0), Vec3::new(0.05, 0.1, -1.0).normalize())
+    }
+
+    /// Compares the steps through grids of 16³ cells with all steps, of which those in empty cells are left out.
     #[test]
     fn steps_in_occupied_cells_are_kept() {
+        let scene = Scene::default();
+        let sets: [fn(usize) -> bool; 4] =
+            [|_| true, |cell| cell / 256 < 3, |cell| cell / 256 > 12, |cell| cell % 7 == 0];
+        for (clip_to_bounds, is_occupied) in [false, true].into_iter().flat_map(|clip| sets.map(|set| (clip, set))) {
+            let config = RenderConfig { clip_to_bounds, ..config(Placement::Mid) };
+            let renderer = Renderer::new(&config, &scene);
+            let (ray, length) = (ray(), (LENGTH, 0.5));
+            let all: Vec<Step> = UniformSteps::new(&renderer, &ray, ENDS, length, None).collect();
+            assert_eq!(all.len(), 50);
+            let occupancy = OccupancyConfig { resolution: 16, ..config.occupancy.clone() };
+            let mut grid = OccupancyGrid::new(&occupancy, scene.space.bounds);
+            grid.restore(vec![1.0; 4096], (0..4096).map(is_occupied).collect(), true).unwrap();
+            let found: Vec<f32> = UniformSteps::new(&renderer, &ray, ENDS, length, Some(&grid)).map(|s| s.t).collect();
+            let kept = all.iter().filter(|step| grid.is_occupied(step.point));
+            assert_eq!(found, kept.map(|step| step.t).collect::<Vec<_>>());
+            assert!(found.len() >= 3, "{}", found.len());
+        }
+    }
+
+    /// Checks the samples of one, two and four steps of fog, in which a step has an optical depth of 0.02.
+    #[test]
+    fn shared_samples_lie_in_the_middle_of_their_steps() {
         let (scene, config) = (Scene::default(), config(Placement::Mid));
         let renderer = Renderer::new(&config, &scene);
-        let ray = Ray::new(Vec3::new(0.3, -0.2, 4.0), Vec3::new(0.05, 0.1, -1.0).normalize());
-        let (ends, step) = ([2.0, 6.0], (0.04, 0.5));
-        let all: Vec<Step> = UniformSteps::new(&renderer, &ray, ends, step, None).collect();
-        assert_eq!(all.len(), 100);
-        for occupied in [[true; 8], std::array::from_fn(|cell| cell < 4), std::array::from_fn(|cell| cell >= 4)] {
-            let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
-            grid.restore(vec![1.0; 8], occupied.to_vec(), true).unwrap();
-            let found: Vec<f32> = UniformSteps::new(&renderer, &ray, ends, step, Some(&grid)).map(|s| s.t).collect();
-            let kept = all.iter().filter(|step| grid.is_occupied(step.point));
-            assert_eq!(found, kept.map(|step| step.t).collect::<Vec<_>>(), "{occupied:?}");
-            assert!(found.len() > 20);
+        let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
+        grid.restore(vec![1.0; 8], vec![true; 8], true).unwrap();
+        let noise = Noise::new(0, 0, RandomStream::RefinedOccupancy);
+        let grid = grid.refined(8, noise, LENGTH, |points| vec![0.4; points.len() / 3]);
+        let fours = [vec![4; 12], vec![2]].concat();
+        for (depths, counts) in [([0.01; 2], vec![1; 50]), ([0.03, 0.01], vec![2; 25]), ([0.03; 2], fours)] {
+            let mut steps = UniformSteps::new(&renderer, &ray(), ENDS, (LENGTH, 0.5), Some(&grid));
+            steps.join(depths);
+            let (steps, mut start) = (steps.collect::<Vec<Step>>(), ENDS[0]);
+            assert_eq!(steps.len(), counts.len());
+            for (step, count) in steps.iter().zip(counts) {
+                let length = LENGTH * count as f32;
+                approx::assert_relative_eq!(step.delta, length, max_relative = 1e-5);
+                approx::assert_relative_eq!(step.t, start + 0.5 * length, max_relative = 1e-5);
+                start += length;
+            }
         }
     }
 }

@@ -108,6 +108,8 @@ fn mean_camera(scene: &Scene) -> Option<Camera> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::warp::tests::forward;
 
@@ -132,5 +134,18 @@ mod tests {
         assert_eq!(radius_of(&around), 1.0);
         around.space.range = Range::Sphere { centre: Vec3::X, radius: 0.5 };
         assert_eq!(Warp::of(&around, SpaceChoice::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
+    }
+
+    #[test]
+    fn ndc_are_those_of_the_mean_camera_of_cameras_that_face_its_way() {
+        let mut scene = forward();
+        let first = scene.all_train_cameras[0].clone();
+        let placed = |x| first.with_pose(DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
+        scene.all_train_cameras = vec![placed(0.1), placed(0.5)];
+        let Warp::Ndc { to_camera, .. } = Warp::of(&scene, SpaceChoice::Ndc) else { panic!("they face forward") };
+        let seen = to_camera.transform_point3(Vec3::new(0.3, 0.0, -1.0));
+        assert!(seen.abs_diff_eq(Vec3::NEG_Z, 1e-6), "{seen}");
+        scene.all_train_cameras.push(first.with_pose(DMat4::from_rotation_y(std::f64::consts::PI)));
+        assert!(!Warp::has_ndc(&scene));
     }
 }
