@@ -126,3 +126,17 @@ pub fn evaluate_view<F: Field>(
 ) -> Result<TestView, TrainError> {
     Evaluation::new(&Networks::none(), &Protocol::default()).add(renderer, members, view)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_less_than_a_thousandth_opacity_are_empty() {
+        let is_empty = |acc: [f32; 2]| {
+            let image = RenderedImage { acc: acc.to_vec(), ..RenderedImage::default() };
+            TestView { image, values: Values::new(), seconds: 0.0 }.shows_nothing()
+        };
+        assert_eq!([[0.0, 0.0019], [0.0, 0.0021], [0.5, 0.0]].map(is_empty), [true, false, false]);
+    }
+}

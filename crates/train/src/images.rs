@@ -182,6 +182,8 @@ fn downscaled(image: &Arc<Image>, factor: u32) -> Arc<Image> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use infonerf_scene::ViewRegion;
 
     use super::*;
@@ -221,7 +223,30 @@ mod tests {
         }
     }
 
-    /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
+    /// Checks that the first steps draw from central halves alone, and that a batch of one image takes each pixel once.
+    #[test]
+    fn first_steps_draw_from_the_central_half() {
+        let scene = knot(2, 16);
+        for (batch, count) in [("pixels", 100), ("image", 64)] {
+            let settings = [format!("train.batch={batch}"), "train.precrop_steps=10".to_owned()];
+            let config = Config::of(Preset::Paper, settings).unwrap().train;
+            let images = TrainingImages::new(&scene, &config);
+            let [first, later] = [9, 10].map(|step| {
+                let noise = Noise::new(0, step as u64, RandomStream::SeenRays);
+                images.draw(&config, 100, Moment { step, progress: 0.0 }, noise).0.at
+            });
+            let is_central = |at: &PixelAt| (4.0..12.0).contains(&at.x) && (4.0..12.0).contains(&at.y);
+            assert!(first.iter().all(is_central) && !later.iter().all(is_central), "{batch}");
+            assert_eq!((first.len(), later.len()), (count, 100));
+            for pixels in [first, later].iter().filter(|_| batch == "image") {
+                let distinct: BTreeSet<_> = pixels.iter().map(|at| (at.view, at.x as u32, at.y as u32)).collect();
+                assert_eq!(distinct.len(), pixels.len());
+                assert!(pixels.iter().all(|at| at.view == pixels[0].view));
+            }
+        }
+    }
+
+    /// Checks that smaller images hold means of squares, and that cones of all kinds of rays are as wide as their pixels.
     #[test]
     fn smaller_images_have_wider_cones() {
         let scene = knot(2, 16);
@@ -237,7 +262,14 @@ mod tests {
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
-            let (seen, _) = images.draw(&config, 8, at, noise);
+            let (seen, colors) = images.draw(&config, 8, at, noise);
+            for (&PixelAt { view, x, y }, color) in seen.at.iter().zip(colors) {
+                let image = &scene.train[view].image;
+                let square = |at: f32| (at - width / 2.0) as usize..(at + width / 2.0) as usize;
+                let pixels = square(y).flat_map(|row| square(x).map(move |column| 16 * row + column));
+                let sum = pixels.fold([0.0; 3], |sum, at| [0, 1, 2].map(|c| sum[c] + image.rgb[at][c]));
+                assert!((0..3).all(|c| (color[c] - sum[c] / (width * width)).abs() < 1e-5), "{color:?} {sum:?}");
+            }
             let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
             let unseen = Pixels::draw(camera.clone(), 8, width, &config, 0, noise);
             for ray in [seen.rays(), near, unseen.rays()].concat() {

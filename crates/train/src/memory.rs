@@ -145,9 +145,10 @@ mod tests {
     use super::*;
     use crate::config::Preset;
 
+    const PIXELS: PixelCount = PixelCount { views: 4, train: 4 * 64, test: 64 };
+
     fn plan(settings: &[&str], side_by_side: usize) -> MemoryPlan {
-        let pixels = PixelCount { views: 4, train: 4 * 64, test: 64 };
-        MemoryPlan::new(&Config::of(Preset::Fast, settings).unwrap(), pixels, side_by_side, side_by_side)
+        MemoryPlan::new(&Config::of(Preset::Fast, settings).unwrap(), PIXELS, side_by_side, side_by_side)
     }
 
     #[test]
@@ -166,6 +167,10 @@ mod tests {
         assert_eq!(one.clone().with_images_loaded().total(), one.total() - 64 * 5 * 4 * 4);
         // Fields share the images.
         assert_eq!(plan(&with(&[]), 2).total(), 2 * field + images);
+        // Weights of a single field are averaged, which keeps one more copy; residuals are those of each field.
+        assert_eq!(plan(&with(&["train.weight_averaging=0.3"]), 1).total(), one.total() + tables / 5);
+        assert_eq!(plan(&with(&["train.weight_averaging=0.3"]), 2).total(), 2 * field + images);
+        assert_eq!(plan(&with(&["render.residuals=true"]), 2).total(), 2 * field + images + 2 * (4 * 64) * 4 * 4);
         // The first step skips nothing.
         assert_eq!(plan(&with(&["train.rays=100"]), 1).total(), one.total() + 5000 * 12 * 4);
     }
@@ -180,6 +185,10 @@ mod tests {
         };
         let (coarse, fine) = (64, 64 + 128);
         assert_eq!(samples(&[]), 10 * (coarse + fine));
+        // Each pass has a network of its own.
+        let field =
+            |setting: &str| MemoryPlan::new(&Config::of(Preset::Paper, [setting]).unwrap(), PIXELS, 1, 1).parts[0].1;
+        assert_eq!(field("render.fine_samples=128"), 2 * field("render.fine_samples=0"));
         let entropy = ["loss.entropy.weight=1e-3", "loss.entropy.rays=all"];
         assert_eq!(samples(&entropy), 10 * (coarse + fine) + 5 * fine);
         let both = [&entropy[..], &["loss.kl.weight=1e-3", "loss.kl.rays=all"]].concat();

@@ -113,6 +113,8 @@ mod tests {
     #[test]
     fn neighbours_turn_about_the_scene() {
         let mut scene = knot(2, 16);
+        let distance = infonerf_render::Pivot::of(&scene).scale;
+        assert!((distance - 4.031).abs() < 1e-3, "{distance}");
         let shift = DVec3::new(1000.0, 0.0, 0.0);
         for view in &mut scene.train {
             view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
@@ -143,5 +145,24 @@ mod tests {
             pixels.at.iter().all(|at| (4.0..12.0).contains(&at.x) && (4.0..12.0).contains(&at.y))
         };
         assert!(within(9) && !within(10));
+    }
+
+    #[test]
+    fn unseen_poses_of_a_data_set_are_those_of_its_training_images() {
+        let scene = knot(2, 16);
+        let config = Config::of(Preset::Paper, ["train.unseen=dataset"]).unwrap().train;
+        let region = ViewRegion::new(&scene.training_cameras());
+        for step in 0..5 {
+            let noise = Noise::new(0, step, RandomStream::UnseenRays);
+            assert!(scene.all_train_cameras.contains(&unseen_camera(&scene, &region, &config, noise)));
+        }
+    }
+
+    #[test]
+    fn small_images_have_a_ray_per_pixel() {
+        let wide = knot(1, 16).train[0].camera.resized(16, 8);
+        let (rays, size) = image_rays(&wide, 8);
+        assert_eq!((rays.len(), size), (32, (4, 8)));
+        assert_eq!(rays[9], wide.resized(8, 4).ray(1.5, 1.5), "the second ray of the second row");
     }
 }

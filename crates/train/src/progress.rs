@@ -66,17 +66,19 @@ mod tests {
     fn fresh_start_forgets_the_field_and_keeps_the_time() {
         let mut progress = Progress { step: 7, seconds: 3.0, ..Progress::default() };
         progress.count(Counts { total: 100, evaluated: 40 }, 20.0);
+        progress.count(Counts { total: 10, evaluated: 2 }, 10.0);
+        assert!((progress.samples_per_ray - 19.0).abs() < 1e-9, "{}", progress.samples_per_ray);
         let restarted = progress.restarted();
         assert_eq!((restarted.step, restarted.samples_per_ray, restarted.restarts), (0, 0.0, 1));
-        assert_eq!((restarted.seconds, restarted.samples_evaluated), (3.0, 40));
+        assert_eq!((restarted.seconds, restarted.samples_total, restarted.samples_evaluated), (3.0, 110, 42));
     }
 
     #[test]
     fn fifty_empty_steps_are_a_collapse() {
         let mut progress = Progress::default();
-        assert!((0..49).all(|_| !progress.count_opacity(1e-4, 0.5)));
-        assert!(!progress.count_opacity(0.1, 0.5), "one step with something begins anew");
-        assert_eq!((0..100).find(|_| progress.count_opacity(1e-4, 0.5)), Some(49));
-        assert!((0..100).all(|_| !progress.count_opacity(0.0, 0.0)), "there is nothing to show");
+        assert!((0..49).all(|_| !progress.count_opacity(0.004, 0.5)));
+        assert!(!progress.count_opacity(0.006, 0.5), "one step with something begins anew");
+        assert_eq!((0..100).find(|_| progress.count_opacity(0.004, 0.5)), Some(49));
+        assert!((0..100).all(|_| !progress.count_opacity(0.0, 0.005)), "there is nothing to show");
     }
 }

@@ -54,3 +54,39 @@ impl ModuleMapper for Blend {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use infonerf_field::{FieldOutput, Points};
+    use infonerf_ops::to_host;
+    use infonerf_schedule::Moment;
+
+    use super::*;
+
+    #[derive(Module, Debug)]
+    struct OneWeight {
+        weight: Param<Tensor<1>>,
+    }
+
+    impl Field for OneWeight {
+        fn evaluate(&self, _points: &Points, _color: bool, _at: Moment) -> FieldOutput {
+            unreachable!("the field is not rendered")
+        }
+    }
+
+    #[test]
+    fn the_mean_is_over_every_eighth_model_at_the_end_of_a_run() {
+        let mut average = WeightAverage { mean: None, count: 0 };
+        for weight in [1.0f32, 2.0, 6.0] {
+            average.add(Model::of(OneWeight { weight: Param::from_data([weight], &Device::flex()) }));
+        }
+        let mean = to_host(average.mean.expect("models were added").fine.weight.val());
+        assert!((mean[0] - 3.0).abs() < 1e-6, "{mean:?}");
+        let included = |share: f64| -> Vec<usize> {
+            let is_included = |step: &usize| WeightAverage::<OneWeight>::includes(share, *step, *step as f64 / 32.0);
+            (0..=32).filter(is_included).collect()
+        };
+        assert_eq!([0.0, 0.25, 0.5].map(included), [vec![], vec![24, 32], vec![16, 24, 32]]);
+    }
+}

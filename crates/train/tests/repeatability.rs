@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use crate::common::{config, configs, devices, losses, scene, scene_of, steps, timeless, trainer};
 use burn::tensor::Device;
+use infonerf_metrics::{Networks, Protocol};
 use infonerf_schedule::Moment;
 use infonerf_train::{
-    Checkpoint, Config, Event, Information, Outcome, TestView, Trainer, evaluate_view, information, step_side_by_side,
+    Checkpoint, Config, Evaluation, Event, Information, Outcome, TestView, Trainer, information, step_side_by_side,
 };
 
 const STEPS: usize = 12;
@@ -21,10 +22,19 @@ fn cases() -> Vec<(Config, Device)> {
 
 /// Returns everything that evaluation measures: pictures, metrics, entropy and information gain.
 fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3]>>, Vec<f64>) {
-    let scene = scene();
-    let view = |view| evaluate_view(trainer.renderer(), &[trainer.trained()], view).unwrap();
+    let (scene, networks, protocol) = (scene(), Networks::none(), Protocol::default());
+    let mut evaluation = Evaluation::new(&networks, &protocol);
+    let view = |view| evaluation.add(trainer.renderer(), &[trainer.trained()], view).unwrap();
     let views: Vec<TestView> = scene.test.iter().map(view).collect();
+    let evaluated = evaluation.finish().unwrap();
+    let mean = |of: fn(&TestView) -> f64| views.iter().map(of).sum::<f64>() / views.len() as f64;
+    let opacity = mean(|view| f64::from(view.image.acc.iter().sum::<f32>()) / view.image.acc.len() as f64);
+    assert!((evaluated.opacity - opacity).abs() < 1e-5 * opacity.max(1.0), "{} for {opacity}", evaluated.opacity);
+    assert!((evaluated.seconds_per_image - mean(|view| view.seconds)).abs() < 1e-9);
+    assert_eq!(evaluated.shows_nothing, views.iter().all(TestView::shows_nothing));
     let information = informed(trainer, config, seed);
+    // At most the logarithm of the number of samples along a ray, of which no config here has more than 192.
+    assert!(information.entropy_bits < 8.0, "{information:?}");
     let mut numbers = vec![information.entropy_bits, information.gain];
     numbers.extend(views.iter().flat_map(|view| view.values.values().flatten()));
     assert!(views.iter().all(|view| view.value("silhouette_iou").is_some()));
@@ -39,11 +49,13 @@ fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
 #[test]
 fn information_gain_rotates_about_the_configured_centre() {
     let [flex, _] = devices();
-    let gain = |about: &str| {
+    let [centre, origin] = ["centre", "origin"].map(|about| {
         let config = config(&[&format!("train.neighbours.about={about}")]);
-        informed(&Trainer::new(&config, scene_of("room", 4, 16), 1, None, &flex).unwrap(), &config, 1).gain
-    };
-    assert_ne!(gain("centre"), gain("origin"));
+        informed(&Trainer::new(&config, scene_of("room", 4, 16), 1, None, &flex).unwrap(), &config, 1)
+    });
+    assert_ne!(centre.gain, origin.gain);
+    let mean = Information::mean(&[centre, origin]).unwrap();
+    assert!((mean.gain - 0.5 * (centre.gain + origin.gain)).abs() <= 1e-12 * mean.gain);
 }
 
 /// Checks that a seed gives the same values, with any number of threads the same losses, and that another seed gives others.
@@ -65,12 +77,15 @@ fn runs_of_one_seed_agree() {
         }
         assert_ne!(first.0, run(8).0);
         for event in &first.0 {
-            let Event::Step { step, loss, losses, .. } = event else { panic!("{event:?}") };
+            let Event::Step { step, loss, losses, psnr, evaluated, .. } = event else { panic!("{event:?}") };
             let at = Moment { step: step - 1, progress: (step - 1) as f64 / STEPS as f64 };
             for (name, spec) in config.loss.specs() {
                 assert_eq!(losses.contains_key(name), spec.weight().at(at) > 0.0, "{name}: {event:?}");
             }
             assert!(loss.is_finite() && losses.contains_key("rgb"), "{event:?}");
+            assert!((0.0..=1.0).contains(evaluated), "{event:?}");
+            // The loss of a single pass is the mean squared error.
+            assert!(config.render.is_hierarchical() || (psnr + 10.0 * losses["rgb"].log10()).abs() < 1e-3, "{event:?}");
         }
     }
 }

@@ -113,7 +113,7 @@ fn name(value: &impl serde::Serialize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Preset;
+    use crate::config::{Preset, Refine};
     use crate::testing::knot;
 
     #[test]
@@ -128,11 +128,15 @@ mod tests {
         assert_eq!(fault(&[refine]), None);
         assert_eq!(fault(&[mip, "render.placement=interval", refine]), None);
         assert_eq!(fault(&[mip, "render.placement=interval", matches, "train.cameras.focal=shared"]), None);
+        let refines = [Refine::None, Refine::Matches, Refine::Photometric, Refine::Both];
+        assert_eq!(refines.map(Refine::is_by_matches), [false, true, false, true]);
+        assert_eq!(refines.map(Refine::is_photometric), [false, false, true, true]);
         for (settings, start) in [
             (&[pixel, refine][..], "field.kind: expected a field that passes gradients on"),
             (&[pixel, "eval.pose_steps=3"], "field.kind: expected a field that passes gradients on"),
             (&["train.cameras.refine=true"], "train.cameras.refine: expected a name in quotes"),
             (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),
+            (&["train.cameras.prior=-1"], "train.cameras.prior: expected a number from 0 to 1000000"),
             (&["train.cameras.focal=some"], "train.cameras.focal: expected fixed or shared, found \"some\""),
             (&["eval.information_rays=1000001"], "eval.information_rays: expected a number from 0 to 1000000"),
             (&["eval.pose_steps=10001"], "eval.pose_steps: expected a number from 0 to 10000"),
@@ -140,6 +144,22 @@ mod tests {
         ] {
             let message = fault(settings).unwrap();
             assert!(message.starts_with(start) && message.lines().count() == 1, "{message}");
+        }
+    }
+
+    /// Checks that neighbours with samples of their own are refused where something skips samples, if a loss pairs them.
+    #[test]
+    fn neighbours_of_skipped_samples_take_those_of_their_partners() {
+        let fault = |settings: &[&str]| {
+            let own = ["train.neighbours.sampling=own", "render.fine_samples=0"];
+            Config::of(Preset::Paper, own.iter().chain(settings)).err().map(|error| error.to_string())
+        };
+        let paired = "loss.kl.weight=1e-3";
+        assert_eq!(fault(&[paired]), None);
+        for skips in ["render.occupancy.enabled=true", "render.clip_to_bounds=true", "render.placement=mid"] {
+            assert_eq!(fault(&[skips]), None);
+            let message = fault(&[skips, paired]).unwrap();
+            assert!(message.starts_with("train.neighbours.sampling: expected \"partner\" with"), "{message}");
         }
     }
 

@@ -135,6 +135,16 @@ mod tests {
     use super::*;
 
     #[test]
+    fn nine_views_that_do_not_face_forward_take_the_dense_preset() {
+        let chosen = |preset: Preset| {
+            let cases = [(8, Layout::Object), (9, Layout::Object), (9, Layout::Forward)];
+            cases.map(|(views, layout)| preset.for_views(views, layout))
+        };
+        assert_eq!(chosen(Preset::Capture), [Preset::Capture, Preset::Dense, Preset::Capture]);
+        assert_eq!(chosen(Preset::Fast), [Preset::Fast; 3]);
+    }
+
+    #[test]
     fn layers_merge() {
         let mut base = parse("a = 1\n[f]\nkind = 'x'\nwidth = 3\n[g]\nn = 1\nm = 2");
         merge(&mut base, parse("a = 2\n[f]\nkind = 'y'\n[g]\nn = 5"));

@@ -118,3 +118,30 @@ impl StepBatch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::config::{Config, Preset};
+    use crate::testing::knot;
+
+    #[test]
+    fn numbers_of_rays_follow_the_samples_along_each() {
+        let counts = |more: &[&str], samples_per_ray: f64| {
+            let sizes =
+                ["field.resolutions=[4]", "train.rays=100", "train.unseen_rays=50", "train.target_samples=5000"];
+            let config = Config::of(Preset::Fast, sizes.iter().chain(more)).unwrap();
+            let mut trainer = Trainer::new(&config, knot(1, 4), 0, None, &Device::flex()).unwrap();
+            trainer.progress.samples_per_ray = samples_per_ray;
+            trainer.ray_counts()
+        };
+        assert_eq!(counts(&["train.target_samples=0"], 25.0), [100, 50]);
+        // Without a step before, with 5000 samples, and from a quarter of `train.rays` to sixteen times as many.
+        let found = [0.0, 25.0, 1000.0, 1.0].map(|samples| counts(&[], samples));
+        assert_eq!(found, [[100, 50], [200, 100], [25, 12], [1600, 800]]);
+        assert_eq!(counts(&["train.unseen_rays=0"], 25.0), [200, 0]);
+        assert_eq!(counts(&["train.rays=1", "train.unseen_rays=1"], 1e6), [1, 1]);
+    }
+}
