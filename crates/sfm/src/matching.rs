@@ -205,6 +205,10 @@ mod tests {
         let pairs = matches(&a, &b);
         let near = pairs.iter().filter(|(i, j)| turned(a.pixels[*i]).distance(b.pixels[*j]) < 1.0).count();
         assert!(pairs.len() > 60 && near * 100 > pairs.len() * 90, "{near} of {}", pairs.len());
+        let both = [picture(|p| p, 1.0), picture(turned, 0.8)];
+        let kept = crate::two_view::verified_matches(&both, &[320.0; 2], 2000).remove(0).pixels;
+        let good = kept.iter().filter(|(a, b)| turned(*a).distance(*b) < 1.0).count();
+        assert!(good == near && kept.len() < pairs.len(), "{good} of {} agree with a relative pose", kept.len());
         assert!(matches(&a, &Default::default()).is_empty() && matches(&Default::default(), &a).is_empty());
         let blank = GreyImage { width: 40, height: 3, values: vec![0.5; 120] };
         assert_eq!(features(&blank, None, 10).pixels.len(), 0);
@@ -242,6 +246,12 @@ mod tests {
             Features { pixels: vec![DVec2::ZERO; descriptors.len() / LENGTH], descriptors }
         };
         let all: Vec<Features> = (0..30).map(photograph).collect();
+        let mut whole = Features::default();
+        for Features { pixels, descriptors } in all.iter().step_by(5) {
+            whole.pixels.extend(pixels);
+            whole.descriptors.extend(descriptors);
+        }
+        assert_eq!(matches(&whole, &whole), (0..6 * 200).map(|i| (i, i)).collect::<Vec<_>>());
         assert_eq!(likely_pairs(&all[..ALL_PAIRS]).len(), max_matched_pairs(ALL_PAIRS));
         assert_eq!([0, 1, 4, 24, 25, 100].map(max_matched_pairs), [0, 0, 6, 276, 300, 1400]);
         let likely = likely_pairs(&all);

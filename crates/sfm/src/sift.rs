@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn descriptors_count_gradients_relative_to_the_orientation() {
-        let image = image(61, |x, y| 0.01 * (x + y));
+        let (image, mut corners) = (image(61, |x, y| 0.01 * (x + y)), Vec::new());
         for (angle, bin) in [(0.0, 1), (45.0, 0), (90.0, 7), (-45.0, 2)] {
             let found = descriptor(&image, &middle(&image), f32::to_radians(angle));
             for cell in found.chunks_exact(BINS) {
@@ -367,6 +367,9 @@ mod tests {
                 assert_eq!(most, bin, "{angle}: {cell:?}");
             }
             assert!((found.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-5);
+            corners.push(found[bin]);
         }
+        // The corners of the turned cells are within reach, too.
+        assert!(corners.iter().all(|corner| (corner - corners[0]).abs() < 1e-3), "{corners:?}");
     }
 }

@@ -188,6 +188,13 @@ mod tests {
         assert_eq!((again.pose, &again.inliers), (found.pose, &found.inliers));
         assert!(two_view(&matches[..4], &all.lens, 2.0, 0).is_none());
         assert!(found.homography_share < 0.5, "{}", found.homography_share);
+        let seen = |of: fn(&(DVec2, DVec2)) -> DVec2| matches.iter().map(of).collect();
+        let photographs: [Vec<DVec2>; 2] = [seen(|ends| ends.0), seen(|ends| ends.1)];
+        let features = photographs.map(|pixels| Features { pixels, ..Features::default() });
+        let matched = Matches { a: 0, b: 1, pairs: (0..matches.len()).map(|i| (i, i)).collect() };
+        let kept = verified(&features, &[matched], &all.lens, 2.0);
+        let [(kept, _)] = &kept[..] else { panic!("{} pairs", kept.len()) };
+        assert!(kept.pairs.len().abs_diff(found.inliers.len()) < 5, "{}", kept.pairs.len());
     }
 
     #[test]
