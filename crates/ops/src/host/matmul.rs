@@ -223,6 +223,17 @@ mod tests {
     }
 
     #[test]
+    fn products_without_rows_columns_or_terms_change_nothing() {
+        let (mut y, at) = ([1.0; 16], Matrix::rows(0, 16));
+        for (sizes, initial) in
+            [([0, 16, 1], InitialSum::Zero), ([1, 0, 1], InitialSum::Zero), ([1, 16, 0], InitialSum::Previous)]
+        {
+            product(sizes, initial, (&mut y, at), (&[], at), (&[], at));
+        }
+        assert_eq!(y, [1.0; 16]);
+    }
+
+    #[test]
     fn every_instruction_set_gives_the_same_product() {
         let [m, n, k] = [29, 48, 7];
         let a: Vec<f32> = (0..m * k).map(|i| (i % 23) as f32 - 11.0).collect();
