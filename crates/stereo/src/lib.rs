@@ -248,7 +248,10 @@ mod tests {
 
     #[test]
     fn neighbours_see_the_middle_from_about_five_degrees() {
-        let (scene, cameras) = (scene(), [0.0, 30.0, 12.0, 4.0, 60.0, 1.0, 180.0].map(looking));
+        let (mut scene, aside) = (scene(), Vec3::new(1.0, 2.0, 3.0));
+        scene.space.centre = aside;
+        let moved = |camera: Camera| camera.with_pose(DMat4::from_translation(aside.as_dvec3()) * camera.to_world);
+        let cameras = [0.0, 30.0, 12.0, 4.0, 60.0, 1.0, 180.0].map(looking).map(moved);
         assert_eq!(neighbours_of(&scene, &cameras, 0, 3, DisparityRange::ALL), [2, 3, 1]);
         assert_eq!(neighbours_of(&scene, &cameras, 0, 9, DisparityRange::ALL), [2, 3, 1, 5]);
     }
@@ -266,6 +269,17 @@ mod tests {
         check(Layout::Object, 3.5, 0.0, 2.0);
         check(Layout::Forward, 1.0, 0.0, 0.0);
         check(Layout::Inside, 1.0, 0.25, 4.0 - 8.0f32.sqrt());
+    }
+
+    #[test]
+    fn the_range_of_disparities_is_wider_than_that_of_enough_matches() {
+        let mut disparity: Vec<f32> = (1..=200).map(|i| i as f32).collect();
+        disparity.resize(19_000, f32::NAN);
+        let mut map = DepthMap { width: 0, height: 0, disparity, step: Vec::new() };
+        let expected = DisparityRange { min: 0.8 * 3.0, max: 1.25 * 198.0 };
+        assert_eq!(disparity_range(std::slice::from_ref(&map)), Some(expected));
+        map.disparity.resize(21_000, f32::NAN);
+        assert_eq!(disparity_range(&[map]), None, "less than one in a hundred");
     }
 
     #[test]
