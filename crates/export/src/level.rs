@@ -122,7 +122,14 @@ mod tests {
 
     #[test]
     fn the_surface_is_where_light_is_stopped() {
-        let level = surface_density(&FUZZY, &train_cameras(32)).unwrap();
+        let cameras = train_cameras(32);
+        let level = surface_density(&FUZZY, &cameras).unwrap();
+        let meets = |camera: &Camera, i: u32| {
+            let ray = camera.ray((i % 32) as f32 + 0.5, (i / 32) as f32 + 0.5);
+            FUZZY.bounds().intersect(&ray).is_some_and(|(near, far)| near < far)
+        };
+        let crossing: usize = cameras.iter().map(|c| (0..32 * 32).filter(|&i| meets(c, i)).count()).sum();
+        assert_eq!(ray_depths(&FUZZY, &cameras).len(), crossing);
         // Half of the light of a ray through the centre is left at this radius.
         let points: Vec<_> = (0..4000).map(|i| glam::Vec3::X * (3.0 - i as f32 * 1e-3)).collect();
         let depth = depths_of(0.0, 1e-3, &FUZZY.density(&points)).depth.unwrap();

@@ -191,10 +191,17 @@ mod tests {
     }
 
     #[test]
+    fn targets_are_visited_by_a_stride_that_is_coprime_to_their_number() {
+        assert_eq!([(38, 100), (39, 100), (12, 18), (5, 0)].map(|(a, b)| gcd(a, b)), [2, 1, 6, 5]);
+    }
+
+    #[test]
     fn gradients_agree_with_finite_differences() {
         let target =
             SplatTarget { camera: camera(0.2), image: (0..192).map(|i| [0.3, 0.005 * i as f32, 0.6]).collect() };
-        let gaussians = gaussians();
+        let mut gaussians = gaussians();
+        // A channel far below 0 is cut off.
+        gaussians[1].sh[0][0] = -5.0;
         let (_, gradients) = loss(&gaussians, &target, BACKGROUND);
         for (index, gradient) in gradients.iter().enumerate() {
             for i in 0..COUNT {

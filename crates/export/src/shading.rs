@@ -109,10 +109,14 @@ mod tests {
 
     #[test]
     fn endpoints_lie_where_light_is_stopped() {
-        let ball = Ball { radius: 1.0, sharpness: 300.0 };
-        let surface = ball.surface(32);
-        for (end, p) in endpoints(&surface, &ball).iter().zip(&surface.positions) {
-            assert!(end.length() < 1.0 + 0.5 * surface.voxel && end.length() > 1.0 - surface.voxel, "{end} for {p}");
+        let surface = Ball { radius: 1.0, sharpness: 300.0 }.surface(32);
+        // The light is stopped at the surface, and a voxel behind it.
+        for radius in [1.0, 0.9] {
+            let ends = endpoints(&surface, &Ball { radius, sharpness: 300.0 });
+            for (end, p) in ends.iter().zip(&surface.positions) {
+                let behind = radius - end.length();
+                assert!((-0.5 * surface.voxel..surface.voxel).contains(&behind), "{end} for {p}");
+            }
         }
     }
 }

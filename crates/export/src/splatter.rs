@@ -168,13 +168,35 @@ mod tests {
         // Centre at pixel (30, 15) − ½, standard deviations 6 and 2 pixels.
         let one = gaussian(Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.3, 0.1, 0.01), 0.8);
         let image = splat_image(&[one], &camera(), [0.0; 3]);
-        for (x, y) in [(30, 15), (24, 15), (30, 11), (35, 17)] {
+        for (x, y) in [(30, 15), (24, 15), (30, 11), (35, 17), (18, 15)] {
             let (dx, dy) = (x as f32 + 0.5 - 30.0, y as f32 + 0.5 - 15.0);
             let expected = 0.8 * (-0.5 * (dx * dx / 36.3 + dy * dy / 4.3)).exp();
             let found = image[y * 40 + x];
             assert!((found[0] - expected).abs() < 2e-3 && found[1] == 0.0, "{x} {y}: {found:?} for {expected}");
         }
         assert_eq!(image[2 * 40 + 3], [0.0; 3]);
+    }
+
+    /// Compares a turned gaussian aside from the middle with its covariance, mapped by finite differences of the projection.
+    #[test]
+    fn a_turned_gaussian_has_the_covariance_of_its_projection() {
+        let (place, scale) = (Vec3::new(0.3, -0.25, 0.5), Vec3::new(0.3, 0.1, 0.2));
+        let rotation = Quat::from_rotation_z(0.6) * Quat::from_rotation_x(0.9);
+        let one = Gaussian { rotation, ..gaussian(place, scale, 0.8) };
+        let image = splat_image(&[one], &camera(), [0.0; 3]);
+        let project = |p: Vec3| camera().project(p).unwrap();
+        let axes = Vec3::AXES.map(|axis| {
+            let half = 1e-2 * (rotation * (scale * axis));
+            (project(place + half) - project(place - half)) / 2e-2
+        });
+        let entry = |of: fn(Vec2) -> f32| axes.into_iter().map(of).sum::<f32>();
+        let (xx, xy, yy) = (entry(|a| a.x * a.x) + 0.3, entry(|a| a.x * a.y), entry(|a| a.y * a.y) + 0.3);
+        for (x, y) in [(26, 20), (22, 16), (31, 24), (24, 24)] {
+            let d = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - project(place);
+            let square = (yy * d.x * d.x - 2.0 * xy * d.x * d.y + xx * d.y * d.y) / (xx * yy - xy * xy);
+            let (expected, [found, ..]) = (0.8 * (-0.5 * square).exp(), image[y * 40 + x]);
+            assert!(expected > 0.02 && (found - expected).abs() < 2e-3, "{x} {y}: {found} for {expected}");
+        }
     }
 
     #[test]
