@@ -14,7 +14,7 @@ use infonerf_procedural as procedural;
 use infonerf_render::render_image;
 use infonerf_report::Quantity;
 use infonerf_scene::image::stored_dimensions;
-use infonerf_scene::{Camera, Lens, TestProtocol, View, ViewRegion, resized_dimensions};
+use infonerf_scene::{Lens, TestProtocol, View, ViewRegion, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -181,7 +181,7 @@ mod tests {
 
     use glam::DMat4;
     use infonerf_report::Record;
-    use infonerf_scene::Image;
+    use infonerf_scene::{Camera, Image};
 
     use super::*;
     use crate::testing::{first_run, with_psnr};
