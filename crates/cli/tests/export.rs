@@ -17,7 +17,8 @@ fn with_run() -> Workplace {
 }
 
 fn export(place: &Workplace, format: &str, args: &str) -> Invocation {
-    place.run(format!("export {RUN} --format {format} --resolution 16")).args(args)
+    let resolution = if format == "cameras" { "" } else { "--resolution 16" };
+    place.run(format!("export {RUN} --format {format} {resolution}")).args(args)
 }
 
 #[test]

@@ -181,7 +181,7 @@ fn text_from_outside_stays_text() {
     let other = Record { variant: "nerf".into(), ..record.clone() };
     let mut input = ReportInput::new(hostile, hostile, vec![record, other]);
     input.warnings.push(hostile.into());
-    for name in ["../λ₁", &"x".repeat(300)] {
+    for name in ["../λ₁", &format!("{}end", "x".repeat(300))] {
         input.figures.push(Figure::new(name, ChartFrame::new(hostile, "", ""), "<svg ></svg>".into(), hostile));
     }
     let comparison = json!({ "left": hostile, "is": "better", "right": "nerf" });
@@ -193,7 +193,7 @@ fn text_from_outside_stays_text() {
     let html = fs::read_to_string(write_report(&input, root.path()).unwrap()).unwrap();
     assert!(html.contains("Next to the paper: &#60;script&#62;") && html.contains("undecided"));
     assert!(!html.contains("<script>alert"));
-    for name in ["---lambda1", &"x".repeat(120)] {
+    for name in ["---lambda1", &format!("{}--{}end", "x".repeat(59), "x".repeat(56))] {
         assert!(root.path().join(format!("plots/{name}.svg")).is_file(), "{name}");
     }
 }

@@ -48,7 +48,7 @@ const MAX_COUNTED_ANGLE: f64 = 0.2;
 pub enum NoReconstruction {
     /// One homography explains the matches of each pair.
     NoDepth,
-    /// No two of so many photographs have enough matches that agree on a relative pose.
+    /// No two of this number of photographs have enough matches that agree on a relative pose.
     NoPair(usize),
 }
 
