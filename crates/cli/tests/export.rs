@@ -185,6 +185,14 @@ fn cameras_follow_every_path() {
         render("mine.json", args).succeeds();
         assert_eq!(count(&place.path("b"), ".png"), frames);
     }
+    // Frames of one camera, of which the second is a copy, have the same pixels and depths.
+    place.write("twice.json", json!({"camera_path": [entry(0), entry(1), entry(0)]}).to_string());
+    render("twice.json", "--size 12 --out d").succeeds();
+    let file = |name: &str| fs::read(place.path("d").join(name)).unwrap();
+    for kind in ["", "depth/"] {
+        let [first, second, third] = [0, 1, 2].map(|index| file(&format!("{kind}000{index}.png")));
+        assert!(first == third && first != second, "{kind}");
+    }
     place.write("photos/0001.png", "of the user");
     render("orbit", "--out photos").fails_with(&["--out photos: expected a folder without frames of another origin"]);
     assert!(place.path("photos/0001.png").exists());

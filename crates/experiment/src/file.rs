@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_lies_beside_the_file_that_names_it() {
+    fn a_base_is_relative_to_the_file_that_names_it() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("child.toml");
         std::fs::write(&file, "base = 'parent.toml'\n").unwrap();

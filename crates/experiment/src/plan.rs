@@ -4,7 +4,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{Backdrop, Layout};
@@ -174,18 +174,9 @@ impl Outline {
         config::merge(&mut table, variant.changes.clone());
         assign(&mut table, &self.selection.set)
             .and_then(|()| assign(&mut table, set))
-            .and_then(|()| read(table).with_context(|| format!("variant {}", variant.name)))
+            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {}", variant.name)))
             .with_context(|| self.experiment.clone())
     }
-}
-
-fn read(table: Table) -> Result<Config> {
-    const HINT: &str = "a field of another kind keeps no key of the former, so set all of its own: \
-                        `infonerf config EXPERIMENT --variant V` prints those of a variant";
-    Config::from_table(table).map_err(|fault| match fault.to_string() {
-        text if text.starts_with("field: missing key") => anyhow!("{text}; {HINT}"),
-        _ => fault.into(),
-    })
 }
 
 pub(crate) fn assign(table: &mut Table, set: &[String]) -> Result<()> {

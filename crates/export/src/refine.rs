@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn targets_are_visited_by_a_stride_that_is_coprime_to_their_number() {
+    fn greatest_common_divisors_divide_both_numbers() {
         assert_eq!([(38, 100), (39, 100), (12, 18), (5, 0)].map(|(a, b)| gcd(a, b)), [2, 1, 6, 5]);
     }
 

@@ -39,19 +39,14 @@ impl Events {
     /// Reads events from the text of a `metrics.jsonl`, as [`Events::read`] does from its file.
     pub fn parse(text: &str) -> Self {
         let mut events = Self::default();
-        events.append(text);
-        events
-    }
-
-    /// Adds the events of further lines of a `metrics.jsonl`.
-    pub fn append(&mut self, text: &str) {
         for line in text.lines().filter(|line| !line.trim().is_empty()) {
             match serde_json::from_str(line) {
-                Ok(EventLine::Step(step)) => self.steps.push(step),
+                Ok(EventLine::Step(step)) => events.steps.push(step),
                 Ok(EventLine::Collapse) => {}
-                Err(_) => self.skipped += 1,
+                Err(_) => events.skipped += 1,
             }
         }
+        events
     }
 }
 

@@ -5,11 +5,16 @@ use toml::{Table, Value};
 use super::Config;
 use crate::error::TrainError;
 
+/// Hint for a field that lacks keys: mostly `field.kind` was changed alone.
+const ANOTHER_KIND: &str = "; a field of another kind keeps no key of the former, so set all of its own: \
+                            `infonerf config EXPERIMENT --variant V` prints those of a variant";
+
 /// Reads a config. An error is one line: the key, what was expected and what was found.
 pub(super) fn config(table: Table) -> Result<Config, TrainError> {
     parse(table.clone()).map_err(|(path, message)| {
         let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));
-        TrainError::config(key, plain_message(&message))
+        let hint = if path == "field" && message.starts_with("missing field") { ANOTHER_KIND } else { "" };
+        TrainError::config(key, plain_message(&message) + hint)
     })
 }
 

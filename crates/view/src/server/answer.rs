@@ -1,17 +1,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 
 use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
-use infonerf_report::{StepEvent, picture_names};
+use infonerf_report::{Events, StepEvent, picture_names};
 use serde_json::{Value, json};
 
 use super::control::{COMMANDS, TrainingControl};
-use super::fields::{Fields, locked};
+use super::fields::Fields;
 use super::guard::{Guard, TOKEN};
-use super::log::Log;
 use super::runs::{Roots, first_field};
 use crate::page;
 
@@ -26,13 +24,11 @@ pub(super) struct Answers {
     fields: Fields,
     guard: Guard,
     control: Option<TrainingControl>,
-    /// Log of the run that was asked for last.
-    log: Mutex<Log>,
 }
 
 impl Answers {
     pub(super) fn new(roots: Roots, device: OpenDevice, guard: Guard, control: Option<TrainingControl>) -> Self {
-        Self { roots, fields: Fields::new(device), guard, control, log: Mutex::default() }
+        Self { roots, fields: Fields::new(device), guard, control }
     }
 
     /// Answers a request. [`Roots`] defines the names of runs.
@@ -67,7 +63,7 @@ impl Answers {
                 Err(error) => text(StatusCode::CONFLICT, &format!("{error:#}")),
             }),
             "/work" => folder.map(|folder| json_answer(&self.fields.work(&folder).into())),
-            "/progress" => folder.map(|folder| json_answer(&progress(&folder, &mut locked(&self.log)))),
+            "/progress" => folder.map(|folder| json_answer(&progress(&folder))),
             "/picture" => folder.zip(value("kind").zip(value("name"))).and_then(|(folder, (kind, name))| {
                 let bytes = fs::read(image(&folder, &kind, &name)?).ok()?;
                 Some(answer(StatusCode::OK, "image/png", bytes))
@@ -88,8 +84,8 @@ fn image(folder: &Path, kind: &str, name: &str) -> Option<PathBuf> {
 
 /// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms
 /// and PSNR; and the test views that have a render and a truth.
-fn progress(run: &Path, log: &mut Log) -> Value {
-    let steps = log.steps(&first_field(run).join("metrics.jsonl"));
+fn progress(run: &Path) -> Value {
+    let steps = Events::read(&first_field(run).join("metrics.jsonl")).unwrap_or_default().steps;
     let chunks: Vec<&[StepEvent]> = steps.chunks(steps.len().div_ceil(MAX_POINTS).max(1)).collect();
     let curve = |of: &dyn Fn(&StepEvent) -> Option<f64>| -> Vec<Option<f64>> {
         let mean = |chunk: &&[StepEvent]| {
@@ -143,7 +139,7 @@ mod tests {
             format!("{{\"event\":\"step\",\"step\":{step},\"loss\":-{step},\"losses\":{terms},\"psnr\":null}}\n")
         };
         fs::write(folder.path().join("metrics.jsonl"), (1..=1000).map(line).collect::<String>()).unwrap();
-        let found = progress(folder.path(), &mut Log::default());
+        let found = progress(folder.path());
         assert_eq!((found["steps"].as_array().unwrap().len(), &found["steps"][0]), (334, &json!(3.0)));
         // Values of 0 and less are kept; a term has no value before it begins.
         assert_eq!((&found["loss"][0], &found["psnr"][0]), (&json!(-2.0), &Value::Null));

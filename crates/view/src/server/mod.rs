@@ -5,7 +5,6 @@ mod connection;
 mod control;
 mod fields;
 mod guard;
-mod log;
 mod runs;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
