@@ -35,7 +35,7 @@ const SAME_FOCAL: f64 = 0.02;
 /// Ratio between rival focal lengths above which the focal length is reported as uncertain.
 const UNCERTAIN: f64 = 1.2;
 /// Min share of a pair's matches explained by one homography at which the pair shows no depth.
-const FLAT: f64 = 0.95;
+const FLAT: f64 = 0.9;
 /// Number of photographs from which an unknown focal length is found.
 const FEW: usize = 9;
 /// Number of pairs of photographs from which reconstructions start; the best one is kept.

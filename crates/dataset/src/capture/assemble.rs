@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::plausible::implausible;
 use super::sizes::ImageScale;
-use super::{Capture, Found, StatedExtent, join_names, same_proportions};
+use super::{Capture, Found, StatedExtent, join_names, same_proportions, some_of};
 use crate::files::npy::read_depth;
 use crate::frame::{Frame, MaskRole};
 
@@ -292,16 +292,18 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>, radius: f32) -> Vec<St
         other.image == view.image && view.image.rgb.iter().any(|pixel| *pixel != view.image.rgb[0])
     };
     let mut known: HashMap<Vec<u32>, &View> = HashMap::new();
-    let mut warnings = Vec::new();
+    let (mut twice, mut pairs) = (Vec::new(), Vec::new());
     for (i, view) in train.iter().enumerate() {
         let equal = known.insert(fingerprint(view), view).filter(|other| is_copy(view, other));
-        if let Some(other) = equal.or_else(|| train[..i].iter().find(|other| is_edited(view, other, radius))) {
-            warnings.push(match view.file == other.file {
-                true => format!("{} is listed twice", view.file),
-                false => format!("{} and {} show one photograph, with two cameras", other.file, view.file),
-            });
+        match equal.or_else(|| train[..i].iter().find(|other| is_edited(view, other, radius))) {
+            Some(other) if other.file == view.file => twice.push(&view.file),
+            Some(other) => pairs.push(format!("{} of {}", view.file, other.file)),
+            None => {}
         }
     }
+    let copies = "training views show the photograph of another one, with a camera of their own";
+    let listed = some_of(&twice, train.len(), "training views are listed twice");
+    let mut warnings = Vec::from_iter(listed.into_iter().chain(some_of(&pairs, train.len(), copies)));
     let original = |view: &View| {
         let equal = known.get(&fingerprint(view)).copied().filter(|other| is_copy(view, other));
         equal.or_else(|| train.iter().find(|other| is_edited(view, other, radius))).map(|other| &other.file)

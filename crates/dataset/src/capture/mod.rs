@@ -364,7 +364,9 @@ mod tests {
         let guard = photographs(&all);
         let scene = load(guard.path(), &request()).unwrap();
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
-        assert_warns(&scene, 0, "images/p03.png and images/p11.png show one photograph, with two cameras");
+        let copy = "1 of 12 training views show the photograph of another one, with a camera of their own: images/p11.png of \
+                    images/p03.png";
+        assert_warns(&scene, 0, copy);
         assert_warns(&scene, 1, "images/p08.png is a copy of images/p10.png, which is trained on: it is not tested");
         // A copy with other tones is known by its camera, and is none if that is moved as between frames of a video.
         let path = guard.path().join("images/p10.png");

@@ -14,6 +14,8 @@ const FAR_OFF: f32 = 20.0;
 const UPRIGHT: f64 = 0.5;
 /// Views closer together than this, in degrees, have hardly any parallax.
 const NARROW_DEG: f64 = 2.0;
+/// Cameras stand at one point if their distance from the first, divided by the diagonal of the box, is at most this.
+const SAME_POINT: f64 = 1e-5;
 /// An image is blurred if its detail is below this fraction of the median detail.
 const BLURRED: f32 = 0.2;
 /// An image is dark if the mean of its values is below this fraction of the median mean.
@@ -64,7 +66,8 @@ fn check(scene: &Scene, is_undoubted: bool) -> Vec<String> {
     let is_blind = |camera: &Camera| grid(camera).all(|ray| bounds.intersect(&ray).is_none());
     let blind = "that see nothing of the box (are the axes of the poses OpenGL's?)";
     let placed = [faulty(scene, is_far, &far), faulty(scene, is_blind, blind)];
-    warnings.extend(placed.into_iter().chain([tilted(scene), baseline(scene).filter(|_| is_undoubted)]).flatten());
+    let parallax = at_one_point(scene).or_else(|| baseline(scene).filter(|_| is_undoubted));
+    warnings.extend(placed.into_iter().chain([tilted(scene), parallax]).flatten());
     warnings.extend(images(scene));
     warnings
 }
@@ -90,6 +93,15 @@ fn tilted(scene: &Scene) -> Option<String> {
     })
 }
 
+fn at_one_point(scene: &Scene) -> Option<String> {
+    let first = scene.train.first()?.camera.position_f64();
+    let tolerance = SAME_POINT * f64::from(scene.space.bounds.size().length());
+    let is_there = |view: &View| view.camera.position_f64().distance(first) <= tolerance;
+    (scene.train.len() > 1 && scene.train.iter().all(is_there)).then(|| {
+        "all training cameras stand at one point: photographs of a camera that was only turned show no depth".into()
+    })
+}
+
 /// Describes training views that are all close together, by angles at the scene's centre.
 fn baseline(scene: &Scene) -> Option<String> {
     let from_centre = |view: &View| (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero();
@@ -101,7 +113,7 @@ fn baseline(scene: &Scene) -> Option<String> {
 }
 
 fn images(scene: &Scene) -> Vec<String> {
-    let (mut found, mut whole) = (Vec::new(), Vec::new());
+    let (mut found, mut blank, mut whole) = (Vec::new(), Vec::new(), Vec::new());
     let tested = scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file));
     let views = scene.train.iter().chain(tested);
     let measured: Vec<(&View, [f32; 3])> = views.map(|view| (view, measures(&view.image))).collect();
@@ -114,7 +126,7 @@ fn images(scene: &Scene) -> Vec<String> {
         // A short exposure darkens details, too.
         let detail = detail * (brightness / mean).max(1.0).powi(2);
         if spread < BLANK {
-            found.push(format!("{} shows nothing: all its pixels are alike", view.name));
+            blank.push(&view.name);
         } else if detail < BLURRED * median {
             let share = 100.0 * detail / median;
             found.push(format!("{} is blurred: it has {share:.0} % of the others' detail", view.name));
@@ -131,7 +143,9 @@ fn images(scene: &Scene) -> Vec<String> {
             whole.extend((!mask.contains(&false)).then_some(view.name.as_str()));
         }
     }
-    found.extend(some_of(&whole, scene.train.len() + scene.test.len(), "views with a mask that hides nothing"));
+    let all = scene.train.len() + scene.test.len();
+    found.extend(some_of(&blank, all, "images show nothing, as all their pixels are alike"));
+    found.extend(some_of(&whole, all, "views with a mask that hides nothing"));
     found
 }
 
@@ -184,7 +198,7 @@ mod tests {
             (&|s| s.warnings.push("x".into()), &["x"]),
             (&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0), &["see nothing of the box"]),
             (&|s| s.space.up = Vec3::X, &["the up direction"]),
-            (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["shows nothing"]),
+            (&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3])), &["1 of 6 images show nothing"]),
             (&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24)), &["is blurred"]),
             (
                 &|s| Arc::make_mut(&mut s.train[1].image).rgb.iter_mut().for_each(|p| *p = p.map(|v| v / 5.0)),
@@ -195,7 +209,7 @@ mod tests {
                 &|s| s.test[0].mask = Some(vec![true; 24 * 24].into()),
                 &["1 of 6 views with a mask that hides nothing: "],
             ),
-            (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["hardly any depth"]),
+            (&|s| s.train.iter_mut().for_each(|v| v.camera = sound.train[0].camera.clone()), &["stand at one point"]),
         ];
         let changed = |change: &dyn Fn(&mut Scene)| {
             let mut scene = sound.clone();
