@@ -108,12 +108,14 @@ def arguments(options: Mapping[str, Option]) -> list[str]:
         option = f"--{name.replace('_', '-')}"
         if value is True:
             given.append(option)
+        elif value is None or value is False:
+            continue
         elif isinstance(value, Mapping):
             given += [f"{option}={key}={item if isinstance(item, str) else _toml(item)}" for key, item in value.items()]
-        elif isinstance(value, (str, int, float, Path)) and value is not False:
-            given.append(f"{option}={value}")
-        elif value:
+        elif isinstance(value, Iterable) and not isinstance(value, str):
             given += [f"{option}={item}" for item in value]
+        else:
+            given.append(f"{option}={value}")
     return given
 
 
@@ -124,7 +126,12 @@ def _toml(value: object) -> str:
         return "[" + ", ".join(map(_toml, value)) + "]"
     if value is None:
         raise ValueError("set: expected a value, found None: TOML has no null")
-    return json.dumps(value)
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: object) -> object:
+    """A path as text; NumPy's numbers and arrays as Python's."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _check(code: int, errors: IO[bytes]) -> None:

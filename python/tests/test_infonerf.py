@@ -153,6 +153,17 @@ class Options(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "found None"):
             arguments({"set": {"train.lr": None}})
 
+    def test_numbers_and_arrays_of_numpy_and_paths_are_values(self) -> None:
+        class Zero:
+            def tolist(self) -> int:
+                return 0
+
+            def __str__(self) -> str:
+                return "0"
+
+        given: dict[str, Any] = {"seed": Zero(), "set": {"seed": Zero(), "scene.path": Path("a/b")}}
+        self.assertEqual(arguments(given), ["--seed=0", "--set=seed=0", '--set=scene.path="a/b"'])
+
 
 if __name__ == "__main__":
     unittest.main()

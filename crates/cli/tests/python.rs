@@ -29,6 +29,6 @@ fn the_package_runs_the_program_and_reads_its_results() {
         .unwrap();
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{text}");
-    assert!(text.contains("\nRan 10 tests"), "{text}");
+    assert!(text.contains("\nRan 11 tests"), "{text}");
     text.lines().filter(|line| line.contains(" skipped '") && line.contains("not installed")).for_each(not_run);
 }

@@ -1,5 +1,7 @@
 //! Comparison figure as in papers: a row per scene with one test view's truth, then render and depth of every variant.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use image::{RgbImage, imageops};
@@ -34,7 +36,11 @@ pub struct Panel {
 /// If no run has an image of that view, or the labels cannot be drawn.
 pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Panel, ReportError> {
     let records: Vec<&Record> = records.iter().collect();
-    let choose = |all: Vec<String>| view.map_or_else(|| evenly_spaced(all, 1), |view| vec![format!("{view:03}")]);
+    let known = RefCell::new(BTreeSet::new());
+    let choose = |all: Vec<String>| {
+        known.borrow_mut().extend(all.iter().cloned());
+        view.map_or_else(|| evenly_spaced(all, 1), |view| vec![format!("{view:03}")])
+    };
     let (variants, left_out) = shown_variants(&records);
     let scenes = distinct(&records, |record| record.scene.clone()).into_iter();
     let gallery = |scene| SceneGallery::collect(&variants, root, scene, choose, &mut Vec::new());
@@ -47,7 +53,9 @@ pub fn panel(records: &[Record], root: &Path, view: Option<usize>) -> Result<Pan
     }
     let picture = compose(&galleries.iter().collect::<Vec<_>>())?;
     picture.map(|picture| Panel { picture, missing, left_out }).ok_or_else(|| {
-        let wanted = view.map_or("any test view".to_owned(), |view| format!("test view {view}"));
+        let known = Vec::from_iter(known.take()).join(", ");
+        let wanted =
+            view.map_or("any test view".to_owned(), |view| format!("test view {view}; there are those of {known}"));
         ReportError(format!("{}: no run has an image of {wanted}", root.display()))
     })
 }

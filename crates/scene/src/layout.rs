@@ -49,9 +49,12 @@ impl Layout {
 
 #[cfg(test)]
 mod tests {
+    use glam::{DVec3, Vec3};
+
     use super::*;
+    use crate::bounds::Aabb;
+    use crate::space::Space;
     use crate::testing::level_camera;
-    use glam::DVec3;
 
     #[test]
     fn layouts() {
@@ -61,6 +64,8 @@ mod tests {
         };
         assert_eq!(Layout::of(&ring(-1.0)), Layout::Object);
         assert_eq!(Layout::of(&ring(1.0)), Layout::Inside);
+        let bounds = Aabb::cube(Vec3::ZERO, 1.0);
+        assert_eq!(Space::known(&ring(1.0), (0.1, 2.0), bounds).layout, Layout::Inside);
         let row: Vec<_> = (0..4).map(|i| level_camera(DVec3::X * f64::from(i), DVec3::Y)).collect();
         assert_eq!(Layout::of(&row), Layout::Forward);
         assert_eq!(Layout::of(&row[..1]), Layout::Forward);

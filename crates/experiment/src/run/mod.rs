@@ -255,9 +255,11 @@ impl Session {
                 let new = || plan.trainer(&scene, member, other, &self.device.device);
                 let mut trainer = first_trainer.take().map_or_else(new, Ok)?;
                 let damaged = "the run cannot go on, and --overwrite starts it anew";
-                let warn = |warning| _ = watch(RunEvent::Warning(warning));
-                if let Some(checkpoint) = load_checkpoint(&folder, warn).context(damaged)? {
+                let mut warn = |warning| _ = watch(RunEvent::Warning(warning));
+                if let Some(checkpoint) = load_checkpoint(&folder, &mut warn).context(damaged)? {
                     trainer.resume(&checkpoint).with_context(|| folder.display().to_string())?;
+                } else if folder.join("metrics.jsonl").exists() {
+                    warn(format!("{}: no checkpoint of the earlier steps: training begins again", folder.display()));
                 }
                 training.push(Training::new(trainer, folder)?);
             }

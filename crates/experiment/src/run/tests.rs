@@ -79,6 +79,20 @@ fn training_is_saved_when_its_watcher_panics() {
     assert!(ran.is_err());
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
+    let warnings = || {
+        let mut warnings = Vec::new();
+        let mut watch = |event: RunEvent<'_>| match event {
+            RunEvent::Warning(text) => (warnings.push(text), Control::Continue).1,
+            RunEvent::Training { .. } => Control::Stop,
+            _ => Control::Continue,
+        };
+        assert!(matches!(run(out.path(), &plan, &mut watch).unwrap(), Finished::Stopped));
+        warnings
+    };
+    assert_eq!(warnings(), [""; 0]);
+    fs::remove_dir_all(folder.join("checkpoint")).unwrap();
+    fs::remove_dir_all(folder.join("checkpoint.previous")).unwrap_or_default();
+    assert!(matches!(&warnings()[..], [lost] if lost.contains("no checkpoint of the earlier steps")));
 }
 
 /// A run is stopped before the second step of a pose's fit, and then while ray entropy is measured; in the end it has a record.

@@ -129,4 +129,10 @@ mod tests {
             assert_eq!(stated_at(size, &film_of(4000, 3000)), focal, "{size:?}");
         }
     }
+
+    #[test]
+    fn orientations_are_clockwise_quarter_turns() {
+        let turns = [1, 6, 3, 8, 2, 5].map(|value| quarter_turns(Orientation::from_exif(value).unwrap()));
+        assert_eq!(turns, [Some(0), Some(1), Some(2), Some(3), None, None]);
+    }
 }

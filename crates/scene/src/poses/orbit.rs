@@ -123,6 +123,8 @@ mod tests {
     fn object_orbit_is_level_and_closed() {
         let path = orbit(&train_cameras(), true, 8);
         assert_eq!(path.len(), 8);
+        let azimuth = |pose: &DMat4| pose.w_axis.y.atan2(pose.w_axis.x);
+        assert!((azimuth(&path[0]) - azimuth(&train_cameras()[0].to_world)).abs() < 1e-6, "starts at the first camera");
         let heights: Vec<_> = path.iter().map(|p| p.w_axis.z).collect();
         assert!(heights.iter().all(|z| (z - heights[0]).abs() < 1e-3 && *z > 0.5));
         let sum: DVec3 = path.iter().map(|p| p.w_axis.truncate()).sum();

@@ -155,4 +155,17 @@ mod tests {
         let error = PoseError::of(&found, &truth, DVec3::ZERO);
         assert!((error.rotation_deg - 1.0).abs() < 0.05 && error.translation_percent < 0.1, "{error:?}");
     }
+
+    /// Two cameras at `±e_x`, at `√2` from the centre, turn about z by 60° without turning themselves, and move apart:
+    /// orientations add 2 to the correlation's diagonal, positions `(cos 60°, sin 60°) e_xᵀ`.
+    #[test]
+    fn positions_count_by_their_angle_seen_from_the_centre() {
+        let camera = |position| Camera::from_fov(8, 8, 0.7, DMat4::from_translation(position));
+        let (from, turned) =
+            ([DVec3::X, DVec3::NEG_X], DVec3::new(60f64.to_radians().cos(), 60f64.to_radians().sin(), 0.0));
+        let found = Similarity::between(&from.map(camera), &[turned, -turned].map(|p| camera(3.0 * p)), DVec3::NEG_Z);
+        let angle = turned.y.atan2(4.0 + turned.x).to_degrees();
+        let degrees = rotation_angle_deg(&found.rotation, &DMat3::IDENTITY);
+        assert!((degrees - angle).abs() < 1e-6, "{degrees} {angle}");
+    }
 }
