@@ -43,7 +43,7 @@ fn every_combination_is_run_once() {
     let expected = ["0_loss.kl.weight_0", "0_loss.kl.weight_1e-4", "1e-3_loss.kl.weight_0", "1e-3_loss.kl.weight_1e-4"]
         .map(|rest| format!("infonerf_loss.entropy.weight_{rest}"));
     assert_eq!(variants, expected.iter().map(String::as_str).collect());
-    for file in ["table.md", "table.csv", "report.html", "plots/sweep-psnr-infonerf.svg"] {
+    for file in ["table.md", "table.tex", "table.csv", "report.html", "plots/sweep-psnr-infonerf.svg"] {
         assert!(whole.join(file).is_file(), "{file}");
     }
     assert!(fs::read_to_string(whole.join("table.md")).unwrap().contains('±'));

@@ -1,4 +1,4 @@
-//! Counts with their nouns, and escaping of text for HTML and Markdown.
+//! Counts with their nouns, and escaping of text for HTML, Markdown and LaTeX.
 
 /// Returns a count with its noun, such as `1 run` or `2 runs`.
 pub fn counted(count: usize, what: &str) -> String {
@@ -42,6 +42,27 @@ fn markdown_text(text: &str) -> String {
     text.chars().map(escaped).collect()
 }
 
+/// Escapes text for LaTeX, with the symbols of tables as its commands.
+pub(crate) fn escape_latex(text: &str) -> String {
+    let escaped = |c: char| match c {
+        '\\' => r"\textbackslash{}".to_owned(),
+        '~' => r"\textasciitilde{}".to_owned(),
+        '^' => r"\textasciicircum{}".to_owned(),
+        c if "&%$#_{}".contains(c) => format!("\\{c}"),
+        '±' => r"$\pm$".to_owned(),
+        '×' => r"$\times$".to_owned(),
+        '↑' => r"$\uparrow$".to_owned(),
+        '↓' => r"$\downarrow$".to_owned(),
+        '†' => r"$\dagger$".to_owned(),
+        'λ' => r"$\lambda$".to_owned(),
+        '₁' => "$_1$".to_owned(),
+        '₂' => "$_2$".to_owned(),
+        '–' => "--".to_owned(),
+        c => c.to_string(),
+    };
+    plain(text).chars().map(escaped).collect()
+}
+
 /// Replaces control characters, which no output needs and some forbid, by spaces.
 pub(crate) fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { ' ' } else { c }).collect()
@@ -54,6 +75,11 @@ mod tests {
     #[test]
     fn text_cannot_break_out() {
         assert_eq!(escape_html("<a b=\"c\">&'\u{0}"), "&lt;a b=&quot;c&quot;&gt;&amp;&#39; ");
+        assert_eq!(
+            escape_latex("a_b\\^~{50 %}\n"),
+            r"a\_b\textbackslash{}\textasciicircum{}\textasciitilde{}\{50 \%\} "
+        );
+        assert_eq!(escape_latex("1 ± 2†"), r"1 $\pm$ 2$\dagger$");
         assert_eq!(escape_markdown("a|b\n<i>*"), r"a\|b &lt;i>\*");
         assert_eq!(escape_markdown("set `loss.kl_x|y` to a_b"), r"set `loss.kl_x\|y` to a\_b");
         assert_eq!(escape_markdown("a ` b_``"), r"a \` b\_\`\`");

@@ -281,8 +281,20 @@ mod tests {
     #[test]
     fn a_tiny_world_is_estimated_like_a_large_one() {
         let [tiny, usual] = [3e-5, 3.0].map(|distance| capture_space(&around(distance), Vec::new(), Vec::new()));
+        for (found, expected) in [(usual.near, 0.15), (usual.far, 3.0 * (1.0 + 3f32.sqrt())), (usual.radius, 3.0)] {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
         let ratios = [tiny.near / usual.near, tiny.far / usual.far, tiny.radius / usual.radius];
         assert!(ratios.iter().all(|ratio| (1e5 * ratio - 1.0).abs() < 1e-3), "{ratios:?}");
+    }
+
+    #[test]
+    fn distances_before_a_row_of_cameras_state_range_and_centre() {
+        let row = [-1.0, 0.0, 1.0].map(|x| Camera::from_fov(16, 12, 1.2, look_along(DVec3::X * x, DVec3::Y, DVec3::Z)));
+        let space = capture_space(&row, Vec::new(), (0..=200u16).map(|i| 2.0 + 0.01 * f32::from(i)).collect());
+        assert_eq!(space.layout, Layout::Forward);
+        assert!(space.centre.distance(3.0 * Vec3::Y) < 1e-5 && (space.radius - 4.0).abs() < 1e-5, "{space:?}");
+        assert!((space.near - 0.8 * 2.01).abs() < 1e-5 && (space.far - 1.1 * 3.99).abs() < 1e-5, "{space:?}");
     }
 
     #[test]

@@ -297,7 +297,10 @@ mod tests {
         assert!(warning.starts_with("3 of 4 files in masks without an image, such as e.png: "), "{warning}");
         let (other, images) = (dir.join("segmentation"), BTreeSet::from([Path::new("e.png")]));
         std::fs::create_dir(&other).unwrap();
+        assert_eq!(unused_masks(dir, &other, &images), None, "an empty folder");
         std::fs::write(other.join("e.npy"), "").unwrap();
+        assert_eq!(unused_masks(dir, &other, &BTreeSet::from([&*other.join("e.npy")])), None);
+        assert_eq!(unused_masks(dir, &dir.join("masks"), &images), None, "warned of by `stray_masks`");
         assert!(unused_masks(dir, &other, &images).unwrap().starts_with("segmentation looks like a folder of masks"));
     }
 

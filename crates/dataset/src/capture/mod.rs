@@ -364,7 +364,7 @@ mod tests {
         let guard = photographs(&all);
         let scene = load(guard.path(), &request()).unwrap();
         assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
-        let copy = "1 of 12 training views show the photograph of another one, with a camera of their own: images/p11.png of \
+        let copy = "1 of 10 training views show the photograph of another one, with a camera of their own: images/p11.png of \
                     images/p03.png";
         assert_warns(&scene, 0, copy);
         assert_warns(&scene, 1, "images/p08.png is a copy of images/p10.png, which is trained on: it is not tested");

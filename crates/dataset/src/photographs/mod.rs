@@ -149,7 +149,7 @@ fn better(
     let count = names.len();
     let ours = own.as_ref().map_or((0, f64::INFINITY), |own| quality(&own.model, &names));
     let theirs = quality(&found, &names);
-    let is_better = theirs.0 > ours.0 || theirs.0 == ours.0 && theirs.1 < ours.1;
+    let is_better = exceeds(theirs, ours);
     let describe = |(placed, residual): (usize, f64)| match residual {
         f64::INFINITY => format!("{placed} of {count} photographs"),
         _ => format!("{placed} of {count} photographs with a residual of {residual:.2} pixels"),
@@ -158,6 +158,11 @@ fn better(
     let (ours, theirs) = (describe(ours), describe(theirs));
     progress(&format!("{kept} poses are kept: colmap placed {theirs}, this program {ours}"));
     if is_better { keep_colmap(&found, (work, poses, images), progress) } else { own?.write(poses) }
+}
+
+/// Whether the reconstruction with the first number of photographs and residual is better than that with the second ones.
+fn exceeds(first: (usize, f64), second: (usize, f64)) -> bool {
+    (first.0, -first.1) > (second.0, -second.1)
 }
 
 /// Moves the reconstruction that COLMAP has left in `work` to `poses`, and names the photographs that it left out.
@@ -300,6 +305,12 @@ mod tests {
         assert!(fault().contains("mine is not of them"));
         fs::remove_file(sparse.join("mine")).unwrap();
         assert!(fault().contains("a.png: expected a complete"), "{}", fault());
+    }
+
+    #[test]
+    fn more_photographs_are_better_and_of_as_many_smaller_residuals() {
+        let others = [(9, 0.1), (10, 0.6), (10, 0.5), (10, 0.4), (11, 0.9)];
+        assert_eq!(others.map(|other| exceeds(other, (10, 0.5))), [false, false, false, true, true]);
     }
 
     #[test]

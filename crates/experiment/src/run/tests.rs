@@ -70,7 +70,7 @@ fn tested_view_gets_no_residual_of_its_own() {
 #[test]
 fn training_is_saved_when_its_watcher_panics() {
     let out = tempfile::tempdir().unwrap();
-    let plan = plan(&["train.checkpoint_every=0"]);
+    let plan = plan(&["train.checkpoint_every=0", "train.iterations=9"]);
     let mut watch = |event: RunEvent<'_>| match event {
         RunEvent::Training { trainer, .. } if trainer.progress().step == 2 => panic!("a closed pipe"),
         _ => Control::Continue,

@@ -92,8 +92,9 @@ impl Sweep {
         records.iter_mut().zip(items).for_each(|(record, item)| record.setting = self.setting_of(item));
         list_records(folder, &records)?;
         let table = overview_table(&records, &Quantity::all());
-        for (name, text) in [("table.md", table.to_markdown()), ("table.csv", table.to_csv())] {
-            let path = folder.join(name);
+        let formats = [("md", table.to_markdown()), ("tex", table.to_latex()), ("csv", table.to_csv())];
+        for (extension, text) in formats {
+            let path = folder.join("table").with_extension(extension);
             fs::write(&path, text).with_context(|| path.display().to_string())?;
         }
         let runs: Vec<&RunPlan> = self.runs().collect();

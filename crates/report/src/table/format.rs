@@ -1,7 +1,7 @@
-//! Tables as Markdown, CSV and text.
+//! Tables as Markdown, LaTeX, CSV and text.
 
 use super::{Cell, Table, TableRow};
-use crate::text::{escape_markdown, plain};
+use crate::text::{escape_latex, escape_markdown, plain};
 use crate::text_table::TextTable;
 
 impl Table {
@@ -17,6 +17,23 @@ impl Table {
         lines.insert(lines.len() - self.rows.len(), rule);
         lines.extend(self.footnotes().into_iter().flat_map(|note| [String::new(), escape_markdown(note)]));
         lines.join("\n") + "\n"
+    }
+
+    /// Formats a `tabular` for LaTeX's package booktabs, with the best in bold; title, protocol and footnotes are comments.
+    pub fn to_latex(&self) -> String {
+        let comment = |line: &str| format!("% {}\n", plain(line));
+        let above: String = std::iter::once(&self.title).chain(&self.protocol).map(|line| comment(line)).collect();
+        let cell = |text: String, best: bool| match escape_latex(&text) {
+            text if best => format!("\\textbf{{{text}}}"),
+            text => text,
+        };
+        let mut rows = self.formatted(escape_latex, cell).into_iter().map(|cells| cells.join(" & ") + " \\\\\n");
+        let (heading, columns) = (rows.next().unwrap_or_default(), "r".repeat(self.keys.len() + self.columns.len()));
+        let below: String = self.footnotes().into_iter().map(comment).collect();
+        format!(
+            "{above}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n{heading}\\midrule\n{}\\bottomrule\n\\end{{tabular}}\n{below}",
+            rows.collect::<String>()
+        )
     }
 
     /// Formats comma-separated values at full precision (RFC 4180 quoting): for each column its mean, standard
@@ -137,6 +154,24 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
 ─────────────────────────────────────────────────────
 ";
         assert_eq!(table.to_text(), expected);
+    }
+
+    #[test]
+    fn latex_escapes_names_and_prints_the_best_in_bold() {
+        let records = [record("lego", "no_kl", 0, 16.5), record("lego", "λ₁ 50 %", 0, 17.25)];
+        let expected = r"% PSNR (dB) ↑
+% train views 26, 86, 2, 55 · test views every-8 (25) · 400 × 400 pixels · seed 0
+% preset fast · 1000 iterations · device flex
+\begin{tabular}{lr}
+\toprule
+variant & lego \\
+\midrule
+no\_kl & 16.50 \\
+$\lambda$$_1$ 50 \% & \textbf{17.25} \\
+\bottomrule
+\end{tabular}
+";
+        assert_eq!(scene_table(&records, Quantity::PSNR).to_latex(), expected);
     }
 
     #[test]

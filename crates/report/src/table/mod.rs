@@ -20,7 +20,8 @@ const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went e
 
 /// Table of results with the protocol that its numbers follow.
 ///
-/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`], [`Table::to_text`].
+/// Every format has the protocol above the table: [`Table::to_markdown`], [`Table::to_latex`], [`Table::to_csv`] and
+/// [`Table::to_text`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     /// Heading of the table.
