@@ -57,7 +57,7 @@ impl Display for NoReconstruction {
         match self {
             Self::NoDepth => f.write_str(
                 "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
-                 turned, crops of one photograph, or a flat scene",
+                 turned, crops of one photograph, or a flat scene; take each from another place",
             ),
             Self::NoPair(count) => {
                 write!(f, "no two of {count} photographs have {MIN_MATCHES} matches that agree on a relative pose")
