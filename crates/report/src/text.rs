@@ -53,6 +53,7 @@ pub(crate) fn escape_latex(text: &str) -> String {
         '×' => r"$\times$".to_owned(),
         '↑' => r"$\uparrow$".to_owned(),
         '↓' => r"$\downarrow$".to_owned(),
+        '→' => r"$\rightarrow$".to_owned(),
         '†' => r"$\dagger$".to_owned(),
         'λ' => r"$\lambda$".to_owned(),
         '₁' => "$_1$".to_owned(),
@@ -79,7 +80,7 @@ mod tests {
             escape_latex("a_b\\^~{50 %}\n"),
             r"a\_b\textbackslash{}\textasciicircum{}\textasciitilde{}\{50 \%\} "
         );
-        assert_eq!(escape_latex("1 ± 2†"), r"1 $\pm$ 2$\dagger$");
+        assert_eq!(escape_latex("1 ± 2†→"), r"1 $\pm$ 2$\dagger$$\rightarrow$");
         assert_eq!(escape_markdown("a|b\n<i>*"), r"a\|b &lt;i>\*");
         assert_eq!(escape_markdown("set `loss.kl_x|y` to a_b"), r"set `loss.kl_x\|y` to a\_b");
         assert_eq!(escape_markdown("a ` b_``"), r"a \` b\_\`\`");
