@@ -3,12 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use image::{Rgb, RgbImage};
-use infonerf_metrics::{METRICS, Summary};
+use infonerf_metrics::{Folders, METRICS, Networks, Protocol, Summary, compare_folders, select};
 use infonerf_report::chart::ChartFrame;
 use infonerf_report::{
-    Figure, Panel, Published, PublishedRow, Quantity, Record, ReportInput, TestViews, VIEWER_PAGE, panel,
-    run_directory, write_report,
+    Figure, Panel, PictureComparison, Published, PublishedRow, Quantity, Record, ReportInput, TestViews, VIEWER_PAGE,
+    panel, run_directory, write_report,
 };
 use serde_json::json;
 
@@ -196,4 +198,30 @@ fn text_from_outside_stays_text() {
     for name in ["---lambda1", &format!("{}--{}end", "x".repeat(59), "x".repeat(56))] {
         assert!(root.path().join(format!("plots/{name}.svg")).is_file(), "{name}");
     }
+}
+
+/// A picture that differs from its truth by 51 of 255 everywhere; the second truth is a TIFF, which browsers do not show.
+#[test]
+fn compared_pictures_are_in_the_page_and_their_values_in_the_json() {
+    let root = tempfile::tempdir().unwrap();
+    let [renders, truth] = ["renders", "truth"].map(|name| root.path().join(name));
+    [&renders, &truth].into_iter().for_each(|folder| fs::create_dir(folder).unwrap());
+    for (name, format) in [("a", "png"), ("b", "tiff")] {
+        RgbImage::from_pixel(12, 8, Rgb([151; 3])).save(renders.join(name).with_extension("png")).unwrap();
+        RgbImage::from_pixel(12, 8, Rgb([100; 3])).save(truth.join(name).with_extension(format)).unwrap();
+    }
+    let folders = Folders { renders: &renders, truth: &truth, masks: None, partial: false };
+    let (metrics, protocol) = (select(["psnr"]).unwrap(), Protocol::default());
+    let compared = compare_folders(folders, &metrics, &Networks::default(), &protocol, |_, _| {}).unwrap();
+    let comparison = PictureComparison { title: "ours", protocol: &protocol, compared: &compared };
+    let [json, html] = comparison.write(root.path()).unwrap().map(|file| fs::read_to_string(file).unwrap());
+    let values: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let expected = 20.0 * 5f64.log10();
+    for psnr in [&values["mean"]["psnr"], &values["views"]["b"]["psnr"]] {
+        assert!((psnr.as_f64().unwrap() - expected).abs() < 1e-3, "{psnr}");
+    }
+    let embedded = BASE64_STANDARD.encode(fs::read(truth.join("a.png")).unwrap());
+    assert!(html.contains(&format!("data:image/png;base64,{embedded}")) && !html.contains("image/tiff"));
+    assert_eq!(html.matches("data:image/png;base64,").count(), 4);
+    assert!(comparison.to_text().lines().any(|line| line.starts_with("mean") && line.contains("13.98")));
 }
