@@ -161,5 +161,7 @@ mod tests {
         // Markers: four of rgb, and three of tv, which is not on in the first step.
         assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);
         assert!(figure.svg.contains("-1.5") && figure.svg.contains("tv"), "{}", figure.svg);
+        let series = [0.5, -0.5, 0.0].map(|y| Series { name: String::new(), points: vec![(1.0, 0.5), (2.0, y)] });
+        assert_eq!(series.map(|of| by_step("", "", &[of]).log_y), [true, false, false]);
     }
 }

@@ -151,6 +151,13 @@ fn missing_files_are_named_and_the_rest_is_shown() {
     ] {
         assert!(html.contains(&format!("<li>{start}")), "{start}");
     }
+    let mut records = input.records;
+    let other = Record { preset: "other".into(), ..records[1].clone() };
+    records.push(other);
+    let html =
+        fs::read_to_string(write_report(&ReportInput::new("e", "Report", records), root.path()).unwrap()).unwrap();
+    let one_of_two = "holds the images and curves of one of its runs only: ";
+    assert!(html.contains(&format!("knot/nerf/seed1 {one_of_two}")) && html.matches(one_of_two).count() == 1);
 }
 
 /// A figure of all scenes is for eight variants at most, and one that is asked for has the twelve with the highest PSNR.
