@@ -44,22 +44,15 @@ fn markdown_text(text: &str) -> String {
 
 /// Escapes text for LaTeX, with the symbols of tables as its commands.
 pub(crate) fn escape_latex(text: &str) -> String {
-    let escaped = |c: char| match c {
-        '\\' => r"\textbackslash{}".to_owned(),
-        '~' => r"\textasciitilde{}".to_owned(),
-        '^' => r"\textasciicircum{}".to_owned(),
-        c if "&%$#_{}".contains(c) => format!("\\{c}"),
-        '±' => r"$\pm$".to_owned(),
-        '×' => r"$\times$".to_owned(),
-        '↑' => r"$\uparrow$".to_owned(),
-        '↓' => r"$\downarrow$".to_owned(),
-        '→' => r"$\rightarrow$".to_owned(),
-        '†' => r"$\dagger$".to_owned(),
-        'λ' => r"$\lambda$".to_owned(),
-        '₁' => "$_1$".to_owned(),
-        '₂' => "$_2$".to_owned(),
-        '–' => "--".to_owned(),
-        c => c.to_string(),
+    const SYMBOLS: &str = "±×↑↓→†λ₁₂";
+    let commands = [r"\pm", r"\times", r"\uparrow", r"\downarrow", r"\rightarrow", r"\dagger", r"\lambda", "_1", "_2"];
+    let escaped = |c: char| match (c, SYMBOLS.chars().position(|symbol| symbol == c)) {
+        (_, Some(index)) => format!("${}$", commands[index]),
+        ('–', _) => "--".to_owned(),
+        ('\\', _) => r"\textbackslash{}".to_owned(),
+        ('~' | '^', _) => format!("\\{c}{{}}"),
+        _ if "&%$#_{}".contains(c) => format!("\\{c}"),
+        _ => c.to_string(),
     };
     plain(text).chars().map(escaped).collect()
 }
@@ -76,10 +69,7 @@ mod tests {
     #[test]
     fn text_cannot_break_out() {
         assert_eq!(escape_html("<a b=\"c\">&'\u{0}"), "&lt;a b=&quot;c&quot;&gt;&amp;&#39; ");
-        assert_eq!(
-            escape_latex("a_b\\^~{50 %}\n"),
-            r"a\_b\textbackslash{}\textasciicircum{}\textasciitilde{}\{50 \%\} "
-        );
+        assert_eq!(escape_latex("a_b\\^~{50 %}\n"), r"a\_b\textbackslash{}\^{}\~{}\{50 \%\} ");
         assert_eq!(escape_latex("1 ± 2†→"), r"1 $\pm$ 2$\dagger$$\rightarrow$");
         assert_eq!(escape_markdown("a|b\n<i>*"), r"a\|b &lt;i>\*");
         assert_eq!(escape_markdown("set `loss.kl_x|y` to a_b"), r"set `loss.kl_x\|y` to a\_b");

@@ -166,7 +166,7 @@ impl fmt::Display for Info {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::loaders::testing::blender;
+    use crate::loaders::testing::{blender, photographs};
 
     #[test]
     fn a_folder_is_described() {
@@ -184,19 +184,9 @@ mod tests {
         let json = serde_json::to_value(&found).unwrap();
         assert_eq!(json["format"], "blender");
         assert_eq!((&json["layout"], &json["near"]), (&"object".into(), &2.0.into()), "{json}");
-        // Of photographs around an object, the surroundings are seen too.
-        let photographs = guard.path().join("photographs");
-        std::fs::create_dir(&photographs).unwrap();
-        let frame = |i: usize, camera: &Camera| {
-            let rows: Vec<[f64; 4]> = (0..4).map(|row| camera.to_world.row(row).to_array()).collect();
-            serde_json::json!({ "file_path": format!("{i}.png"), "transform_matrix": rows })
-        };
-        let frames: Vec<_> =
-            outline(&dir).unwrap().all_train_cameras.iter().enumerate().map(|(i, c)| frame(i, c)).collect();
-        let document = serde_json::json!({ "camera_angle_x": 0.7, "w": 8, "h": 8, "frames": frames });
-        std::fs::write(photographs.join("transforms.json"), document.to_string()).unwrap();
-        let space = info(&photographs).unwrap().space;
-        assert!(space.layout == Layout::Object && !space.bounded);
+        let captured = photographs(&infonerf_procedural::train_cameras(16)[..8]);
+        let space = info(captured.path()).unwrap().space;
+        assert!(space.layout == Layout::Object && !space.bounded, "surroundings are seen too");
         // Images need not be there.
         std::fs::remove_dir_all(dir.join("train")).unwrap();
         std::fs::remove_dir_all(dir.join("test")).unwrap();
