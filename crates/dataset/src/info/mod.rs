@@ -166,7 +166,7 @@ impl fmt::Display for Info {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::loaders::testing::{blender, photographs};
+    use crate::loaders::testing::{blender, moved, photographs};
 
     #[test]
     fn a_folder_is_described() {
@@ -184,9 +184,11 @@ mod tests {
         let json = serde_json::to_value(&found).unwrap();
         assert_eq!(json["format"], "blender");
         assert_eq!((&json["layout"], &json["near"]), (&"object".into(), &2.0.into()), "{json}");
-        let captured = photographs(&infonerf_procedural::train_cameras(16)[..8]);
+        let camera = &infonerf_procedural::train_cameras(16)[0];
+        let beside = |i: u32| moved(camera, |p| p + 0.1 * f64::from(i) * camera.to_world.x_axis.truncate());
+        let captured = photographs(&[0, 1, 2, 3].map(beside));
         let space = info(captured.path()).unwrap().space;
-        assert!(space.layout == Layout::Object && !space.bounded, "surroundings are seen too");
+        assert!(space.layout == Layout::Forward && !space.bounded, "more is seen than an object");
         // Images need not be there.
         std::fs::remove_dir_all(dir.join("train")).unwrap();
         std::fs::remove_dir_all(dir.join("test")).unwrap();
