@@ -94,7 +94,7 @@ pub struct Scene {
     pub origin: DVec3,
     /// Lines about the data for a person to read: changes that loading made, and doubts.
     pub warnings: Vec<String>,
-    /// Lines about changes of the cameras that are no reason for doubt.
+    /// Lines about the data that are no reason for doubt, such as changes of the cameras.
     pub notes: Vec<String>,
 }
 

@@ -167,7 +167,7 @@ pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<P
 /// `needs_depths` also the exact depths of resized images.
 pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest, needs_depths: bool) -> Result<Scene, SceneError> {
     let Capture { mut found, mut space, origin } = found.prepared()?;
-    let mut warnings = std::mem::take(&mut found.warnings);
+    let (mut warnings, notes) = (std::mem::take(&mut found.warnings), std::mem::take(&mut found.notes));
     let Chosen { train, test: chosen_test, cameras, scale, alpha, warnings: left_out } = choose(&found, request)?;
     check_memory(found.dir, scale.canvas, train.len() + chosen_test.len(), alpha)?;
     let background = found.background.unwrap_or(request.background);
@@ -209,7 +209,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest, needs_depths: b
     let backdrop = if is_known { Backdrop::Colour } else { Backdrop::Unknown };
     space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
     let (name, format) = (scene_name(found.dir), found.format);
-    let scene = Scene { name, format, background, backdrop, space, origin, warnings, ..Scene::default() };
+    let scene = Scene { name, format, background, backdrop, space, origin, warnings, notes, ..Scene::default() };
     Ok(Scene { train: train_views, test, all_train_cameras, ..scene }.with_guessed_background())
 }
 

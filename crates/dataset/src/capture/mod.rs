@@ -45,6 +45,8 @@ pub(crate) struct Found<'a> {
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
     pub warnings: Vec<String>,
+    /// Lines that are no reason for doubt.
+    pub notes: Vec<String>,
 }
 
 /// Extent of the content, as far as a format states it.
@@ -76,8 +78,8 @@ pub(crate) struct Capture<'a> {
 impl<'a> Found<'a> {
     /// Makes the contents of a folder without names for views and without warnings. All test frames are the test split.
     pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: StatedExtent) -> Self {
-        let (selections, protocols, warnings) = (Vec::new(), Vec::new(), Vec::new());
-        Self { dir, format, train, test, split: None, selections, protocols, extent, background: None, warnings }
+        let (selections, protocols, warnings, notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { dir, format, train, test, split: None, selections, protocols, extent, background: None, warnings, notes }
     }
 
     /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and
