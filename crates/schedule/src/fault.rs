@@ -1,4 +1,4 @@
-use std::fmt;
+use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
 
 use crate::curve::Schedule;
@@ -26,7 +26,7 @@ impl Fault {
     }
 
     /// Refuses a number outside `range`, and NaN.
-    pub fn unless_within(range: RangeInclusive<f64>, key: &str, number: f64) -> Result<(), Self> {
+    pub fn unless_within<T: PartialOrd + Display>(range: RangeInclusive<T>, key: &str, number: T) -> Result<(), Self> {
         let expected = || format!("a number from {} to {}", range.start(), range.end());
         if range.contains(&number) { Ok(()) } else { Err(Self::new(key, expected(), number)) }
     }
@@ -44,7 +44,7 @@ impl Fault {
     }
 }
 
-impl fmt::Display for Fault {
+impl Display for Fault {
     /// Writes the fault in one line: control characters in user input are escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = format!("{}: expected {}, found {}", self.key, self.expected, self.found);
@@ -64,7 +64,8 @@ mod tests {
         let fault = Fault::unless(false, "kind", "`nerf` or `hash`", "a\nb").unwrap_err().within("field");
         assert_eq!(fault.to_string(), "field.kind: expected `nerf` or `hash`, found a\\nb");
         let rays = |number| Fault::unless_within(1.0..=9.0, "rays", number);
-        assert_eq!([rays(1.0), rays(9.0)], [Ok(()), Ok(())]);
+        let least = Fault::unless_within(1e-12..=1.0, "epsilon", 1e-12f32);
+        assert_eq!([rays(1.0), rays(9.0), least], [Ok(()), Ok(()), Ok(())]);
         assert_eq!(rays(f64::NAN).unwrap_err().to_string(), "rays: expected a number from 1 to 9, found NaN");
         assert!(Fault::unless_always_within(0.0..=1.0, "weight", &Schedule::Constant(2.0)).is_err());
     }

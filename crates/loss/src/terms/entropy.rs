@@ -67,8 +67,8 @@ impl TermSpec for EntropyConfig {
     }
 
     fn validate(&self) -> Result<(), Fault> {
-        Fault::unless_within(0.0..=0.01, "epsilon", self.epsilon.into())?;
-        Fault::unless_within(0.0..=1e6, "mask.threshold", self.mask.threshold.into())
+        Fault::unless_within(0.0..=0.01, "epsilon", self.epsilon)?;
+        Fault::unless_within(0.0..=1e6, "mask.threshold", self.mask.threshold)
     }
 
     fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {

@@ -55,7 +55,7 @@ impl TermSpec for KlConfig {
     }
 
     fn validate(&self) -> Result<(), Fault> {
-        Fault::unless_within(1e-12..=0.01, "epsilon", self.epsilon.into())
+        Fault::unless_within(1e-12..=0.01, "epsilon", self.epsilon)
     }
 
     fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {

@@ -35,7 +35,7 @@ impl TermSpec for PhotometricConfig {
     }
 
     fn validate(&self) -> Result<(), Fault> {
-        Fault::unless_within(0.0..=1e6, "coarse", self.coarse.into())
+        Fault::unless_within(0.0..=1e6, "coarse", self.coarse)
     }
 
     fn build(&self, _scene: &Scene, _device: &Device) -> Result<Box<dyn Term>, Fault> {

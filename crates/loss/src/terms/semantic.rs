@@ -31,8 +31,8 @@ impl TermSpec for SemanticConfig {
     }
 
     fn validate(&self) -> Result<(), Fault> {
-        Fault::unless_within(1.0..=1e9, "every", self.every as f64)?;
-        Fault::unless_within(1.0..=1024.0, "size", self.size.into())
+        Fault::unless_within(1..=1_000_000_000, "every", self.every)?;
+        Fault::unless_within(1..=1024, "size", self.size)
     }
 
     fn build(&self, scene: &Scene, device: &Device) -> Result<Box<dyn Term>, Fault> {

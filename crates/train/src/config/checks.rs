@@ -20,8 +20,8 @@ pub(super) fn check_config(config: &Config) -> Result<(), Fault> {
     Fault::unless(protocols.contains(&eval.protocol.as_str()), "eval.protocol", expected, &eval.protocol)?;
     Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
     Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
-    Fault::unless_within(0.0..=1e6, "eval.information_rays", eval.information_rays as f64)?;
-    Fault::unless_within(0.0..=1e4, "eval.pose_steps", eval.pose_steps as f64)?;
+    Fault::unless_within(0..=1_000_000, "eval.information_rays", eval.information_rays)?;
+    Fault::unless_within(0..=10_000, "eval.pose_steps", eval.pose_steps)?;
     if train.cameras.refine.is_photometric() || eval.pose_steps > 0 {
         let expected = "a field that passes gradients on to positions where cameras are learned (train.cameras.refine, \
                         eval.pose_steps), as all but `pixelnerf` do";

@@ -191,7 +191,7 @@ impl Default for CameraConfig {
 impl CameraConfig {
     fn validate(&self) -> Result<(), Fault> {
         Fault::unless_always_within(0.0..=1.0, "lr", &self.lr)?;
-        Fault::unless_within(0.0..=1e6, "prior", self.prior.into())
+        Fault::unless_within(0.0..=1e6, "prior", self.prior)
     }
 }
 
