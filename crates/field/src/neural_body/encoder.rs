@@ -146,7 +146,7 @@ impl SparseEncoder {
             let same = int(&stage.same);
             features = self.same[index].iter().fold(features, |x, layer| layer.forward(x, same.clone()));
             if index > 0 {
-                volumes.push(or_zero(features.clone()).select(0, int(stage.sites.rows())));
+                volumes.push(or_zero(features.clone()).select(0, int(&stage.sites.rows)));
             }
         }
         volumes

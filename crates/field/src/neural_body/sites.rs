@@ -7,8 +7,8 @@ pub(super) struct Sites {
     /// Cells along x, y and z.
     pub(super) size: [usize; 3],
     cells: Vec<[usize; 3]>,
-    /// Index in `cells` of each cell of the grid; the length of `cells` for an empty cell.
-    rows: Vec<i32>,
+    /// Site at each cell of the grid, an index in `cells`; the length of `cells` for an empty cell.
+    pub(super) rows: Vec<i32>,
 }
 
 impl Sites {
@@ -27,11 +27,6 @@ impl Sites {
 
     pub(super) fn len(&self) -> usize {
         self.cells.len()
-    }
-
-    /// Returns the site at each cell of the grid; [`Self::len`] for an empty cell.
-    pub(super) fn rows(&self) -> &[i32] {
-        &self.rows
     }
 
     /// Returns the place of an occupied `cell` among the sites.
