@@ -328,7 +328,7 @@ fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
 fn gradients_of_the_oracle_are_those_of_differences() {
     let mut draws = Draws(6);
     let mut ray = |n: usize| -> Vec<f64> { (0..n).map(|_| 10f64.powf(draws.unit() * 3.0 - 2.0)).collect() };
-    let agree = |got: &[f64], want: &[f64], what: &str| agree(got, want, 1e-5 * largest(want, 1e-2), what);
+    let agree = |got: &[f64], want: &[f64], what: &str| agree(got, want, |_| 1e-5 * largest(want, 1e-2), what);
     for n in [1, 2, 3, 8, 24] {
         let (tau, near, u) = (ray(n), ray(n), ray(n));
         let integral = |tau: &[f64]| dot(&oracle::weights(tau), &u);
@@ -355,18 +355,17 @@ fn largest(values: &[f64], least: f64) -> f64 {
     values.iter().filter(|x| x.is_finite()).map(|x| x.abs()).fold(least, f64::max)
 }
 
-/// Compares values where a fixture has a number: null stands for an infinite or undefined gradient.
-fn agree(got: &[f64], want: &[f64], tolerance: f64, what: impl Display + Copy) {
+/// Compares values where a fixture has a number: null stands for an infinite or undefined gradient. `tolerance` is a function of
+/// the expected value.
+fn agree(got: &[f64], want: &[f64], tolerance: impl Fn(f64) -> f64, what: impl Display + Copy) {
     assert_eq!(got.len(), want.len(), "{what}");
     for (got, want) in got.iter().zip(want).filter(|(_, want)| want.is_finite()) {
-        close(*got, *want, tolerance, what);
+        close(*got, *want, tolerance(*want), what);
     }
 }
 
-/// Returns the depths of each ray of a fixture, and its entry, by name.
-fn rays_of(fixture: &Value) -> BTreeMap<&str, (Vec<f64>, &Value)> {
-    let rays = fixture["rays"].as_array().unwrap().iter();
-    rays.map(|ray| (name_in(ray, "name"), (numbers(&ray["tau"]), ray))).collect()
+fn entries(list: &Value) -> std::slice::Iter<'_, Value> {
+    list.as_array().unwrap().iter()
 }
 
 fn name_in<'a>(entry: &'a Value, key: &str) -> &'a str {
@@ -378,77 +377,62 @@ fn hits(tau: &[f64]) -> bool {
     oracle::ray_density(tau).is_some()
 }
 
+/// Checks values and gradients of all rays and pairs of the fixture. Tolerances are a `part` of a value or of the largest
+/// gradient of a ray, and relative to the terms that cancel in a gradient (`condition`).
 #[test]
 fn the_oracle_against_arbitrary_precision() {
     let fixture: Value = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
-    let rays = rays_of(&fixture);
-    for (name, (tau, ray)) in &rays {
-        let compare = |got: &[f64], want: &[f64]| agree(got, want, EXACT * largest(want, 0.0) + 1e-300, name);
+    let value = |got: f64, of: &Value, key: &str, part: f64| {
+        let want = of[key].as_f64().unwrap();
+        close(got, want, (part * want.abs() + 1e-30).min(EXACT * (1.0 + want.abs())), format_args!("{key} of {of}"));
+    };
+    let row = |got: &[f64], of: &Value, key: &str, part: f64, condition: f64| {
+        let want = numbers(&of[key]);
+        let small = part * largest(&want, 0.0) + 1e-60;
+        let tolerance = |want: f64| small.min(EXACT * condition.max(want.abs()));
+        agree(got, &want, tolerance, format_args!("{key} of {of}"));
+    };
+    let rays: BTreeMap<&str, (Vec<f64>, &Value)> =
+        entries(&fixture["rays"]).map(|ray| (name_in(ray, "name"), (numbers(&ray["tau"]), ray))).collect();
+    for (tau, ray) in rays.values() {
+        let u: Vec<f64> = (0..tau.len()).map(|i| (i as f64).cos()).collect();
         let w = oracle::weights(tau);
-        compare(&tau.iter().map(|&tau| oracle::alpha(tau)).collect::<Vec<f64>>(), &numbers(&ray["alpha"]));
-        compare(&oracle::transmittance(tau)[..tau.len()], &numbers(&ray["trans"]));
-        compare(&w, &numbers(&ray["w"]));
-        compare(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()]);
-        let entropy = oracle::entropy(tau, 0.0);
-        if !hits(tau) {
-            assert_eq!(entropy, 0.0, "{name}");
-            continue;
+        let alpha: Vec<f64> = tau.iter().map(|&tau| oracle::alpha(tau)).collect();
+        let trans = oracle::transmittance(tau);
+        for (got, key) in [(&alpha[..], "alpha"), (&trans[..tau.len()], "trans"), (&w, "w")] {
+            row(got, ray, key, EXACT, 1.0);
         }
-        close(entropy, ray["entropy"].as_f64().unwrap(), EXACT, name);
-        // The tolerance of gradients is relative to the terms that cancel in them.
-        let gradient = oracle::entropy_gradient(tau, 0.0);
-        agree(&gradient, &numbers(&ray["dentropy_dtau"]), EXACT * condition(tau, 0.0), name);
-    }
-    for pair in fixture["pairs"].as_array().unwrap() {
-        let (p, q) = (name_in(pair, "p"), name_in(pair, "q"));
-        let (tau, near) = (&rays[p].0, &rays[q].0);
-        let got = oracle::divergence(tau, near, 0.0);
-        if !(hits(tau) && hits(near)) {
-            assert_eq!(got, 0.0, "{p} and {q}");
-            continue;
-        }
-        let want = pair["kl"].as_f64().unwrap();
-        close(got, want, EXACT * (1.0 + want), format_args!("{p} and {q}"));
-        let (dp, dq) = oracle::divergence_gradient(tau, near, 0.0);
-        let scale = condition(tau, 0.0).max(condition(near, 0.0));
-        for (got, want) in [(dp, numbers(&pair["dkl_dtau_p"])), (dq, numbers(&pair["dkl_dtau_q"]))] {
-            for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
-                close(*got, *want, EXACT * scale.max(want.abs()), format_args!("{p} and {q}"));
+        value(w.iter().sum(), ray, "acc", EXACT);
+        value(oracle::opacity(tau), ray, "acc", EXACT);
+        row(&oracle::weights_vjp(tau, &vec![1.0; tau.len()]), ray, "acc_gradient", 1e-8, f64::INFINITY);
+        value(dot(&w, &u), ray, "weighted", EXACT);
+        row(&oracle::weights_vjp(tau, &u), ray, "weighted_gradient", 1e-8, f64::INFINITY);
+        for entropy in entries(&ray["entropies"]) {
+            let epsilon = entropy["epsilon"].as_f64().unwrap();
+            let got = oracle::entropy(tau, epsilon);
+            if hits(tau) {
+                value(got, entropy, "value", 1e-9);
+                let gradient = oracle::entropy_gradient(tau, epsilon);
+                row(&gradient, entropy, "gradient", 1e-8, condition(tau, epsilon));
+            } else {
+                assert_eq!(got, 0.0, "{ray}");
             }
         }
     }
-}
-
-#[test]
-fn the_oracle_where_rays_cancel() {
-    let fixture: Value = serde_json::from_str(include_str!("fixtures/extremes.json")).unwrap();
-    let epsilon = fixture["epsilon"].as_f64().unwrap();
-    let value = |got: f64, of: &Value, key: &str| {
-        let want = of[key].as_f64().unwrap();
-        close(got, want, 1e-9 * want.abs() + 1e-30, format_args!("{key} of {of}"));
-    };
-    let gradients = |got: &[f64], of: &Value, key: &str| {
-        let want = numbers(&of[key]);
-        agree(got, &want, 1e-8 * largest(&want, 0.0) + 1e-200, format_args!("{key} of {of}"));
-    };
-    let rays = rays_of(&fixture);
-    for (tau, ray) in rays.values() {
-        let u: Vec<f64> = (0..tau.len()).map(|i| (i as f64).cos()).collect();
-        value(dot(&oracle::weights(tau), &u), ray, "weighted");
-        gradients(&oracle::weights_vjp(tau, &u), ray, "weighted_gradient");
-        value(oracle::opacity(tau), ray, "opacity");
-        gradients(&oracle::weights_vjp(tau, &vec![1.0; tau.len()]), ray, "opacity_gradient");
-        if hits(tau) {
-            value(oracle::entropy(tau, epsilon), ray, "entropy");
-            gradients(&oracle::entropy_gradient(tau, epsilon), ray, "entropy_gradient");
-            value(oracle::entropy(tau, 0.0), ray, "entropy_exact");
+    for pair in entries(&fixture["pairs"]) {
+        let (tau, near) = (&rays[name_in(pair, "p")].0, &rays[name_in(pair, "q")].0);
+        for divergence in entries(&pair["divergences"]) {
+            let epsilon = divergence["epsilon"].as_f64().unwrap();
+            let got = oracle::divergence(tau, near, epsilon);
+            if hits(tau) && hits(near) {
+                value(got, divergence, "value", 1e-9);
+                let (dp, dq) = oracle::divergence_gradient(tau, near, epsilon);
+                let condition = condition(tau, epsilon).max(condition(near, epsilon));
+                row(&dp, divergence, "gradient_p", 1e-8, condition);
+                row(&dq, divergence, "gradient_q", 1e-8, condition);
+            } else {
+                assert_eq!(got, 0.0, "{pair}");
+            }
         }
-    }
-    for pair in fixture["pairs"].as_array().unwrap() {
-        let (p, q) = (&rays[name_in(pair, "p")].0, &rays[name_in(pair, "q")].0);
-        value(oracle::divergence(p, q, epsilon), pair, "gain");
-        let (dp, dq) = oracle::divergence_gradient(p, q, epsilon);
-        gradients(&dp, pair, "gradient_p");
-        gradients(&dq, pair, "gradient_q");
     }
 }
