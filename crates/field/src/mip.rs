@@ -4,9 +4,8 @@ use std::fmt;
 
 use burn::module::Module;
 use burn::tensor::Tensor;
-use infonerf_ops::frequency::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::{Activation, Precision};
-use infonerf_ops::{RayGaussians, frustum_gaussians};
+use infonerf_ops::{RayGaussians, frustum_gaussians, integrated_encode};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
@@ -46,9 +45,8 @@ impl fmt::Display for MipConfig {
 
 impl MipConfig {
     fn size(&self) -> MlpSize {
-        let &Self { layers, width, skip, direction_frequencies, precision, .. } = self;
-        let inputs = integrated_width(self.position_frequencies);
-        MlpSize { inputs, layers, width, skip, direction_frequencies, precision }
+        let &Self { layers, width, skip, position_frequencies, direction_frequencies, precision, .. } = self;
+        MlpSize { inputs: 6 * position_frequencies, layers, width, skip, direction_frequencies, precision }
     }
 }
 

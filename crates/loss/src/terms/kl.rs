@@ -36,16 +36,12 @@ pub enum Direction {
 impl KlConfig {
     /// Computes the divergence of each ray from its neighbour in nats, `[R]`; samples are paired by index (InfoNeRF, Eq. 9).
     pub fn of_rays(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
-        let segments = output.segments();
-        if segments.samples() == 0 {
-            return output.acc.zeros_like();
-        }
         let (tau, near) = (output.tau.clone(), near.tau.clone());
         let (p, q) = match self.direction {
             Direction::Paper => (tau, near),
             Direction::Reversed => (near, tau),
         };
-        ray_divergence(p, q, segments, self.epsilon)
+        ray_divergence(p, q, output.segments(), self.epsilon)
     }
 }
 

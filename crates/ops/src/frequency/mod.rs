@@ -84,11 +84,6 @@ pub const fn encoded_width(dims: usize, frequencies: usize) -> usize {
     dims * (1 + 2 * frequencies)
 }
 
-/// Returns the width of [`integrated_encode`].
-pub const fn integrated_width(frequencies: usize) -> usize {
-    6 * frequencies
-}
-
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
