@@ -118,13 +118,12 @@ pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&St
 /// Draws the edges of `count` intervals of each ray from the blurred weights of the intervals between `edges`, `[H, N + 1]`,
 /// whose optical depths are `tau`, `[H N]`, by [`distances::resample`]: `[H, count + 1]`, sorted, without a gradient.
 pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
-    let one = |edges: &[f32], weights: &[f32], stream| {
-        distances::resample(edges, &distances::blurred(weights), count, stream)
-    };
     dispatch! {
         &edges.device();
         cube => gpu::resample(edges, tau, count, jitter),
-        plain => drawn_on_host(edges, tau, jitter, one),
+        plain => drawn_on_host(edges, tau, jitter, |edges, weights, stream| {
+            distances::resample(edges, &distances::blurred(weights), count, stream)
+        }),
     }
 }
 

@@ -231,8 +231,8 @@ impl TrainConfig {
         self.cameras.validate().map_err(|fault| within(fault.within("cameras")))?;
         schedule("lr", &self.lr, 0.0, 1e3)?;
         number("grid_lr_multiplier", self.grid_lr_multiplier, 0.0, 1e6)?;
-        number("adam_beta2", self.adam_beta2.into(), 0.0, 0.999_999)?;
-        number("adam_epsilon", self.adam_epsilon.into(), 1e-15, 1.0)?;
+        Fault::unless_within(0.0..=0.999_999, "adam_beta2", self.adam_beta2).map_err(within)?;
+        Fault::unless_within(1e-15..=1.0, "adam_epsilon", self.adam_epsilon).map_err(within)?;
         number("ensemble.size", self.ensemble.size as f64, 1.0, MAX_ENSEMBLE as f64)?;
         number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
         number("weight_averaging", self.weight_averaging, 0.0, 1.0)
