@@ -11,7 +11,7 @@ use infonerf_scene::View;
 use crate::error::TrainError;
 
 /// Mean opacity below which a picture counts as empty.
-const EMPTY_PICTURE: f32 = 1e-3;
+const EMPTY_PICTURE: f64 = 1e-3;
 
 /// One test view, rendered and measured.
 #[derive(Clone, Debug)]
@@ -35,8 +35,8 @@ impl TestView {
         self.opacity() < EMPTY_PICTURE
     }
 
-    fn opacity(&self) -> f32 {
-        self.image.acc.iter().sum::<f32>() / self.image.acc.len() as f32
+    fn opacity(&self) -> f64 {
+        self.image.acc.iter().copied().map(f64::from).sum::<f64>() / self.image.acc.len() as f64
     }
 }
 
@@ -99,7 +99,7 @@ impl<'a> Evaluation<'a> {
         let view = TestView { image, values, seconds };
         self.views += 1;
         self.seconds += seconds;
-        self.opacity += f64::from(view.opacity());
+        self.opacity += view.opacity();
         self.shows_nothing &= view.shows_nothing();
         Ok(view)
     }
@@ -133,10 +133,13 @@ mod tests {
 
     #[test]
     fn pictures_of_less_than_a_thousandth_opacity_are_empty() {
-        let is_empty = |acc: [f32; 2]| {
-            let image = RenderedImage { acc: acc.to_vec(), ..RenderedImage::default() };
-            TestView { image, values: Values::new(), seconds: 0.0 }.shows_nothing()
+        let shown = |acc: Vec<f32>| {
+            let image = RenderedImage { acc, ..RenderedImage::default() };
+            TestView { image, values: Values::new(), seconds: 0.0 }
         };
+        let is_empty = |acc: [f32; 2]| shown(acc.to_vec()).shows_nothing();
         assert_eq!([[0.0, 0.0019], [0.0, 0.0021], [0.5, 0.0]].map(is_empty), [true, false, false]);
+        // In `f32` the mean over 800² pixels would be 0.298.
+        assert!((shown(vec![0.3; 640_000]).opacity() - 0.3).abs() < 1e-6);
     }
 }
