@@ -47,7 +47,7 @@ impl Descriptor {
     /// Ranks `value` as shown, in units of the last decimal: smaller is better, equal is a tie.
     pub fn rank(&self, value: f64) -> f64 {
         let unit = 10f64.powi(self.decimals as i32);
-        let shown = (value * unit).round();
+        let shown = (self.format(value).parse::<f64>().expect("a formatted number") * unit).round();
         match self.better {
             Better::Higher => -shown,
             Better::Lower => shown,
@@ -73,5 +73,7 @@ mod tests {
         assert!(sharpness.rank(0.98) < sharpness.rank(1.03));
         assert!(sharpness.rank(1.02) < sharpness.rank(0.95));
         assert_eq!([29.96, 30.0].map(|seconds| training.rank(seconds)), [300.0; 2]);
+        // Shown as 0.3, although ten times the number is rounded to 3.5.
+        assert_eq!(training.rank(0.35), training.rank(0.3));
     }
 }
