@@ -113,22 +113,27 @@ fn training_side_by_side_changes_nothing() {
     }
 }
 
-/// Checks that a step's share of the time is counted before the step's outcome and events are determined.
+/// Checks that a step's share of the time is counted before the step's outcome and events are determined, and that the last step
+/// counts the time in which the losses of earlier ones are read.
 #[test]
 fn members_share_the_budget() {
     let (config, device) = cases().remove(0);
-    let budgeted = |seed| Trainer::new(&config, scene(), seed, Some(0.02), &device).unwrap();
-    let mut trainers: Vec<Trainer> = (0..3).map(budgeted).collect();
-    let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
-    while !active.is_empty() {
-        let stepped = step_side_by_side(&mut active);
-        for (trainer, (events, outcome)) in active.iter().zip(stepped) {
-            assert_eq!(outcome.unwrap() == Outcome::Finished, trainer.done() >= 1.0);
-            let now = trainer.progress().seconds;
-            let is_told = |event: &Event| matches!(event, Event::Step { seconds, .. } if *seconds == now);
-            assert!(events.iter().any(is_told), "{events:?} at {now} s");
+    for read_every in [1, 1000] {
+        let budgeted = |seed| Trainer::new(&config, scene(), seed, Some(0.02), &device).unwrap();
+        let mut trainers: Vec<Trainer> = (0..3).map(budgeted).collect();
+        trainers.iter_mut().for_each(|trainer| trainer.read_every(read_every));
+        let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
+        while !active.is_empty() {
+            let stepped = step_side_by_side(&mut active);
+            for (trainer, (events, outcome)) in active.iter().zip(stepped) {
+                assert_eq!(outcome.unwrap() == Outcome::Finished, trainer.done() >= 1.0);
+                let now = trainer.progress().seconds;
+                let is_told = |event: &Event| matches!(event, Event::Step { seconds, .. } if *seconds == now);
+                let is_unread = read_every > 1 && trainer.done() < 1.0;
+                assert!(is_unread || events.iter().any(is_told), "{events:?} at {now} s");
+            }
+            active.retain(|trainer| trainer.done() < 1.0);
         }
-        active.retain(|trainer| trainer.done() < 1.0);
     }
 }
 

@@ -106,7 +106,8 @@ impl<F: Field> Trainer<F> {
             // The time of the work that the device had left counts as training.
             let waited = start.elapsed().as_secs_f64();
             self.progress.seconds += waited;
-            pending.last_mut().expect("is read").seconds[0] += waited;
+            let last = pending.last_mut().expect("is read");
+            last.seconds = [last.seconds[0] + waited, self.progress.seconds];
         }
         let rays: usize = pending.iter().map(|step| step.rays).sum();
         let rays_per_second = rays as f64 / pending.iter().map(|step| step.seconds[0]).sum::<f64>();
