@@ -245,15 +245,18 @@ pub(crate) mod tests {
         let scaled = TrainedModel { frame: Some(ModelFrame { similarity, zoom: 1.0 }), ..trained.clone() };
         let nearer = camera.with_pose(DMat4::from_translation(DVec3::new(0.05, 0.05, 2.0)));
         for compositing in [Compositing::Exponential, Compositing::Additive] {
-            let config = RenderConfig { compositing, early_stop_transmittance: 0.0, ..config(Placement::Mid) };
+            let config = RenderConfig { samples: 28.0.into(), early_stop_transmittance: 0.0, ..config(Placement::Mid) };
+            let config = RenderConfig { compositing, ..config };
             let (background, backdrop) = ([0.5, 0.6, 0.7], Backdrop::Unknown);
             let renderer = Renderer { background, backdrop, ..Renderer::new(&config, &Scene::default()) };
             let rays = renderer.rays(vec![camera.ray(0.5, 0.5)], &Device::flex());
             let request = RenderRequest { color: true, hidden: true };
-            let want = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at).fine;
+            let passes = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at);
+            let (counts, want) = (passes.counts(), passes.fine);
             let (color, depth, acc) = (to_host(want.color.unwrap()), to_host(want.depth)[0], to_host(want.acc)[0]);
             for (trained, camera, scale) in [(&trained, &camera, 1.0), (&scaled, &nearer, 2.0)] {
                 let picture = render_one(&renderer, trained, camera, None);
+                assert_eq!((picture.counts.total, counts.total), (28, 28));
                 let found = [&picture.rgb[0][..], &[scale * picture.depth[0] * acc, picture.acc[0]]].concat();
                 for (found, want) in found.iter().zip([&color[..], &[depth, acc]].concat()) {
                     approx::assert_abs_diff_eq!(*found, want, epsilon = 2e-5);

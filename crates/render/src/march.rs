@@ -73,7 +73,7 @@ pub(crate) fn march<F: Field>(
             });
         },
     }
-    let total = (rays.len() as f32 * renderer.longest / renderer.step_length(trained.at)) as u64;
+    let total = rays.len() as u64 * renderer.max_samples(trained.at) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
     let background = Vec3::from(renderer.background);
     let behind = |ray: CompositedRay| CompositedRay { rgb: ray.rgb + ray.trans * background, ..ray };
