@@ -133,11 +133,6 @@ impl RenderConfig {
         self.occupancy.validate()
     }
 
-    /// Returns the optical depth behind which training skips samples; infinite if it skips none.
-    pub(crate) fn hidden_depth(&self) -> f32 {
-        if self.hidden_depth > 0.0 { self.hidden_depth } else { f32::INFINITY }
-    }
-
     /// Returns one line for each key that is set but has no effect, given the other keys.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = (self.early_stop_transmittance > 0.0 && !self.marches()).then_some(

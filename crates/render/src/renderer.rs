@@ -74,7 +74,8 @@ impl Renderer {
         at: Moment,
     ) -> Passes {
         let background = self.behind(rays.jitter);
-        let hidden_depth = if request.hidden { f32::INFINITY } else { self.config.hidden_depth() };
+        let skips_hidden = !request.hidden && self.config.hidden_depth > 0.0;
+        let hidden_depth = if skips_hidden { self.config.hidden_depth } else { f32::INFINITY };
         let skip = Skip { grid: occupancy, hidden_depth };
         let evaluate = |field: &F, samples: Samples, points: &Points| {
             self.evaluate(field, samples, points, request, background, at)

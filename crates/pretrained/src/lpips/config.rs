@@ -5,6 +5,8 @@ use crate::layers::Window;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LpipsConfig {
     pub(super) layers: Vec<LpipsLayer>,
+    /// Number of first layers that images pass in bands of rows: convolutions that keep the size, and a pooling without overlap.
+    pub(super) in_bands: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +31,7 @@ impl LpipsConfig {
         let convolution = |kernel, stride, pad, outputs| Some((Window::square(kernel, stride, pad), outputs, true));
         let first = [convolution(11, 4, 2, 64), None, convolution(5, 1, 2, 192), None];
         let last = [384, 256, 256].map(|outputs| convolution(3, 1, 1, outputs));
-        Self::new(Window::square(3, 2, 0), first.into_iter().chain(last))
+        Self::new(0, Window::square(3, 2, 0), first.into_iter().chain(last))
     }
 
     /// Returns VGG-16 (Simonyan and Zisserman 2015), compared after the last convolution at each size.
@@ -39,11 +41,11 @@ impl LpipsConfig {
             let convolution = move |index| Some((Window::square(3, 1, 1), outputs, index == count));
             (block > 0).then_some(None).into_iter().chain((1..=count).map(convolution))
         });
-        Self::new(Window::square(2, 2, 0), layers)
+        Self::new(3, Window::square(2, 2, 0), layers)
     }
 
     /// Numbers the layers: convolutions (window, number of outputs, whether images are compared after it), or `None` for `pool`.
-    fn new(pool: Window, layers: impl Iterator<Item = Option<(Window, usize, bool)>>) -> Self {
+    fn new(in_bands: usize, pool: Window, layers: impl Iterator<Item = Option<(Window, usize, bool)>>) -> Self {
         let (mut inputs, mut index, mut heads) = (3, 0, 0);
         let number = |layer: Option<(Window, usize, bool)>| match layer {
             None => {
@@ -57,7 +59,7 @@ impl LpipsConfig {
                 LpipsLayer::Convolution(shape)
             }
         };
-        Self { layers: layers.map(number).collect() }
+        Self { layers: layers.map(number).collect(), in_bands }
     }
 
     /// Divides all numbers of channels but the image's by `divisor`, for tests.
@@ -86,18 +88,6 @@ impl LpipsConfig {
             LpipsLayer::Convolution(convolution) => Some(convolution),
             LpipsLayer::Pool(_) => None,
         })
-    }
-
-    /// Returns the number of layers up to and with the first pooling, if all maps before it have the size of the image and its
-    /// windows do not overlap; otherwise 0.
-    pub(super) fn first_block(&self) -> usize {
-        let keeps_size = |w: &Window| w.stride == 1 && w.kernel == w.padding.map(|side| 2 * side + 1);
-        let keeps = |layer: &&LpipsLayer| matches!(layer, LpipsLayer::Convolution(shape) if keeps_size(&shape.window));
-        let count = self.layers.iter().take_while(keeps).count();
-        match self.layers.get(count) {
-            Some(LpipsLayer::Pool(window)) if *window == Window::square(window.stride, window.stride, 0) => count + 1,
-            _ => 0,
-        }
     }
 
     /// Returns whether images of `size` = (height, width) are large enough for every window.
@@ -130,6 +120,5 @@ mod tests {
     fn fits_from_the_smallest_possible_side() {
         let smallest = |config: LpipsConfig| (1..100).find(|side| config.fits([*side, *side])).unwrap();
         assert_eq!((smallest(LpipsConfig::alex()), smallest(LpipsConfig::vgg())), (31, 16));
-        assert_eq!((LpipsConfig::alex().first_block(), LpipsConfig::vgg().first_block()), (0, 3));
     }
 }

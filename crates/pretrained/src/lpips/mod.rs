@@ -85,7 +85,7 @@ impl Lpips {
             return Err(format!("{width}×{height} pixels are too few for its convolutions"));
         }
         let inputs = [render, truth].map(|picture| self.input(picture, input));
-        let (first, others) = self.layers.split_at(self.config.first_block());
+        let (first, others) = self.layers.split_at(self.config.in_bands);
         let bands = if has_host_kernels(&self.device) && !first.is_empty() { (height / BAND).max(1) } else { 1 };
         let (distance, [x, y]) = first_block(&inputs, first, bands);
         // Some of Burn's operations on the host use one thread.

@@ -31,7 +31,7 @@ impl Store {
             (name.as_str(), view)
         });
 
-        let folder = self.target();
+        let folder = &self.folders()[0];
         std::fs::create_dir_all(folder).map_err(|error| WeightsError::io(folder, &error))?;
         let path = folder.join(weights.file());
         let temporary = folder.join(format!(".{}.{}", weights.file(), std::process::id()));

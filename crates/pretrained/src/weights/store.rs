@@ -49,10 +49,6 @@ impl Store {
         &self.folders
     }
 
-    pub(super) fn target(&self) -> &Path {
-        &self.folders[0]
-    }
-
     /// Finds the file of `weights`: written by an import, or the published file itself.
     pub fn find(&self, weights: &KnownWeights) -> Option<PathBuf> {
         let named = self.files.iter().find(|(known, _)| known.name == weights.name).map(|(_, path)| path.clone());

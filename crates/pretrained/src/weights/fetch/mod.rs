@@ -49,7 +49,7 @@ impl Store {
 
     /// Downloads the file of `weights`, and returns the path of the needed tensors.
     fn fetch_file(&self, weights: &KnownWeights, progress: Report<'_>) -> Result<PathBuf, WeightsError> {
-        let folder = self.target();
+        let folder = &self.folders()[0];
         std::fs::create_dir_all(folder).map_err(|error| WeightsError::io(folder, &error))?;
         let part = folder.join(format!("{}.part", weights.published_file()));
         download(weights, &part, progress)?;
