@@ -81,12 +81,4 @@ mod tests {
         assert!(mask(["..", "..", ".."]).unwrap().is_empty() && !mask(["..", ".#", ".."]).unwrap().is_empty());
         assert_eq!(Mask::new(vec![true], 2, 2), Err(MetricError::length("mask", 1, 4)));
     }
-
-    #[test]
-    fn composite_replaces_pixels_outside() {
-        let picture = Picture::new(vec![[0.5; 3]; 6], 2, 3).unwrap();
-        let composite = mask(["#.", "..", ".#"]).unwrap().composite(&picture, [1.0; 3]);
-        assert_eq!(composite.pixels().iter().filter(|pixel| **pixel == [1.0; 3]).count(), 4);
-        assert_eq!(composite.pixels()[5], [0.5; 3]);
-    }
 }

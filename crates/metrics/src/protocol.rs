@@ -4,8 +4,7 @@
 //! everywhere; every deviation is a named option, and [`Display`](fmt::Display) writes the line under each table.
 //!
 //! 1. **Images** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
-//!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; the background is white
-//!    unless `background` names another colour.
+//!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else.
 //! 2. **Size.** A render and its truth must have the same size.
 //!    Where a truth is not valid (outside the image circle of a lens, or by a mask of the capture) both images get the
 //!    background's colour and neither hits anything, so that nothing is compared there; PSNR is over the other pixels. A view
@@ -13,14 +12,11 @@
 //! 3. **Rounding.** Both images are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
 //!    memory and its PNG have the same metrics.
 //! 4. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels. A
-//!    view without a value (SSIM of an image smaller than the window, sharpness of a flat truth) or with an infinite one (PSNR
-//!    of identical images) is left out of the mean, with a note. FID and KID compare the sets of renders and of truths.
+//!    view without a value, or with an infinite one (PSNR of identical images), is left out of the mean, with a note. FID and
+//!    KID compare the sets of renders and of truths.
 //!
-//! A rendered ray hits something where its opacity exceeds one half. FID of few images is biased upwards, so it compares
-//! methods on the same views and nothing else; KID is not biased.
-//!
-//! Metrics whose key ends in `_masked` measure a part of the image, see [`Masked`]. The mask (an object's, the region seen by
-//! the training views, the projection of a box) comes from the data set. [`Protocol::NAMED`] has protocols of other systems.
+//! A rendered ray hits something where its opacity exceeds one half. Metrics whose key ends in `_masked` measure a part of the
+//! image, see [`Masked`]. [`Protocol::NAMED`] has protocols of other systems.
 
 use std::fmt;
 

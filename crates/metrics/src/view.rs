@@ -183,6 +183,7 @@ mod tests {
         };
         let white = seen(&Protocol::default());
         assert_eq!((white.size(), white.pixels()[0]), ([6, 4], [1.0; 3]));
+        assert_eq!(white.pixels().iter().filter(|pixel| **pixel == [1.0; 3]).count(), 22);
         assert_eq!(white.pixels()[8], render.rounded().pixels()[8]);
         let rectangle = seen(&Protocol { masked: Masked::BoundingRectangle, ..Protocol::default() });
         assert_eq!((rectangle.size(), rectangle.pixels()[1]), ([2, 2], [0.0; 3]));
