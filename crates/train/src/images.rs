@@ -128,33 +128,28 @@ impl Images {
             true => valid.central.as_slice(),
             false => valid.whole.as_slice(),
         });
-        match config.batch {
-            Batch::Pixels => {
-                let draw = |ray: usize| {
-                    if let Some(drawable) = drawable {
-                        return drawable[row.below(ray, 0, drawable.len())];
-                    }
-                    let x = left as usize + column.below(ray, 0, columns as usize);
-                    let y = top as usize + row.below(ray, 0, rows as usize);
-                    view.below(ray, 0, self.views.len()) * area + y * stride + x
-                };
+        let place = |image: usize, x: usize, y: usize| image * area + (top + y) * stride + left + x;
+        match (config.batch, drawable) {
+            (Batch::Pixels, Some(drawable)) => {
+                (0..rays).map(|ray| drawable[row.below(ray, 0, drawable.len())]).collect()
+            }
+            (Batch::Pixels, None) => {
+                let image = |ray| view.below(ray, 0, self.views.len());
+                let draw = |ray| place(image(ray), column.below(ray, 0, columns), row.below(ray, 0, rows));
                 (0..rays).map(draw).collect()
             }
-            Batch::Image | Batch::HeldOut => {
+            (Batch::Image | Batch::HeldOut, drawable) => {
                 let image = view.below(0, 0, self.views.len());
                 let drawable = drawable.map(|all| {
                     let before = |end: usize| all.partition_point(|&index| index < end);
                     &all[before(image * area)..before((image + 1) * area)]
                 });
-                let pixels = drawable.map_or(columns as usize * rows as usize, <[usize]>::len);
+                let pixels = drawable.map_or(columns * rows, <[usize]>::len);
                 let index = |pixel: usize| match drawable {
                     Some(drawable) => drawable[pixel],
-                    None => {
-                        let (x, y) = (left + pixel as u32 % columns, top + pixel as u32 / columns);
-                        image * area + y as usize * stride + x as usize
-                    }
+                    None => place(image, pixel % columns, pixel / columns),
                 };
-                (0..rays.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect()
+                (0..rays.min(pixels)).map(|ray| index(permuted(column.bits(), ray, pixels))).collect()
             }
         }
     }

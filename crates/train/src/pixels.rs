@@ -34,8 +34,7 @@ impl Pixels {
         let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
         let [(left, columns), (top, rows)] = [camera.width, camera.height].map(|size| crop(config, step, size));
         let at = |i| {
-            let x = left as usize + column.below(i, 0, columns as usize);
-            let y = top as usize + row.below(i, 0, rows as usize);
+            let (x, y) = (left + column.below(i, 0, columns), top + row.below(i, 0, rows));
             PixelAt { view: 0, x: x as f32 + 0.5, y: y as f32 + 0.5 }
         };
         Self { at: (0..rays).map(at).collect(), cameras: [camera].into(), width }
@@ -67,8 +66,9 @@ impl Pixels {
 }
 
 /// Returns the first and the number of columns (or rows) that are drawn from: the central half until `train.precrop_steps`.
-pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
-    if step < config.precrop_steps { central_half(size) } else { (0, size) }
+pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (usize, usize) {
+    let (first, count) = if step < config.precrop_steps { central_half(size) } else { (0, size) };
+    (first as usize, count as usize)
 }
 
 /// Returns the first of the central half of `size` columns or rows, and their number.
