@@ -49,12 +49,11 @@ pub struct Evaluator<'a> {
 impl<'a> Evaluator<'a> {
     /// Prepares to measure `metrics`: all of [`METRICS`], or a [selection](crate::select).
     pub fn new(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
-        let mut features = BTreeMap::new();
-        for metric in metrics {
-            if let Measure::Set(network, _) = metric.measure {
-                features.insert(network, networks.extractor(network).map(|_| <[FeatureSet; 2]>::default()));
-            }
-        }
+        let empty = |metric: &&Metric| match metric.measure {
+            Measure::Set(network, _) => Some((network, networks.extractor(network).map(|_| Default::default()))),
+            _ => None,
+        };
+        let features = metrics.iter().filter_map(empty).collect();
         Self { metrics, networks, protocol, views: Vec::new(), reasons: BTreeMap::new(), features }
     }
 

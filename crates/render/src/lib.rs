@@ -9,10 +9,10 @@
 //! ```
 //! use burn::module::Module;
 //! use burn::tensor::{Device, Tensor};
+//! use glam::{DMat4, DVec3};
 //! use infonerf_field::{Field, Points, FieldOutput};
 //! use infonerf_render::{Model, Placement, RenderConfig, Renderer, TrainedModel, render_image};
-//! use infonerf_procedural::load;
-//! use infonerf_scene::{Scene, SceneRequest, TestProtocol};
+//! use infonerf_scene::{Camera, Scene};
 //! use infonerf_schedule::Moment;
 //!
 //! #[derive(Module, Debug)]
@@ -28,12 +28,11 @@
 //!     }
 //! }
 //!
-//! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
-//! let scene: Scene = load("knot", &request).unwrap();
+//! let camera = Camera::from_fov(8, 8, 0.6, DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0)));
 //! let config = RenderConfig { samples: 16.0.into(), fine_samples: 0, placement: Placement::Mid, ..RenderConfig::default() };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
 //! let trained = TrainedModel::of(Model::of(fog), Moment::START);
-//! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
+//! let picture = render_image(&Renderer::new(&config, &Scene::default()), &[trained], &camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
 

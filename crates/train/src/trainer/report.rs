@@ -39,7 +39,7 @@ impl StepLosses {
     }
 
     /// Reads the losses of several steps in one transfer, and returns whether any was not read yet.
-    fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) -> bool {
+    pub(super) fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) -> bool {
         let mut steps: Vec<&mut Self> = steps.filter(|losses| !losses.is_read()).collect();
         if steps.is_empty() {
             return false;
@@ -86,13 +86,6 @@ impl<F: Field> Trainer<F> {
             }
         }
         self.catch_up(report)
-    }
-
-    /// Reads the losses of all pending steps and of the `last` one, if they are as many as [`Self::read_every`].
-    pub(super) fn read_if_due(&mut self, last: &mut PendingStep) {
-        if self.pending.len() + 1 >= self.read_every {
-            StepLosses::read(self.pending.iter_mut().chain([last]).map(|step| &mut step.losses));
-        }
     }
 
     /// Waits for the device, and reports the steps that are not reported yet.

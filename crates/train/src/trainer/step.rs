@@ -73,7 +73,9 @@ impl<F: Field> Trainer<F> {
         let evaluated = samples.evaluated as f64 / samples.total.max(1) as f64;
         let lr = self.config.train.lr.at(at);
         let mut step = PendingStep { at, losses, lr, rays, evaluated, finite, seconds: [0.0; 2] };
-        self.read_if_due(&mut step);
+        if self.pending.len() + 1 >= self.read_every {
+            StepLosses::read(self.pending.iter_mut().chain([&mut step]).map(|step| &mut step.losses));
+        }
         Some(step)
     }
 
