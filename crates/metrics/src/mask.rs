@@ -71,13 +71,9 @@ mod tests {
     }
 
     #[test]
-    fn bounding_rectangle_is_the_smallest() {
+    fn mask_has_a_value_per_pixel_and_a_smallest_rectangle() {
         assert_eq!(mask([".....", "..#..", ".#.#."]).unwrap().bounding_rectangle(), [1..4, 1..3]);
         assert_eq!(mask(["#....", ".....", "....#"]).unwrap().bounding_rectangle(), [0..5, 0..3]);
-    }
-
-    #[test]
-    fn mask_must_have_a_value_per_pixel() {
         assert!(mask(["..", "..", ".."]).unwrap().is_empty() && !mask(["..", ".#", ".."]).unwrap().is_empty());
         assert_eq!(Mask::new(vec![true], 2, 2), Err(MetricError::length("mask", 1, 4)));
     }
