@@ -12,18 +12,6 @@ use crate::view::{Pair, PreparedView};
 
 /// Measures `pairs` with every metric.
 ///
-/// ```
-/// use infonerf_metrics::{Networks, Pair, Picture, Protocol, evaluate};
-///
-/// let truth = Picture::new(vec![[0.4; 3]; 16 * 16], 16, 16)?;
-/// let render = Picture::new(vec![[0.6; 3]; 16 * 16], 16, 16)?;
-/// let measured = evaluate(&[Pair::new(&render, &truth)], &Networks::none(), &Protocol::default())?;
-/// assert!(measured.set["psnr"].is_some_and(|psnr| (psnr - 13.98).abs() < 0.01));
-/// assert_eq!(measured.set["lpips_vgg"], None);
-/// assert!(measured.notes.iter().any(|note| note.to_string().contains("infonerf weights fetch lpips-vgg")));
-/// # Ok::<(), infonerf_metrics::MetricError>(())
-/// ```
-///
 /// # Errors
 /// Errors of [`Evaluator::add`].
 pub fn evaluate(pairs: &[Pair<'_>], networks: &Networks, protocol: &Protocol) -> Result<Measured, MetricError> {

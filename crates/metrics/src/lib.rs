@@ -5,11 +5,17 @@
 //! note names the missing weights. Each metric is a pure function, too:
 //!
 //! ```
-//! use infonerf_metrics::{Picture, psnr};
+//! use infonerf_metrics::{Networks, Pair, Picture, Protocol, evaluate, psnr};
 //!
 //! let truth = Picture::new(vec![[0.5; 3]; 16 * 16], 16, 16)?;
 //! let render = Picture::new(vec![[0.6; 3]; 16 * 16], 16, 16)?;
 //! assert!((psnr(&render, &truth)? - 20.0).abs() < 1e-4);
+//!
+//! // The protocol rounds 0.5 to 128/255.
+//! let measured = evaluate(&[Pair::new(&render, &truth)], &Networks::none(), &Protocol::default())?;
+//! assert!(measured.set["psnr"].is_some_and(|psnr| (psnr - 20.17).abs() < 0.01));
+//! assert_eq!(measured.set["lpips_vgg"], None);
+//! assert!(measured.notes.iter().any(|note| note.to_string().contains("infonerf weights fetch lpips-vgg")));
 //! # Ok::<(), infonerf_metrics::MetricError>(())
 //! ```
 
