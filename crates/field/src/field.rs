@@ -100,6 +100,13 @@ pub struct BodyVertices<'a> {
     pub origin: [f32; 3],
 }
 
+impl Default for BodyVertices<'_> {
+    /// Returns a body without vertices, whose own frame is the world's.
+    fn default() -> Self {
+        Self { vertices: &[], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], origin: [0.0; 3] }
+    }
+}
+
 /// Config of a field. `Display` names the field with its sizes: `MLP of 8 layers of 256`.
 pub trait FieldSpec: fmt::Display + Clone {
     /// The field.

@@ -83,9 +83,7 @@ impl FieldSpec for NeuralBodyConfig {
             setup.body.ok_or_else(|| Fault::new("field.vertices", expected, "neither"))?
         } else {
             read = vertices::read(&self.vertices)?;
-            // The frame of a file's body is the world's.
-            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            BodyVertices { vertices: &read, axes, origin: [0.0; 3] }
+            BodyVertices { vertices: &read, ..BodyVertices::default() }
         };
         let grid = BodyVoxels::around(&body, self.voxel)?;
         let cells: Vec<[usize; 3]> = body.vertices.iter().map(|&vertex| grid.cell(vertex)).collect();
