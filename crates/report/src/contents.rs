@@ -8,7 +8,7 @@ use indexmap::IndexMap;
 use crate::chart::standalone;
 use crate::claim::TestedClaim;
 use crate::error::ReportError;
-use crate::events::Events;
+use crate::events::{EVENTS_FILE, Events};
 use crate::figures::{Figure, comparison_figures, curve_figures};
 use crate::files::{save_png, write_atomically};
 use crate::gallery::{SceneGallery, evenly_spaced, shown_variants, with_forward_slashes};
@@ -137,7 +137,7 @@ impl<'a> SceneContents<'a> {
             let page = folder.join(VIEWER_PAGE);
             viewers.extend(root.join(&page).is_file().then(|| (label.clone(), with_forward_slashes(&page))));
             // A run that trained several fields shows the first one's events.
-            let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| folder.join(name));
+            let found = ["", "member0"].map(|field| folder.join(field).join(EVENTS_FILE));
             let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
             let name = with_forward_slashes(path);
             let events = match fs::read(root.join(path)) {

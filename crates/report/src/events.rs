@@ -4,6 +4,9 @@ use serde::{Deserialize, Deserializer};
 
 use crate::error::ReportError;
 
+/// Name of the file in the folder of a field's training that has an event per line.
+pub const EVENTS_FILE: &str = "metrics.jsonl";
+
 /// Training step of a `metrics.jsonl`, `"event": "step"`; `None` for values that its line lacks.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 pub struct StepEvent {

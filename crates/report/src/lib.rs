@@ -53,7 +53,7 @@ pub use claim::{Claim, Comparison, Finding, Relation, Side, TestedClaim, Verdict
 pub use colormap::{depth_image, error_image, normal_image, turbo};
 pub use comparison::PictureComparison;
 pub use error::ReportError;
-pub use events::{Events, StepEvent};
+pub use events::{EVENTS_FILE, Events, StepEvent};
 pub use figures::Figure;
 pub use files::{save_png, write_atomically};
 pub use gallery::picture_names;

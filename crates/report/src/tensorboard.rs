@@ -13,9 +13,9 @@ use serde_json::Value;
 use walkdir::WalkDir;
 
 use crate::error::ReportError;
+use crate::events::EVENTS_FILE;
 use crate::files::write_atomically;
 
-const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
 
@@ -29,9 +29,9 @@ const EVENTS: &str = "events.out.tfevents.infonerf";
 pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let entries: Result<Vec<_>, _> = WalkDir::new(folder).follow_links(true).sort_by_file_name().into_iter().collect();
     let mut entries = entries.map_err(ReportError::io("list", folder))?;
-    entries.retain(|entry| entry.file_name() == LOG);
+    entries.retain(|entry| entry.file_name() == EVENTS_FILE);
     if entries.is_empty() {
-        return Err(ReportError::io("read", folder)(format!("no {LOG} in it or below")));
+        return Err(ReportError::io("read", folder)(format!("no {EVENTS_FILE} in it or below")));
     }
     let write = |log: &Path| {
         let text = fs::read(log).map_err(ReportError::io("read", log))?;

@@ -5,7 +5,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use infonerf_report::VIEWER_PAGE;
+use infonerf_report::{EVENTS_FILE, VIEWER_PAGE};
 
 use crate::records::is_own_record;
 
@@ -38,7 +38,7 @@ fn remove_files(paths: impl Iterator<Item = PathBuf>) -> Result<()> {
 /// Removes what an earlier run left in `folder`. A folder in it that holds runs itself, of a scene, is kept.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
     // The config is removed after all that `has_results` finds: after an interruption the run goes on, or counts as not begun.
-    let files = CHECKPOINTS.into_iter().chain(["config.toml", "metrics.jsonl", VIEWER_PAGE]);
+    let files = CHECKPOINTS.into_iter().chain(["config.toml", EVENTS_FILE, VIEWER_PAGE]);
     remove_files(own_records(folder).chain(files.map(|name| folder.join(name))))?;
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
@@ -61,7 +61,7 @@ pub(crate) fn reopen(folder: &Path, first: &Path) -> Result<()> {
     let pages = [VIEWER_PAGE, "render/orbit.gif"].map(|name| folder.join(name));
     remove_files(own_records(folder).chain(pages))?;
     fs::create_dir_all(first).with_context(|| first.display().to_string())?;
-    for name in ["checkpoint", "checkpoint.previous", "metrics.jsonl"] {
+    for name in ["checkpoint", "checkpoint.previous", EVENTS_FILE] {
         let (from, to) = (folder.join(name), first.join(name));
         if from != to && from.exists() {
             fs::rename(&from, &to).with_context(|| from.display().to_string())?;

@@ -5,6 +5,7 @@ use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use infonerf_report::EVENTS_FILE;
 use infonerf_train::{Event, Progress};
 
 pub(super) struct Log {
@@ -15,7 +16,7 @@ pub(super) struct Log {
 impl Log {
     /// Opens `metrics.jsonl` in `folder` to append events after `progress`, and removes later lines.
     pub(super) fn open(folder: &Path, progress: &Progress) -> Result<Self> {
-        let path = folder.join("metrics.jsonl");
+        let path = folder.join(EVENTS_FILE);
         let text = match std::fs::read_to_string(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
             read => read.with_context(|| path.display().to_string())?,

@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use infonerf_metrics::Networks;
-use infonerf_report::{Record, write_atomically};
+use infonerf_report::{EVENTS_FILE, Record, write_atomically};
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer, without_collapsed};
 
@@ -258,7 +258,7 @@ impl Session {
                 let mut warn = |warning| _ = watch(RunEvent::Warning(warning));
                 if let Some(checkpoint) = load_checkpoint(&folder, &mut warn).context(damaged)? {
                     trainer.resume(&checkpoint).with_context(|| folder.display().to_string())?;
-                } else if folder.join("metrics.jsonl").exists() {
+                } else if folder.join(EVENTS_FILE).exists() {
                     warn(format!("{}: no checkpoint of the earlier steps: training begins again", folder.display()));
                 }
                 training.push(Training::new(trainer, folder)?);

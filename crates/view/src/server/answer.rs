@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
-use infonerf_report::{Events, StepEvent, picture_names};
+use infonerf_report::{EVENTS_FILE, Events, StepEvent, picture_names};
 use serde_json::{Value, json};
 
 use super::control::{COMMANDS, TrainingControl};
@@ -85,7 +85,7 @@ fn image(folder: &Path, kind: &str, name: &str) -> Option<PathBuf> {
 /// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms
 /// and PSNR; and the test views that have a render and a truth.
 fn progress(run: &Path) -> Value {
-    let steps = Events::read(&first_field(run).join("metrics.jsonl")).unwrap_or_default().steps;
+    let steps = Events::read(&first_field(run).join(EVENTS_FILE)).unwrap_or_default().steps;
     let chunks: Vec<&[StepEvent]> = steps.chunks(steps.len().div_ceil(MAX_POINTS).max(1)).collect();
     let curve = |of: &dyn Fn(&StepEvent) -> Option<f64>| -> Vec<Option<f64>> {
         let mean = |chunk: &&[StepEvent]| {

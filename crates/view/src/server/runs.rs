@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
 use infonerf_experiment::is_finished;
+use infonerf_report::EVENTS_FILE;
 use serde_json::{Value, json};
 
 /// Maximum depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
@@ -111,7 +112,7 @@ fn state(run: &Path) -> &'static str {
     let recent = |path: &Path| written(path).and_then(|time| time.elapsed().ok()).is_some_and(|age| age < LIVELY);
     if is_finished(run) {
         "finished"
-    } else if recent(&first_field(run).join("metrics.jsonl")) {
+    } else if recent(&first_field(run).join(EVENTS_FILE)) {
         "training"
     } else {
         "not finished"
