@@ -139,8 +139,9 @@ fn impossible_exports_and_paths_are_refused() {
     place.tiny(EXP).args("--out begun").succeeds();
     let run = "begun/fast-losses/knot/factored/seed0";
     place
-        .run(format!("export {run} --format ply"))
+        .run(format!("export {run} --format ply --out new/folder/mesh.ply"))
         .fails_with(&["expected at least 0.5; train it longer, or take --format html, which needs no surface"]);
+    assert!(!place.path("new").exists());
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
     place.run(format!("export {run} --format ply")).fails_with(&["expected a checkpoint"]);

@@ -1,5 +1,4 @@
-use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, ensure};
@@ -79,7 +78,8 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     ensure!(!out.is_dir(), "{}: expected a file to write, found a folder", out.display());
     check_extension(&out, args.format.file().rsplit('.').next().unwrap_or_default())?;
     // An impossible path is reported before the work begins.
-    fs::create_dir_all(out.parent().unwrap_or(&out)).with_context(|| out.display().to_string())?;
+    let above = out.ancestors().skip(1).find(|part| part.exists());
+    ensure!(above.is_none_or(Path::is_dir), "{}: expected a file to write in a folder", out.display());
     let read = || read_run(plan.clone(), &args.run, &open_device(args.device.device)?);
     let ((bytes, summary), surface) = match args.format {
         FormatName::Cameras => (cameras(&plan)?, None),
