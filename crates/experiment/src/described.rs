@@ -58,11 +58,11 @@ pub fn config_origins(name: &str, selection: &Selection) -> Result<Vec<ConfigKey
     origins.push(("--set".to_owned(), set));
     // Through text, which writes the `f32` 0.001 as 0.001 and not as 0.0010000000474974513.
     let whole: Table = toml::to_string(&plan.config)?.parse()?;
-    let described = |(key, value): (String, String)| {
+    let described = |(key, value): (String, &Value)| {
         let origin = origins.iter().rev().find(|(_, table)| sets(table, &key)).map(|(origin, _)| origin.clone());
-        ConfigKey { key, value, origin: origin.unwrap_or_default() }
+        ConfigKey { key, value: value.to_string(), origin: origin.unwrap_or_default() }
     };
-    Ok(leaves(&whole).into_iter().map(described).collect())
+    Ok(values(&whole, &|_, _| false).into_iter().map(described).collect())
 }
 
 /// Returns the dotted keys of the configs of the experiment called `name`, over all its variants, as `--set` takes them: a
@@ -75,11 +75,6 @@ pub fn config_keys(name: &str) -> Result<BTreeSet<String>> {
         keys.extend(values(&Table::try_from(&plan.config)?, &is_value).into_iter().map(|(key, _)| key));
     }
     Ok(keys)
-}
-
-/// Returns the dotted key and the TOML text of every value in `table` that is not itself a table.
-pub(crate) fn leaves(table: &Table) -> Vec<(String, String)> {
-    values(table, &|_, _| false).into_iter().map(|(key, value)| (key, value.to_string())).collect()
 }
 
 /// Returns every value in `table` with its dotted key; a nested table is a value if `is_value` holds for its last key and itself.

@@ -9,9 +9,8 @@ use std::sync::{Mutex, OnceLock};
 use anyhow::{Context, Result, bail, ensure};
 use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
-use toml::Table;
+use toml::{Table, Value};
 
-use crate::described::leaves;
 use crate::run_plan::{RunPlan, file_paths};
 
 const NAME: &str = "identity.json";
@@ -80,7 +79,7 @@ impl Identity {
         let damaged = || format!("{}: expected the config that the run was begun with ({REMEDY})", path.display());
         let begun = fs::read_to_string(&path).with_context(damaged)?;
         let differences = differences(&begun.parse::<Table>().with_context(damaged)?, &config.parse()?);
-        let other = differences.iter().find(|difference| !difference.is_growth);
+        let other = differences.iter().find(|difference| !difference.is_growth());
         if begun != config && (other.is_some() || differences.is_empty()) {
             let difference = other.map_or("its text differs".to_owned(), ToString::to_string);
             bail!("{}: the run that is there has another config: {difference}; {REMEDY}", path.display());
@@ -119,8 +118,14 @@ pub(crate) struct Difference {
     pub(crate) key: String,
     then: String,
     pub(crate) now: String,
+}
+
+impl Difference {
     /// Whether the key is one of `GROWING` and its value has grown.
-    is_growth: bool,
+    fn is_growth(&self) -> bool {
+        let [then, now] = [&self.then, &self.now].map(|value| value.parse::<f64>().ok());
+        GROWING.contains(&self.key.as_str()) && then.zip(now).is_some_and(|(then, now)| then < now)
+    }
 }
 
 impl fmt::Display for Difference {
@@ -129,18 +134,22 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Returns the keys at which two configs differ, in alphabetical order.
+/// Returns the keys at which two configs differ, in alphabetical order. A value that replaces a schedule differs as a whole.
 pub(crate) fn differences(then: &Table, now: &Table) -> Vec<Difference> {
-    let [then, now] = [then, now].map(|table| BTreeMap::from_iter(leaves(table)));
     let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
-    let difference = |key: &String| {
-        let [then, now] = [&then, &now].map(|config| config.get(key).map_or("absent", String::as_str));
-        let grows = then.parse::<f64>().ok().zip(now.parse::<f64>().ok()).is_some_and(|(then, now)| then < now);
-        let is_growth = grows && GROWING.contains(&key.as_str());
-        let difference = || Difference { key: key.clone(), then: then.to_owned(), now: now.to_owned(), is_growth };
-        (then != now).then(difference)
+    let difference = |key: &String| match [then.get(key), now.get(key)] {
+        [then, now] if then == now => Vec::new(),
+        [then @ (None | Some(Value::Table(_))), now @ (None | Some(Value::Table(_)))] => {
+            let [then, now] = [then, now].map(|value| value.and_then(Value::as_table).cloned().unwrap_or_default());
+            let below = differences(&then, &now).into_iter();
+            below.map(|difference| Difference { key: format!("{key}.{}", difference.key), ..difference }).collect()
+        }
+        values => {
+            let [then, now] = values.map(|value| value.map_or("absent".to_owned(), Value::to_string));
+            vec![Difference { key: key.clone(), then, now }]
+        }
     };
-    keys.into_iter().filter_map(difference).collect()
+    keys.into_iter().flat_map(difference).collect()
 }
 
 fn short(hash: blake3::Hash) -> String {
@@ -242,6 +251,10 @@ mod tests {
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
         let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();
         assert_eq!(other.changes(&first), ["the config", "the device"]);
+        let [then, now] =
+            ["train.lr = { from = 0.002, to = 0.001 }", "train.lr = 0.002"].map(|text| text.parse().unwrap());
+        let differences: Vec<String> = differences(&then, &now).iter().map(ToString::to_string).collect();
+        assert_eq!(differences, ["train.lr was { from = 0.002, to = 0.001 } and is 0.002"]);
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Identity::read(folder.path()), None);
         first.write(folder.path()).unwrap();
