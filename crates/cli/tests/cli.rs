@@ -5,7 +5,9 @@ use std::fs;
 use std::io;
 use std::process::Stdio;
 
-use crate::common::{EXP, Invocation, Workplace, assert_has, events, files, records, text, wait_for, without_times};
+use crate::common::{
+    EXP, Invocation, Workplace, assert_has, events, files, records, text, wait_for, wait_until, without_times,
+};
 use infonerf_metrics::METRICS;
 use serde_json::{Value, json};
 
@@ -459,11 +461,17 @@ fn output_that_nobody_reads_loses_nothing() {
 }
 
 #[test]
-fn a_page_beside_training_says_where_to_look_afterwards() {
+fn pages_say_where_to_look_and_that_they_wait() {
     let place = Workplace::new();
     let output = place.tiny(EXP).args("--view=0").succeeds();
     let stdout = text(&output.stdout);
     assert_has(&stdout, &["live at http://127.0.0.1:"]);
     assert!(stdout.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{stdout}");
     assert!(!text(&output.stderr).contains("HTTP"), "{}", text(&output.stderr));
+    fs::create_dir(place.path("empty")).unwrap();
+    let said = fs::File::create(place.path("said")).unwrap();
+    let mut view = place.run("view empty --port 0").into_command().stdout(said).spawn().unwrap();
+    wait_until("a line on runs", || place.read("said").contains("no run is there yet: the page waits for one"));
+    view.kill().unwrap();
+    view.wait().unwrap();
 }

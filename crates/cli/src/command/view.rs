@@ -54,6 +54,9 @@ pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
     let server = Server::start(&args.runs, SocketAddr::new(args.host, args.port), device, None)?;
     let shown: Vec<String> = args.runs.iter().map(|run| run.display().to_string()).collect();
     outln!("{} shows {} (Ctrl-C ends)", server.url(), shown.join(", "));
+    if !server.has_runs {
+        outln!("no run is there yet: the page waits for one");
+    }
     if args.open
         && let Err(error) = open::that(server.url())
     {

@@ -13,6 +13,7 @@ use std::thread::{self, JoinHandle};
 
 use anyhow::{Context, Result, anyhow};
 use infonerf_experiment::OpenDevice;
+use serde_json::json;
 
 use answer::Answers;
 pub use control::TrainingControl;
@@ -26,6 +27,8 @@ use runs::Roots;
 /// are open in the browser are kept out: requests must name this server as their host and, if they have an origin, as
 /// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry its random token.
 pub struct Server {
+    /// Whether there was a run at the start.
+    pub has_runs: bool,
     address: SocketAddr,
     listening: JoinHandle<()>,
 }
@@ -45,9 +48,10 @@ impl Server {
         let roots = Roots::new(roots)?;
         let listener = TcpListener::bind(address).with_context(|| format!("{address}: cannot be listened on"))?;
         let address = listener.local_addr()?;
+        let has_runs = roots.list() != json!([]);
         let answers = Answers::new(roots, device, Guard::new(address)?, control);
         let listening = thread::spawn(move || connection::serve(&listener, move |request| answers.to(request)));
-        Ok(Self { address, listening })
+        Ok(Self { has_runs, address, listening })
     }
 
     /// Returns an address of the page for a browser: where other machines reach it if the server listens on every address.
@@ -83,6 +87,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let device = infonerf_experiment::open(infonerf_experiment::DeviceName::Flex).unwrap();
         let server = Server::start(&[folder.path().to_owned()], "0.0.0.0:0".parse().unwrap(), device, None).unwrap();
+        assert!(!server.has_runs);
         let url = server.url();
         let address: SocketAddr = url.trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
         assert!(!address.ip().is_unspecified(), "{url}");
