@@ -3,7 +3,7 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use http::{Request, Response, StatusCode};
@@ -22,23 +22,16 @@ const PAUSE: Duration = Duration::from_millis(5);
 /// Answers requests until the program ends. Clients that hang up are ignored.
 pub(super) fn serve(socket: &TcpListener, answer: impl Fn(&Request<()>) -> Response<Vec<u8>> + Send + Sync + 'static) {
     let answer = Arc::new(answer);
-    let mut open: Vec<JoinHandle<()>> = Vec::new();
     for stream in socket.incoming() {
-        open.retain(|connection| !connection.is_finished());
-        while open.len() >= MAX_CONNECTIONS {
+        // Each open connection holds the function as well.
+        while Arc::strong_count(&answer) > MAX_CONNECTIONS {
             thread::sleep(PAUSE);
-            open.retain(|connection| !connection.is_finished());
         }
         let answer = answer.clone();
-        let connection = stream.and_then(|stream| {
-            thread::Builder::new().spawn(move || {
-                let _ = respond(stream, &*answer);
-            })
-        });
-        match connection {
-            Ok(connection) => open.push(connection),
+        let connect = |stream| thread::Builder::new().spawn(move || drop(respond(stream, &*answer)));
+        if stream.and_then(connect).is_err() {
             // There are too many open files or threads; some of them will end.
-            Err(_) => thread::sleep(PAUSE),
+            thread::sleep(PAUSE);
         }
     }
 }
