@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use indexmap::IndexSet;
+use infonerf_experiment::execute::cores;
 use infonerf_experiment::{DeviceName, Existing, Experiment, RunPlan, Selection, Session, networks, open};
 use serde_json::{Value, json};
 
@@ -117,10 +118,6 @@ fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&
 
 pub(crate) fn distinct<I, T: Hash + Eq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
     items.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
-}
-
-pub(crate) fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn cpu() -> Option<String> {

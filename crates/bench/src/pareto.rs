@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use anyhow::Result;
+use infonerf_experiment::execute::cores;
 use infonerf_experiment::{RunPlan, Watch};
 use infonerf_report::chart::{ChartFrame, Series, line_chart, pareto_frontier, standalone};
 use infonerf_report::{Quantity, Record, Table, TableRow, overview_table};
 use serde_json::json;
 
-use crate::context::{Bench, cores, distinct};
+use crate::context::{Bench, distinct};
 use crate::output::number;
 use crate::trial::measured_with;
 

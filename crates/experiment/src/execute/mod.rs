@@ -9,7 +9,7 @@ use std::path::Path;
 use anyhow::Result;
 use infonerf_report::Record;
 
-pub use processes::{Runner, STOPPED, Workers};
+pub use processes::{Runner, STOPPED, Workers, cores};
 pub(crate) use slurm::check_no_running_jobs;
 pub use slurm::{JobResources, Jobs, Slurm};
 

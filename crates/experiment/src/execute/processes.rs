@@ -125,7 +125,8 @@ impl Workers {
     }
 }
 
-fn cores() -> usize {
+/// Returns the number of processor cores that this process may use.
+pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
