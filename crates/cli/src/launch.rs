@@ -130,7 +130,7 @@ impl LaunchArgs {
                 return Ok(ExitCode::SUCCESS);
             }
             if !watch_jobs(jobs)? {
-                outln!("the jobs continue without this; `{}` ends them", jobs.cancel());
+                outln!("the jobs continue without this; `scancel {}` ends them", jobs.ids.join(" "));
                 return Ok(interrupt::exit_code());
             }
             executed = execute(&sweeps, out, &Executor::Merge(device), &mut |event| reporter.watch(event))?;

@@ -36,27 +36,18 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
-    /// Returns the identity of `plan` on the device called `device`, with this program.
-    pub(crate) fn of(plan: &RunPlan, device: &str) -> Result<Self> {
-        Self::of_scenes(plan, [&plan.source], device)
-    }
-
-    /// Returns the identity of a run over several scenes, from `sources`.
-    pub(crate) fn of_scenes<'a>(
-        plan: &RunPlan,
-        sources: impl IntoIterator<Item = &'a SceneSource>,
-        device: &str,
-    ) -> Result<Self> {
-        let data = sources.into_iter().map(|source| match source {
+    /// Returns the identity, on the device called `device`, of a run over the scenes of `plans`, which differ in these alone.
+    pub(crate) fn of(plans: &[RunPlan], device: &str) -> Result<Self> {
+        let data = plans.iter().map(|plan| match &plan.source {
             SceneSource::Procedural(name) => Ok(name.clone()),
             SceneSource::Folder { path } => folder_checksum(path),
         });
         Ok(Self {
-            config: short(blake3::hash(plan.to_toml()?.as_bytes())),
+            config: short(blake3::hash(plans[0].to_toml()?.as_bytes())),
             data: data.collect::<Result<Vec<_>>>()?.join(" "),
             program: program_checksum()?,
             device: device.to_owned(),
-            first_files: files_checksum(plan)?,
+            first_files: files_checksum(&plans[0])?,
             grown: String::new(),
         })
     }
@@ -246,7 +237,7 @@ mod tests {
 
     #[test]
     fn every_part_makes_a_difference() {
-        let plan = |set: &str| first_run(&[set]);
+        let plan = |set: &str| [first_run(&[set])];
         let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
         let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();

@@ -32,9 +32,8 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
         bail!("{}: expected one variant and one seed: choose with --variant and --seed", experiment.about.name);
     }
     let config = plan.to_toml_with(experiment.runs.iter().map(|plan| plan.scene.clone()).collect())?;
-    let identity =
-        Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
-    let folder = session.experiment_folder(&experiment.about.name);
+    let identity = Identity::of(&experiment.runs, session.device.name.name())?;
+    let folder = session.out.join(&experiment.about.name);
     let run = session.open_run(folder.clone(), identity, config, watch)?;
     let earlier = if run.continues { Checkpoint::load(&folder)?.0 } else { None };
     let earlier = earlier.map(|checkpoint| checkpoint.progress().clone());

@@ -123,16 +123,6 @@ impl RunPlan {
         Ok(if by_matches { with_refined_cameras(scene, cameras.focal != Focal::Fixed) } else { scene })
     }
 
-    /// Returns an error if the run would not fit into memory with `side_by_side` of its fields being trained at a time, before
-    /// anything is loaded. With `loaded`, the scene is in memory already.
-    ///
-    /// # Errors
-    /// One line that names the largest part, or what is wrong with the scene.
-    pub fn check_memory(&self, side_by_side: usize, loaded: bool) -> Result<()> {
-        let needed = self.memory(side_by_side)?;
-        Ok(if loaded { needed.with_images_loaded() } else { needed }.check_available()?)
-    }
-
     /// Estimates the memory of the run with `side_by_side` of its fields being trained at a time.
     pub(crate) fn memory(&self, side_by_side: usize) -> Result<MemoryPlan> {
         Ok(MemoryPlan::new(&self.config, self.pixels()?, self.members(), side_by_side))

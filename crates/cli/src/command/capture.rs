@@ -206,7 +206,7 @@ pub(super) fn train(
     known: &[String],
     result: fn(&Record) -> String,
 ) -> Result<Option<(Option<Trained>, PathBuf)>> {
-    let folder = session.experiment_folder(&experiment.about.name);
+    let folder = session.out.join(&experiment.about.name);
     let mut progress = ProgressDisplay::new(&experiment.runs[0].label());
     let mut trained = None;
     let mut watch = |event: PlanEvent<'_>| {

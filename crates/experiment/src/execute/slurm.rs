@@ -192,11 +192,6 @@ impl Jobs {
         let (waiting, running) = live(&self.ids)?;
         Ok([self.records.iter().filter(|record| record.exists()).count(), waiting, running])
     }
-
-    /// Returns the command that cancels the jobs.
-    pub fn cancel(&self) -> String {
-        format!("scancel {}", self.ids.join(" "))
-    }
 }
 
 /// Returns an error if jobs of a launch still run items of the manifest in `folder`.

@@ -104,7 +104,11 @@ fn measure(
         write_pictures(folder, scene, view, &evaluation.add(renderer, &members, view)?)?;
     }
     let evaluated = evaluation.finish().context("eval.test: expected at least one test view, found none")?;
-    let information = information_of(plan, trainers, &mut || go_on(RunEvent::Measuring));
+    let of_member = |trainer: &Trainer| {
+        let go_on = &mut || go_on(RunEvent::Measuring);
+        information(renderer, &trainer.snapshot(), scene, &plan.config, plan.seed, go_on)
+    };
+    let information = Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>());
     Ok((!stopped).then_some((evaluated, information)))
 }
 
@@ -121,15 +125,6 @@ fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: &TestView) 
         save_png(&picture, &folder.join(kind).join(format!("{:03}.png", view.id)))?;
     }
     Ok(())
-}
-
-/// Returns the ray entropy and information gain on test rays, the mean over the fields.
-fn information_of(plan: &RunPlan, trainers: &[Trainer], go_on: &mut dyn FnMut() -> bool) -> Option<Information> {
-    let of_member = |trainer: &Trainer| {
-        let (renderer, trained, scene) = (trainer.renderer(), trainer.snapshot(), trainer.scene());
-        information(renderer, &trained, scene, &plan.config, plan.seed, go_on)
-    };
-    Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
 /// Returns the pose errors of the training cameras before and after training, the mean over the fields; `None` without true cameras.

@@ -13,6 +13,7 @@ mod volume;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -163,12 +164,7 @@ impl Session {
 
     /// Returns the folder of a run.
     pub fn run_folder(&self, plan: &RunPlan) -> PathBuf {
-        self.experiment_folder(&plan.experiment).join(plan.directory())
-    }
-
-    /// Returns the folder of an experiment's results.
-    pub fn experiment_folder(&self, experiment: &str) -> PathBuf {
-        self.out.join(experiment)
+        self.out.join(&plan.experiment).join(plan.directory())
     }
 
     /// Trains and evaluates `plan`, or continues the run if an earlier process has begun it, and writes the run's folder. The
@@ -178,7 +174,7 @@ impl Session {
     /// If the scene cannot be read, training meets a value that is not finite, a file cannot be written, another process is
     /// at work on the run, or [`Existing::Continue`] finds it begun with another config, data, program or device.
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
-        let identity = Identity::of(plan, self.device.name.name())?;
+        let identity = Identity::of(slice::from_ref(plan), self.device.name.name())?;
         let run = self.open_run(self.run_folder(plan), identity, plan.to_toml()?, watch)?;
         let record = plan.record_path(&run.folder);
         if run.continues && !run.has_grown && record.exists() {
@@ -228,7 +224,10 @@ impl Session {
         let (members, at_once) = (plan.members(), self.device.name.fields_side_by_side());
         let key = scene_key(plan, &run.identity);
         let loaded = self.last_scene(&key);
-        plan.check_memory(at_once, loaded.is_some())?;
+        // A run that does not fit into memory is refused before anything is loaded.
+        let needed = plan.memory(at_once)?;
+        let needed = if loaded.is_some() { needed.with_images_loaded() } else { needed };
+        needed.check_available()?;
         watch(RunEvent::Loading);
         let start = Instant::now();
         let scene = loaded.map_or_else(|| plan.load().map(Arc::new), Ok)?;

@@ -1,5 +1,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::slice;
 
 use anyhow::{Context, Result};
 
@@ -34,7 +35,8 @@ impl Sweep {
         for (index, plan) in self.runs().enumerate() {
             let run = prepared.folder.join(plan.directory());
             let is_begun = run.join("config.toml").exists();
-            let is_same = is_begun && !Identity::of(plan, device.name())?.check_continuation(&run, &plan.to_toml()?)?;
+            let identity = || Identity::of(slice::from_ref(plan), device.name());
+            let is_same = is_begun && !identity()?.check_continuation(&run, &plan.to_toml()?)?;
             if !is_same || !plan.record_path(&run).exists() {
                 prepared.missing.push(index);
             }

@@ -38,7 +38,7 @@ pub fn train(out: &Path, plan: &RunPlan, stop: Option<usize>) -> PathBuf {
         RunEvent::Training { trainer, .. } if Some(trainer.progress().step) == stop => Control::Stop,
         _ => Control::Continue,
     };
-    let folder = session.experiment_folder(&plan.experiment);
+    let folder = session.out.join(&plan.experiment);
     match session.run(plan, &mut watch).unwrap() {
         Finished::Record(record, _) => save_record(&folder, &record).unwrap(),
         Finished::Stopped => assert!(stop.is_some()),
