@@ -52,9 +52,8 @@ impl Trained {
     /// # Errors
     /// If the resolution is out of range, or the fields have no surface.
     pub fn surface(&self, resolution: usize) -> Result<Surface, ExportError> {
-        let volume = self.volume();
         let cameras = self.scene().training_cameras();
-        Surface::extract(&DensityGrid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?)
+        Surface::extract(&DensityGrid::sample(self, resolution, surface_density(self, &cameras)?)?)
     }
 
     /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random
@@ -75,7 +74,7 @@ impl Trained {
         };
         let poses = training.iter().map(|camera| camera.to_world).chain(more);
         let targets: Vec<SplatTarget> = poses.map(target).collect();
-        let mut splats = gaussians(surface, &self.volume());
+        let mut splats = gaussians(surface, self);
         refine(&mut splats, &targets, scene.background, SPLAT_STEPS);
         splats
     }

@@ -47,8 +47,6 @@ pub use file::list;
 pub use plan::{About, Experiment, Selection};
 pub use pretrain::{Pretrained, pretrain};
 pub use records::{read_records, save_record};
-pub use run::{
-    Control, Existing, Finished, RunEvent, Session, Trained, TrainedVolume, Watch, is_finished, picture_notes,
-};
+pub use run::{Control, Existing, Finished, RunEvent, Session, Trained, Watch, is_finished, picture_notes};
 pub use run_plan::RunPlan;
 pub use scenes::{check_name, parse_seeds};

@@ -2,7 +2,7 @@ use glam::Vec3;
 use infonerf_scene::Aabb;
 
 /// Radiance field that is queried at points of the world, many at a time.
-pub trait Volume: Sync {
+pub trait Volume {
     /// Returns the box that is exported, scene units.
     fn bounds(&self) -> Aabb;
 

@@ -161,7 +161,7 @@ fn from_surface(trained: &Trained, args: &ExportArgs) -> Result<(Exported, Surfa
     if let Some(triangles) = args.triangles {
         surface = surface.simplified(triangles as usize);
     }
-    let mesh = Mesh::new(surface, &trained.volume());
+    let mesh = Mesh::new(surface, trained);
     let scene = trained.scene();
     let bytes = match args.format {
         FormatName::Points => ply_points(&mesh, scene.origin),

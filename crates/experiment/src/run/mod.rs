@@ -31,7 +31,6 @@ use memory::PeakMemory;
 pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::Trained;
 use trained::total_progress;
-pub use volume::TrainedVolume;
 
 use crate::device::OpenDevice;
 use crate::identity::{Identity, REMEDY};

@@ -1,10 +1,10 @@
-//! The fields of a run as a [`Volume`](infonerf_export::Volume), for export.
+//! The fields of a run as a [`Volume`], for export.
 
 use glam::Vec3;
 use infonerf_export::Volume;
 use infonerf_field::{Extent, FieldOutput};
 use infonerf_ops::to_host;
-use infonerf_render::{TrainedModel, Warp, evaluate_at};
+use infonerf_render::{TrainedModel, evaluate_at};
 use infonerf_scene::Aabb;
 
 use super::Trained;
@@ -19,45 +19,28 @@ const MIN_WEIGHT: f32 = 1e-6;
 ///
 /// The transmittance of several fields over a step of length h is the mean of theirs, `exp(−σh) = mean exp(−σᵢh)`. Their colour
 /// is the mean with weights `1 − exp(−σᵢh)`. So there is a surface where most of the fields have one.
-pub struct TrainedVolume {
-    models: Vec<TrainedModel>,
-    warp: Warp,
-    bounds: Aabb,
-    cameras: Vec<Vec3>,
-    /// Step length h of the renderer, the minimum over the fields, in the coordinate of the warp.
-    step: f32,
-}
-
-impl Trained {
-    /// Returns the fields as a volume within the scene's box.
-    pub fn volume(&self) -> TrainedVolume {
-        let (renderer, models) = (self.renderer(), self.fields());
-        TrainedVolume {
-            step: models.iter().map(|model| renderer.step_length(model.at)).fold(f32::INFINITY, f32::min),
-            models,
-            warp: renderer.warp().clone(),
-            bounds: self.scene().space.bounds,
-            cameras: self.scene().train.iter().map(|view| view.camera.position()).collect(),
-        }
-    }
-}
-
-impl Volume for TrainedVolume {
+impl Volume for Trained {
     fn bounds(&self) -> Aabb {
-        self.bounds
+        self.scene().space.bounds
     }
 
     fn density(&self, points: &[Vec3]) -> Vec<f32> {
         let of_model = |model: &TrainedModel| self.densities(model, &self.warped(model, points));
         let of_models: Vec<Vec<f32>> = self.models.iter().map(of_model).collect();
+        let cameras: Vec<Vec3> = self.scene().train.iter().map(|view| view.camera.position()).collect();
+        let step = self.step_length();
         let of_point = |(index, &p): (usize, &Vec3)| {
-            mean_density(of_models.iter().map(|densities| densities[index]), self.step) * self.rate(p)
+            // The derivative of the warp's coordinate per scene unit is that seen from the nearest training camera.
+            let nearest = cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
+            let density = mean_density(of_models.iter().map(|densities| densities[index]), step);
+            density * self.renderer().warp().rate(nearest)
         };
         points.iter().enumerate().map(of_point).collect()
     }
 
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]> {
         let (mut sums, mut weights) = (vec![Vec3::ZERO; points.len()], vec![0.0; points.len()]);
+        let step = self.step_length();
         for model in &self.models {
             let mut start = 0;
             let turned: Vec<Vec3> = match model.frame {
@@ -65,10 +48,10 @@ impl Volume for TrainedVolume {
                 None => directions.to_vec(),
             };
             for (points, directions) in self.warped(model, points).chunks(CHUNK).zip(turned.chunks(CHUNK)) {
-                let FieldOutput { sigma, color } = self.evaluate(model, points, Some(directions));
+                let FieldOutput { sigma, color } = self.output(model, points, Some(directions));
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
-                    let weight = MIN_WEIGHT - (-sigma * self.step).exp_m1();
+                    let weight = MIN_WEIGHT - (-sigma * step).exp_m1();
                     sums[start + i] += weight * Vec3::from_slice(color);
                     weights[start + i] += weight;
                 }
@@ -80,11 +63,16 @@ impl Volume for TrainedVolume {
     }
 }
 
-impl TrainedVolume {
+impl Trained {
+    /// Returns the step length h of the renderer, the minimum over the fields, in the coordinate of the warp.
+    fn step_length(&self) -> f32 {
+        self.models.iter().map(|model| self.renderer().step_length(model.at)).fold(f32::INFINITY, f32::min)
+    }
+
     /// Returns the inputs of a field at points of the scene: in the frame that the field was trained in, and warped.
     fn warped(&self, model: &TrainedModel, points: &[Vec3]) -> Vec<Vec3> {
         let there = |p: Vec3| model.frame.map_or(p, |frame| frame.similarity.point(p));
-        points.iter().map(|&p| self.warp.point(there(p))).collect()
+        points.iter().map(|&p| self.renderer().warp().point(there(p))).collect()
     }
 
     /// Returns the densities of one field in the coordinate of the warp; 0 in cells that are empty in its occupancy grid.
@@ -95,7 +83,7 @@ impl TrainedVolume {
         let mut densities = vec![0.0; warped.len()];
         for asked in open.chunks(CHUNK) {
             let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
-            let sigma = self.evaluate(model, &points, None).sigma;
+            let sigma = self.output(model, &points, None).sigma;
             for (&index, sigma) in asked.iter().zip(to_host(sigma)) {
                 densities[index] = scale * sigma;
             }
@@ -104,16 +92,10 @@ impl TrainedVolume {
     }
 
     /// Evaluates a field at points that are not on rays, each as a ball of the variance of a step, `step²/12`.
-    fn evaluate(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
-        let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
+    fn output(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
+        let extent = Extent::Ball { variance: self.step_length().powi(2) / 12.0 };
         let positions = points.iter().flat_map(|p| p.to_array()).collect();
         evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
-    }
-
-    /// Returns the derivative of the warp's coordinate per scene unit at `p`, as seen from the nearest training camera.
-    fn rate(&self, p: Vec3) -> f32 {
-        let nearest = self.cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
-        self.warp.rate(nearest)
     }
 }
 
