@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::DeviceName;
-use infonerf_experiment::execute::{Executed, Executor, JobResources, Jobs, Runner, Slurm, Workers, execute};
+use infonerf_experiment::execute::{Executed, Executor, Jobs, Runner, Slurm, Workers, execute};
 use infonerf_experiment::sweep::{Sweep, SweepFiles};
 use infonerf_report::counted;
 
@@ -103,13 +103,11 @@ impl LaunchArgs {
             Executor::Merge(device)
         } else if self.launch == Launcher::Slurm {
             Executor::Slurm(Slurm {
-                resources: JobResources {
-                    partition: self.partition.clone(),
-                    memory: self.memory,
-                    cpus: self.cpus,
-                    at_once: self.jobs,
-                    options: self.submit_options.clone(),
-                },
+                partition: self.partition.clone(),
+                memory: self.memory,
+                cpus: self.cpus,
+                at_once: self.jobs,
+                options: self.submit_options.clone(),
                 runner: self.runner(device, &selection.networks)?,
                 merge: command_line::merging()?,
             })

@@ -11,7 +11,7 @@ use infonerf_report::Record;
 
 pub use processes::{Runner, STOPPED, Workers, cores};
 pub(crate) use slurm::check_no_running_jobs;
-pub use slurm::{JobResources, Jobs, Slurm};
+pub use slurm::{Jobs, Slurm};
 
 use crate::device::DeviceName;
 use crate::records::save_record;

@@ -24,9 +24,8 @@ const LAUNCH: &str = "launch";
 /// Name of the file that lists the jobs of a launch, so that no second launch starts while they run.
 const JOBS: &str = "jobs.json";
 
-/// Resources that a job requests. `None` leaves a choice to Slurm.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct JobResources {
+/// Slurm, used through its commands on the `PATH`, and the resources that each job requests. `None` leaves a choice to Slurm.
+pub struct Slurm {
     /// Name of the partition.
     pub partition: Option<String>,
     /// Memory of each run, in MiB.
@@ -37,12 +36,6 @@ pub struct JobResources {
     pub at_once: Option<u32>,
     /// Further options, which are passed to `sbatch` unchanged.
     pub options: Vec<String>,
-}
-
-/// Slurm, used through its commands on the `PATH`.
-pub struct Slurm {
-    /// Resources that each job requests.
-    pub resources: JobResources,
     /// Program that runs the items.
     pub runner: Runner,
     /// Command that merges the results once all jobs have ended.
@@ -109,8 +102,7 @@ impl Slurm {
         items: &[usize],
         after: Option<&String>,
     ) -> Result<String> {
-        let at_once = self.resources.at_once;
-        let limit = at_once.map_or_else(String::new, |limit| format!("%{limit}"));
+        let limit = self.at_once.map_or_else(String::new, |limit| format!("%{limit}"));
         let mut options = vec![
             ("job-name", name.to_owned()),
             ("array", ranges(items, base) + &limit),
@@ -118,7 +110,7 @@ impl Slurm {
             ("signal", format!("B:TERM@{}", NOTICE.as_secs())),
         ];
         // `%` limits each array separately. With a limit, the arrays therefore run one after the other.
-        options.extend(after.filter(|_| at_once.is_some()).map(|job| ("dependency", format!("afterany:{job}"))));
+        options.extend(after.filter(|_| self.at_once.is_some()).map(|job| ("dependency", format!("afterany:{job}"))));
         // Slurm enforces the time limit: it signals the item to save, and stops it `NOTICE` later.
         let minutes = self.runner.timeout.map(|time| (time + NOTICE).as_secs().div_ceil(60));
         options.extend(minutes.map(|minutes| ("time", minutes.to_string())));
@@ -133,7 +125,7 @@ impl Slurm {
 
     /// Returns a script that runs `lines`, with `options` and the resources that each job requests as `#SBATCH` lines.
     fn script(&self, folder: &Path, log: &str, options: &[(&str, String)], lines: &str) -> Result<String> {
-        let JobResources { partition, memory, cpus, .. } = &self.resources;
+        let Self { partition, memory, cpus, .. } = self;
         let logs = folder.join(LAUNCH).to_str().context("--out: expected UTF-8")?.replace('%', "%%");
         let resources = [
             ("output", Some(format!("{logs}/{log}"))),
@@ -158,7 +150,7 @@ impl Slurm {
     fn sbatch(&self, script: &str, path: &Path) -> Result<String> {
         write_atomically(path, script.as_bytes())?;
         let mut args = vec!["--parsable".into()];
-        args.extend(self.resources.options.iter().map(OsString::from));
+        args.extend(self.options.iter().map(OsString::from));
         args.push(path.into());
         let printed = output("sbatch", &args)?;
         // `ID`, or `ID;CLUSTER`.

@@ -3,7 +3,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use http::{Method, Request, Response, StatusCode};
-use infonerf_experiment::OpenDevice;
 use infonerf_report::{EVENTS_FILE, Events, StepEvent, picture_names};
 use serde_json::{Value, json};
 
@@ -20,17 +19,13 @@ const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' dat
                       script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 pub(super) struct Answers {
-    roots: Roots,
-    fields: Fields,
-    guard: Guard,
-    control: Option<TrainingControl>,
+    pub(super) roots: Roots,
+    pub(super) fields: Fields,
+    pub(super) guard: Guard,
+    pub(super) control: Option<TrainingControl>,
 }
 
 impl Answers {
-    pub(super) fn new(roots: Roots, device: OpenDevice, guard: Guard, control: Option<TrainingControl>) -> Self {
-        Self { roots, fields: Fields::new(device), guard, control }
-    }
-
     /// Answers a request. [`Roots`] defines the names of runs.
     pub(super) fn to(&self, request: &Request<()>) -> Response<Vec<u8>> {
         let (path, query) = (request.uri().path(), request.uri().query().unwrap_or_default());

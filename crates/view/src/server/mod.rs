@@ -17,6 +17,7 @@ use serde_json::json;
 
 use answer::Answers;
 pub use control::TrainingControl;
+use fields::Fields;
 use guard::Guard;
 use runs::Roots;
 
@@ -49,7 +50,7 @@ impl Server {
         let listener = TcpListener::bind(address).with_context(|| format!("{address}: cannot be listened on"))?;
         let address = listener.local_addr()?;
         let has_runs = roots.list() != json!([]);
-        let answers = Answers::new(roots, device, Guard::new(address)?, control);
+        let answers = Answers { roots, fields: Fields::new(device), guard: Guard::new(address)?, control };
         let listening = thread::spawn(move || connection::serve(&listener, move |request| answers.to(request)));
         Ok(Self { has_runs, address, listening })
     }
