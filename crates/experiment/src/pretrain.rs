@@ -56,7 +56,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     train(&mut training, plan.config.train.checkpoint_every, watch)?;
     watch(RunEvent::Ended);
     let [field] = training;
-    Ok(Pretrained { folder, progress: field.trainer.progress().clone(), finished: field.is_over() })
+    Ok(Pretrained { folder, progress: field.trainer.progress().clone(), finished: field.is_over })
 }
 
 /// Returns an error if the scenes would not fit into memory together, before any of them is loaded.

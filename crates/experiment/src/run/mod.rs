@@ -264,7 +264,7 @@ impl Session {
             watch(RunEvent::Started { fields, of: members });
             train(&mut training, plan.config.train.checkpoint_every, watch)?;
             watch(RunEvent::Ended);
-            if !training.iter().all(Training::is_over) {
+            if !training.iter().all(|field| field.is_over) {
                 return Ok(None);
             }
             first_steps += training.iter().map(|field| field.first_step_seconds).sum::<f64>();

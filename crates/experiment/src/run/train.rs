@@ -20,21 +20,12 @@ pub(crate) struct Training {
     pub(crate) trainer: Trainer,
     folder: PathBuf,
     log: Log,
-    state: State,
+    /// Whether there is nothing more to do.
+    pub(crate) is_over: bool,
     /// Number of steps and seconds of training in earlier processes.
     before: (usize, f64),
     /// Duration of this process's first step in seconds, which includes the matching of images for stereo.
     pub(crate) first_step_seconds: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    /// There are steps to take.
-    Running,
-    /// There is nothing more to do.
-    Over,
-    /// Stopped on request, or failed.
-    Stopped,
 }
 
 impl Training {
@@ -42,11 +33,7 @@ impl Training {
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
         let before = (trainer.progress().step, trainer.progress().seconds);
-        Ok(Self { trainer, folder, log, state: State::Running, before, first_step_seconds: 0.0 })
-    }
-
-    pub(crate) fn is_over(&self) -> bool {
-        self.state == State::Over
+        Ok(Self { trainer, folder, log, is_over: false, before, first_step_seconds: 0.0 })
     }
 
     /// Saves a checkpoint of the field, and logs the events that making it reports.
@@ -87,11 +74,8 @@ impl Training {
             self.first_step_seconds = self.trainer.progress().seconds - self.before.1;
         }
         let is_due = control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every));
-        if outcome != Outcome::Running {
-            self.state = State::Over;
-        }
-        let is_saved = is_due || self.is_over();
-        Ok(if is_saved { control.max(self.save(watch)?) } else { control })
+        self.is_over = outcome != Outcome::Running;
+        Ok(if is_due || self.is_over { control.max(self.save(watch)?) } else { control })
     }
 }
 
@@ -115,30 +99,27 @@ pub(crate) fn train(fields: &mut [Training], checkpoint_every: usize, watch: &mu
 
 fn train_watched(fields: &mut [Training], checkpoint_every: usize, watch: &mut Watch<'_>) -> Result<()> {
     loop {
-        let mut active: Vec<&mut Training> = fields.iter_mut().filter(|field| field.state == State::Running).collect();
+        let mut active: Vec<&mut Training> = fields.iter_mut().filter(|field| !field.is_over).collect();
         if active.is_empty() {
             return Ok(());
         }
         let mut trainers: Vec<&mut Trainer> = active.iter_mut().map(|field| &mut field.trainer).collect();
         let stepped = step_side_by_side(&mut trainers);
-        let (mut stop, mut failed) = (false, None);
-        for (field, stepped) in active.iter_mut().zip(stepped) {
+        let (mut stop, mut failed, mut sound) = (false, None, Vec::new());
+        for (field, stepped) in active.into_iter().zip(stepped) {
             match field.follow(stepped, checkpoint_every, watch) {
-                Ok(control) => stop |= control == Control::Stop,
-                Err(error) => {
-                    field.state = State::Stopped;
-                    failed = failed.or(Some(error));
+                Ok(control) => {
+                    stop |= control == Control::Stop;
+                    sound.push(field);
                 }
+                Err(error) => failed = failed.or(Some(error)),
             }
         }
         if stop || failed.is_some() {
-            for field in active.into_iter().filter(|field| field.state == State::Running) {
-                field.state = State::Stopped;
+            for field in sound.into_iter().filter(|field| !field.is_over) {
                 field.save(watch)?;
             }
-        }
-        if let Some(error) = failed {
-            return Err(error);
+            return failed.map_or(Ok(()), Err);
         }
     }
 }
