@@ -80,7 +80,7 @@ fn save(bench: &Bench, records: &[Record]) -> Result<()> {
             Series { points: own.map(|(_, point)| *point).collect(), name }
         };
         let series: Vec<Series> = distinct(&points, |(row, _)| row.label.clone()).into_iter().map(series).collect();
-        bench.save(&format!("pareto-{}.svg", quantity.key()), &standalone(&line_chart(&frame, &series)?))?;
+        bench.save(&format!("pareto-{}.svg", quantity.key), &standalone(&line_chart(&frame, &series)?))?;
     }
     Ok(())
 }

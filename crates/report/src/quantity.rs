@@ -53,17 +53,12 @@ impl Quantity {
 
     /// Returns the quantity of this key.
     pub fn named(key: &str) -> Option<Self> {
-        Self::all().into_iter().find(|quantity| quantity.key() == key)
-    }
-
-    /// Returns the key, by which files name the quantity.
-    pub fn key(self) -> &'static str {
-        self.0.key
+        Self::all().into_iter().find(|quantity| quantity.key == key)
     }
 
     /// Returns the value of the quantity in a run; `None` if it was not computed.
     pub fn value(self, record: &Record) -> Option<f64> {
-        let value = match self.key() {
+        let value = match self.key {
             "ray_entropy_bits" => record.ray_entropy_bits,
             "information_gain" => record.information_gain,
             "train_seconds" => Some(record.train_seconds),
@@ -93,7 +88,7 @@ impl Deref for Quantity {
 impl<'de> Deserialize<'de> for Quantity {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let key = String::deserialize(deserializer)?;
-        let known = || Self::all().into_iter().map(Self::key).collect::<Vec<_>>().join(", ");
+        let known = || Self::all().into_iter().map(|quantity| quantity.key).collect::<Vec<_>>().join(", ");
         Self::named(&key).ok_or_else(|| de::Error::custom(format!("expected one of {}, found {key:?}", known())))
     }
 }
@@ -106,9 +101,9 @@ mod tests {
     fn keys_are_unique_and_found() {
         let all = Quantity::all();
         for quantity in &all {
-            assert_eq!(Quantity::named(quantity.key()), Some(*quantity));
+            assert_eq!(Quantity::named(quantity.key), Some(*quantity));
         }
-        let keys: std::collections::HashSet<&str> = all.iter().map(|quantity| quantity.key()).collect();
+        let keys: std::collections::HashSet<&str> = all.iter().map(|quantity| quantity.key).collect();
         assert_eq!(keys.len(), all.len());
     }
 

@@ -40,11 +40,6 @@ impl Pixels {
         Self { at: (0..rays).map(at).collect(), cameras: [camera].into(), width }
     }
 
-    /// Returns the view of the first pixel, which is that of all pixels if a batch is of one image.
-    pub(crate) fn view(&self) -> usize {
-        self.at[0].view
-    }
-
     pub(crate) fn rays(&self) -> Vec<Ray> {
         let ray = |&PixelAt { view, x, y }: &PixelAt| self.cameras[view].ray(x, y).widened(self.width);
         self.at.iter().map(ray).collect()

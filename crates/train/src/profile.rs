@@ -40,15 +40,11 @@ impl Phase {
 #[derive(Clone, Debug, Default)]
 pub struct Profile {
     spent: [Duration; Phase::ALL.len()],
-    waits_for: Option<Device>,
+    /// Device that is waited for at the end of each phase.
+    pub(crate) waits_for: Option<Device>,
 }
 
 impl Profile {
-    /// Waits for `device` at the end of each phase from here on.
-    pub(crate) fn wait_for(&mut self, device: Device) {
-        self.waits_for = Some(device);
-    }
-
     pub(crate) fn time<T>(&mut self, phase: Phase, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();

@@ -127,10 +127,6 @@ impl BenchRuns {
         let selection = self.selection.selection(None);
         Bench::new(name, &self.experiment, selection, variant, self.selection.device.device, &self.out)
     }
-
-    fn weights(&self) -> Option<&Path> {
-        self.selection.networks.weights.as_deref()
-    }
 }
 
 /// Prepares a benchmark of a device, which needs no choice of runs.
@@ -145,11 +141,11 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
     let holds = match &args.command {
         BenchCommand::Pareto { budgets, runs } => {
-            let bench = runs.bench("pareto", None)?.with_networks(runs.weights())?;
+            let bench = runs.bench("pareto", None)?.with_networks(runs.selection.networks.weights.as_deref())?;
             pareto(&bench, budgets, print, watch).map(|()| true)
         }
         BenchCommand::Skip { steps, runs } => {
-            let bench = runs.bench("skip", VARIANT)?.with_networks(runs.weights())?;
+            let bench = runs.bench("skip", VARIANT)?.with_networks(runs.selection.networks.weights.as_deref())?;
             skip(&bench, *steps, print, watch).map(|()| true)
         }
         BenchCommand::Step { steps, warmup, runs } => {

@@ -13,7 +13,7 @@ use infonerf_train::available_memory;
 
 use super::{PlanEvent, PlanWatch, RunEnd};
 use crate::device::DeviceName;
-use crate::sweep::{Prepared, Sweep};
+use crate::sweep::{Prepared, Sweep, manifest};
 
 /// Exit code of an item's process that stopped on request.
 pub const STOPPED: i32 = 130;
@@ -87,7 +87,7 @@ impl Runner {
 impl Workers {
     /// Executes the missing runs of `sweep`, and returns those that failed, or `None` if the execution was stopped on request.
     pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
-        let manifest = prepared.manifest();
+        let manifest = prepared.folder.join(manifest::NAME);
         let (mut failed, mut stopped) = (BTreeSet::new(), false);
         // Runs that differ in their seed alone need as much. If a scene cannot be read, the run itself reports the error.
         let mut kinds = BTreeSet::new();

@@ -22,12 +22,6 @@ pub struct Prepared {
     _lock: Option<fs::File>,
 }
 
-impl Prepared {
-    pub(crate) fn manifest(&self) -> PathBuf {
-        self.folder.join(manifest::NAME)
-    }
-}
-
 impl Sweep {
     /// Finds the runs below `out` that are not finished on `device`, and refuses runs of another config. Writes nothing.
     pub(crate) fn find_missing(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
@@ -69,7 +63,7 @@ impl Sweep {
             locked.iter().try_for_each(|(_lock, run)| clear(run))?;
         }
         let prepared = Prepared { warning, _lock: Some(own_lock), ..self.find_missing(out, device)? };
-        manifest::write(&prepared.manifest(), self.runs())?;
+        manifest::write(&folder.join(manifest::NAME), self.runs())?;
         Ok(prepared)
     }
 }

@@ -42,7 +42,7 @@ impl TryFrom<Unchecked> for Claim {
         match margin {
             None if needs_margin => Err(format!(
                 "`{statement}`: `not-worse` expects a `margin`: how much worse still counts as not worse, in the unit of {}",
-                metric.key()
+                metric.key
             )),
             Some(margin) if !(margin > 0.0 && margin.is_finite()) => {
                 Err(format!("`{statement}`: margin: expected a number above 0, found {margin}"))

@@ -211,7 +211,7 @@ impl Column {
     /// Returns the column's place by importance: the mean over scenes first, then the metrics that papers print.
     fn rank(&self) -> usize {
         const FIRST: [&str; 4] = ["psnr", "ssim", "lpips_vgg", "train_seconds"];
-        let place = FIRST.iter().position(|key| *key == self.quantity.key()).unwrap_or(FIRST.len());
+        let place = FIRST.iter().position(|key| *key == self.quantity.key).unwrap_or(FIRST.len());
         if self.heading == MEAN { 0 } else { 1 + place }
     }
 }

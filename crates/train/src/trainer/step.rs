@@ -84,7 +84,8 @@ impl<F: Field> Trainer<F> {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
         let scene = &self.scenes[batch.scene];
-        let sources = draw_sources(&scene.sources, &self.config.train, batch.seen.view(), sources);
+        // The view of the first pixel is that of all pixels if a batch is of one image.
+        let sources = draw_sources(&scene.sources, &self.config.train, batch.seen.at[0].view, sources);
         self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
     }
 

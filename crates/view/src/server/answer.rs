@@ -46,7 +46,7 @@ impl Answers {
         };
         let folder = value("run").and_then(|run| self.roots.resolve(&run));
         let answered = match path {
-            "/" => Some(answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token()))),
+            "/" => Some(answer(StatusCode::OK, "text/html; charset=utf-8", page::live(&self.guard.token))),
             "/runs" => Some(json_answer(&self.roots.list())),
             "/training" => Some(json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state))),
             _ if is_command => self.control.as_ref().map(|control| {

@@ -13,7 +13,8 @@ const SITE: &str = "sec-fetch-site";
 /// Guard against requests that other pages make a browser send.
 pub(super) struct Guard {
     address: SocketAddr,
-    token: String,
+    /// Token that the page sends with commands. Other sites cannot read the page, so they cannot know it.
+    pub(super) token: String,
 }
 
 impl Guard {
@@ -22,11 +23,6 @@ impl Guard {
         let mut bits = [0; 16];
         OsRng.try_fill_bytes(&mut bits)?;
         Ok(Self { address, token: format!("{:032x}", u128::from_ne_bytes(bits)) })
-    }
-
-    /// Returns the token that the page sends with commands. Other sites cannot read the page, so they cannot know it.
-    pub(super) fn token(&self) -> &str {
-        &self.token
     }
 
     pub(super) fn has_token(&self, request: &Request<()>) -> bool {
@@ -88,6 +84,6 @@ mod tests {
     #[test]
     fn tokens_are_drawn_anew() {
         let [a, b] = [0, 1].map(|_| Guard::new("127.0.0.1:7007".parse().unwrap()).unwrap());
-        assert!(a.token() != b.token() && a.token().len() == 32);
+        assert!(a.token != b.token && a.token.len() == 32);
     }
 }
