@@ -21,8 +21,8 @@ pub(crate) struct TrainingImages {
 /// Training images at one size.
 #[derive(Clone, Debug)]
 pub(crate) struct Images {
-    /// Factor by which the images are smaller than at full size.
-    factor: u32,
+    /// Factor by which the images are smaller than at full size: the width of their pixels, in pixels of that size.
+    pub(crate) factor: u32,
     /// Image of each view; at full size the scene's own.
     views: Vec<Arc<Image>>,
     /// Pixels that can be drawn; `None` if all can be drawn.
@@ -96,7 +96,7 @@ impl TrainingImages {
         let images = self.at(config, at);
         let indices = images.indices(config, rays, at.step, noise);
         let [stride, area] = images.stride_and_area();
-        let scale = images.pixel_width();
+        let scale = images.factor as f32;
         let position = |&index: &usize| {
             let (x, y) = ((index % area) % stride, (index % area) / stride);
             PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
@@ -107,11 +107,6 @@ impl TrainingImages {
 }
 
 impl Images {
-    /// Returns the width of the images' pixels, in pixels of the full size.
-    pub(crate) fn pixel_width(&self) -> f32 {
-        self.factor as f32
-    }
-
     /// Returns the numbers of pixels in a row and in an image.
     fn stride_and_area(&self) -> [usize; 2] {
         [self.views[0].width as usize, self.views[0].rgb.len()]
@@ -256,7 +251,7 @@ mod tests {
         // No image is 50 times smaller: the full size is used.
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             let at = Moment { step: 0, progress };
-            assert_eq!(images.at(&config, at).pixel_width(), width);
+            assert_eq!(images.at(&config, at).factor as f32, width);
             let (seen, colors) = images.draw(&config, 8, at, noise);
             for (&PixelAt { view, x, y }, color) in seen.at.iter().zip(colors) {
                 let image = &scene.train[view].image;

@@ -41,7 +41,7 @@ impl<F: Field> Trainer<F> {
             let learned = cameras.map(|cameras| ViewRegion::new(&cameras.apply(&scene.images.cameras)));
             let (region, noise) = (learned.as_ref().unwrap_or(&scene.region), noise(RandomStream::UnseenRays));
             let camera = unseen_camera(&scene.scene, region, train, noise);
-            Pixels::draw(camera, unseen, scene.images.at(train, at).pixel_width(), train, at.step, noise)
+            Pixels::draw(camera, unseen, scene.images.at(train, at).factor as f32, train, at.step, noise)
         };
         let (seen, colors) = scene.images.draw(train, seen, at, noise(RandomStream::SeenRays));
         StepBatch {
