@@ -47,13 +47,12 @@ pub(crate) fn is_scene(dir: &Path) -> bool {
 /// succeeds. Each known format that failed before adds a warning.
 pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
-    let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
     if dir.is_file() {
         let reason = video_advice(dir).unwrap_or_else(|| "it is a file; give its folder, or unpack it".into());
         return Err(SceneError::malformed(dir, "the folder of a scene", reason));
     }
     if !dir.is_dir() {
-        return Err(missing("the folder of a scene".into()));
+        return Err(SceneError::NotFound { path: dir.into(), expected: "the folder of a scene".into() });
     }
     let asked: Vec<_> =
         FORMATS.into_iter().filter(|(known, ..)| request.format.is_none_or(|format| format == *known)).collect();
@@ -73,7 +72,8 @@ pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     }
     let markers = asked.iter().map(|(_, marker, _)| *marker).collect::<Vec<_>>().join(", ");
     let other = missing_poses_error(dir).or_else(|| elsewhere(dir));
-    Err(other.unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
+    let reason = if entries(dir).is_empty() { "it is empty" } else { "it has none of them" };
+    Err(other.unwrap_or_else(|| SceneError::malformed(dir, format!("a scene folder with one of {markers}"), reason)))
 }
 
 /// Returns the error about a folder whose scene is one or two levels below, or in the format of an app.
@@ -267,7 +267,8 @@ mod tests {
         assert!(text.starts_with("no/such/folder: not found; expected the folder"), "{text}");
         let dir = tempfile::tempdir().unwrap();
         let text = message(dir.path(), &request());
-        assert!(text.contains("transforms_train.json, transforms.json, poses_bounds.npy"), "{text}");
+        assert!(text.contains("expected a scene folder with one of transforms_train.json, transforms.json,"), "{text}");
+        assert!(text.ends_with(": it is empty"), "{text}");
         let inner = dir.path().join("a/scan");
         blender(&inner, 2, 1);
         std::fs::write(inner.join("a.mov"), "").unwrap();
@@ -301,6 +302,7 @@ mod tests {
         let asked = |format| SceneRequest { format: Some(format), ..request() };
         assert_eq!(load(&dir, &asked(Format::Transforms)).unwrap().warnings.len(), 0);
         assert!(message(&dir, &asked(Format::Blender)).contains("field `frames`"));
-        assert!(message(&dir, &asked(Format::Llff)).contains("expected a scene folder with one of poses_bounds.npy"));
+        let text = message(&dir, &asked(Format::Llff));
+        assert!(text.ends_with("expected a scene folder with one of poses_bounds.npy: it has none of them"), "{text}");
     }
 }
