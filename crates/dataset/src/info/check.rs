@@ -79,6 +79,7 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
     some_of(&found, all.len(), &format!("cameras {what}"))
 }
 
+/// Describes an up direction that is far from the cameras' own, unless they look straight up or down.
 fn tilted(scene: &Scene) -> Option<String> {
     let cameras = &scene.all_train_cameras;
     if cameras.len() < 2 {
@@ -93,6 +94,7 @@ fn tilted(scene: &Scene) -> Option<String> {
     })
 }
 
+/// Describes training cameras that all stand at one point, up to [`SAME_POINT`].
 fn at_one_point(scene: &Scene) -> Option<String> {
     let first = scene.train.first()?.camera.position_f64();
     let tolerance = SAME_POINT * f64::from(scene.space.bounds.size().length());
