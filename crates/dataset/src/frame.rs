@@ -122,30 +122,38 @@ pub(crate) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
 
 /// Finds the image in `folder` that a file calls `name`, whatever its extension. Of a path of another computer the longest end
 /// that exists here is used, also as by [`find_alike`]. Returns its path and its name within the folder.
-pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str) -> Option<(PathBuf, &'n str)> {
+pub(crate) fn find_by_end<'n>(folder: &Path, name: &'n str, listed: &mut Listed) -> Option<(PathBuf, &'n str)> {
     let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
     let mut ends = starts.map(|at| &name[at..]);
     let exact = ends.clone().find_map(|end| Some((find_image(&folder.join(end))?, end)));
-    exact.or_else(|| ends.find_map(|end| Some((find_alike(folder, end)?, end))))
+    exact.or_else(|| ends.find_map(|end| Some((find_alike(folder, end, listed)?, end))))
+}
+
+/// Folders that were listed: the paths in each, with their [`comparable`] names.
+pub(crate) type Listed = HashMap<PathBuf, Vec<(String, PathBuf)>>;
+
+/// Returns the name of an image or folder without extension, in small letters, composed characters and no `%` escapes.
+fn comparable(name: &str) -> String {
+    let name = without_extension(name);
+    percent_decode_str(&name).decode_utf8_lossy().nfc().flat_map(char::to_lowercase).collect()
 }
 
 /// Finds the image whose path below `folder` differs from `name` by upper and lower case, Unicode normalisation, `%`
 /// escapes or the extension; `None` if there are several.
-fn find_alike(folder: &Path, name: &str) -> Option<PathBuf> {
-    let key = |name: &str| -> String {
-        percent_decode_str(name).decode_utf8_lossy().nfc().flat_map(char::to_lowercase).collect()
-    };
-    let mut found = vec![folder.to_owned()];
-    let (folders, image) = name.rsplit_once('/').unwrap_or(("", name));
-    for part in folders.split('/').filter(|part| !part.is_empty()) {
-        let is_alike = |path: &PathBuf| path.is_dir() && key(&file_name(path)) == key(part);
-        found = found.iter().flat_map(|folder| entries(folder)).filter(is_alike).collect();
+fn find_alike(folder: &Path, name: &str, listed: &mut Listed) -> Option<PathBuf> {
+    let named = |path: PathBuf| (comparable(&file_name(&path)), path);
+    let mut alike = vec![folder.to_owned()];
+    for part in name.split('/').filter(|part| !part.is_empty()).map(comparable) {
+        let mut found = Vec::new();
+        for folder in alike {
+            let inside =
+                listed.entry(folder).or_insert_with_key(|folder| entries(folder).into_iter().map(named).collect());
+            found.extend(inside.iter().filter(|(name, _)| *name == part).map(|(_, path)| path.clone()));
+        }
+        alike = found;
     }
-    let wanted = key(&without_extension(image));
-    let is_alike =
-        |path: &PathBuf| is_image_name(path) && key(&without_extension(&file_name(path))) == wanted && path.is_file();
-    let mut alike = found.iter().flat_map(|folder| entries(folder)).filter(is_alike);
-    alike.next().filter(|_| alike.next().is_none())
+    alike.retain(|path| is_image_name(path) && path.is_file());
+    alike.pop().filter(|_| alike.is_empty())
 }
 
 /// Gives frames for which one image in `folder` was found under different names the paths that their file states: the image

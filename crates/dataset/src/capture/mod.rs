@@ -42,6 +42,8 @@ pub(crate) struct Found<'a> {
     pub selections: Named,
     pub protocols: Named,
     pub extent: StatedExtent,
+    /// Whether cameras of images that EXIF data mirror are for the images as they are shown.
+    pub fits_shown: bool,
     /// Colour that mattes are composited on, if the format defines it.
     pub background: Option<[f32; 3]>,
     pub warnings: Vec<String>,
@@ -79,7 +81,8 @@ impl<'a> Found<'a> {
     /// Makes the contents of a folder without names for views and without warnings. All test frames are the test split.
     pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: StatedExtent) -> Self {
         let (selections, protocols, warnings, notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { dir, format, train, test, split: None, selections, protocols, extent, background: None, warnings, notes }
+        let (split, background, fits_shown) = (None, None, false);
+        Self { dir, format, train, test, split, selections, protocols, extent, fits_shown, background, warnings, notes }
     }
 
     /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and
@@ -125,7 +128,7 @@ impl<'a> Found<'a> {
         let all = self.train.len() + self.test.len();
         for frame in self.train.iter_mut().chain(&mut self.test) {
             let Some(quarters) = quarter_turns(orientation(&frame.image)) else {
-                mirrored.push(&*frame.name);
+                mirrored.extend((!self.fits_shown).then_some(&*frame.name));
                 continue;
             };
             let stored = if quarters > 0 { stored_dimensions(&frame.image).ok() } else { None };

@@ -78,8 +78,7 @@ impl Reconstruction {
                 points => points?,
             },
         };
-        let binary = place.join("images.bin");
-        let images = if binary.is_file() { binary } else { place.join("images.txt") };
+        let images = path_of(place, "images");
         if let Some(image) = read.images.iter().find(|image| !read.cameras.contains_key(&image.camera)) {
             let field = format!("image {}", image.id);
             return Err(SceneError::field(&images, field, "the number of a camera", image.camera));
@@ -97,11 +96,16 @@ impl Reconstruction {
     }
 }
 
-fn read_values<T>(place: &Path, name: &str, read: fn(Values<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
+/// Returns the path of a file of the reconstruction in `place`, which is binary if that of the cameras is.
+pub(crate) fn path_of(place: &Path, name: &str) -> PathBuf {
     let is_binary = place.join("cameras.bin").is_file();
-    let path = place.join(name).with_extension(if is_binary { "bin" } else { "txt" });
+    place.join(name).with_extension(if is_binary { "bin" } else { "txt" })
+}
+
+fn read_values<T>(place: &Path, name: &str, read: fn(Values<'_>) -> Result<T, SceneError>) -> Result<T, SceneError> {
+    let path = path_of(place, name);
     let bytes = read_file(&path, "a file of a COLMAP reconstruction", MAX_BYTES)?;
-    if is_binary {
+    if path.extension().is_some_and(|extension| extension == "bin") {
         return read(Values::binary(&path, &bytes)?);
     }
     read(Values::text(&path, &String::from_utf8_lossy(&bytes)))

@@ -3,15 +3,16 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::llff::FOLDERS;
 use crate::capture::{Estimate, Found, IMAGE_FOLDERS, list_photographs, same_proportions, some_of};
-use crate::colmap::{Reconstruction, models};
+use crate::colmap::{Reconstruction, models, path_of};
 use crate::files::file_name;
-use crate::frame::{Frame, find_by_end, keep_apart};
-use crate::photographs::changed_photographs;
+use crate::frame::{Frame, Listed, find_by_end, keep_apart};
+use crate::photographs::{OWN_POSES, changed_photographs};
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
@@ -28,14 +29,15 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let read = Reconstruction::read_at(place)?;
     let names: Vec<String> = read.images.iter().map(|image| image.name.replace('\\', "/")).collect();
     let roots = roots(dir, place);
-    let folder = image_folder(&roots, &names, request.image_size)?;
+    let mut listed = Listed::new();
+    let folder = image_folder(&roots, &names, request.image_size, &mut listed)?;
     let reduced = !IMAGE_FOLDERS.contains(&&*file_name(&folder)) && folder != dir;
     let index: BTreeMap<u64, usize> = read.points.keys().zip(0..).map(|(&id, index)| (id, index)).collect();
     let (mut frames, mut stated) = (Vec::new(), Vec::new());
     for (image, name) in read.images.iter().zip(&names) {
         let Some(mut camera) = read.camera(image) else { continue };
         stated.push(folder.join(name));
-        let (path, name) = find_by_end(&folder, name).unwrap_or_else(|| (folder.join(name), name));
+        let (path, name) = find_by_end(&folder, name, &mut listed).unwrap_or_else(|| (folder.join(name), name));
         if reduced && path.is_file() {
             let (width, height) = stored_dimensions(&path)?;
             // An image of other proportions, which was turned or cropped, is refused by its name.
@@ -51,9 +53,17 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
     let is_final = !place.starts_with(dir.join("sparse")) || changed_photographs(dir)? == Some(Vec::new());
     let remedy = if is_final { "" } else { "; remove the scene's folder `sparse` to find the poses again" };
     let lost = without_pose(&folder, &frames).map(|lost| lost + remedy);
-    let estimate = Estimate { points: read.points.values().copied().collect(), ..Estimate::default() };
+    let points: Vec<DVec3> = read.points.values().copied().collect();
+    let behind = points_behind(&points, &frames).map(|counts| {
+        let file = path_of(place, "points3D");
+        let doubt = "are the poses beside it world to camera, with y down and z forward?";
+        let file = file.strip_prefix(dir).unwrap_or(&file).display();
+        format!("{counts} of {file} lie behind the cameras that see them: {doubt}")
+    });
+    let estimate = Estimate { points, ..Estimate::default() };
     let mut found = Found::captured(dir, Format::Colmap, frames, &request.test, estimate);
-    found.warnings.extend(lost.into_iter().chain(alike));
+    found.fits_shown = place.join(OWN_POSES).is_file();
+    found.warnings.extend(lost.into_iter().chain(alike).chain(behind));
     if let [(place, count), (_, next), ..] = &models[..] {
         let (name, all) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len());
         let others = format!("of {all} reconstructions {name} is read, with {count} images; the next has {next}");
@@ -64,9 +74,25 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
 
 /// Returns the folders that may hold the folder of images: those above the reconstruction up to `dir`, the nearest first.
 fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
-    let above = place.ancestors().skip(1).take_while(|folder| folder.starts_with(dir));
-    let roots: Vec<PathBuf> = above.map(Path::to_owned).collect();
-    if roots.is_empty() { vec![dir.to_owned()] } else { roots }
+    let above = place.ancestors().skip(usize::from(place != dir));
+    above.take_while(|folder| folder.starts_with(dir)).map(Path::to_owned).collect()
+}
+
+/// Counts the points that lie behind every camera that sees them, or behind all cameras if no frame says what it sees, as
+/// `N of M points`; `None` if these are not most points.
+fn points_behind(points: &[DVec3], frames: &[Frame]) -> Option<String> {
+    let all: Vec<usize> = (0..points.len()).collect();
+    let is_unknown = frames.iter().all(|frame| frame.points.is_empty());
+    let mut is_in_front = vec![None; points.len()];
+    for frame in frames {
+        let (position, backward) = (frame.pose.w_axis.truncate(), frame.pose.z_axis.truncate());
+        for &point in if is_unknown { &all } else { &frame.points } {
+            *is_in_front[point].get_or_insert(false) |= (points[point] - position).dot(backward) < 0.0;
+        }
+    }
+    let seen: Vec<bool> = is_in_front.into_iter().flatten().collect();
+    let behind = seen.iter().filter(|is_in_front| !**is_in_front).count();
+    (2 * behind > seen.len()).then(|| format!("{behind} of {} points", seen.len()))
 }
 
 /// Returns a warning that names the photographs in `folder` without a pose.
@@ -79,8 +105,14 @@ fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
 
 /// Returns the folder of the smallest images whose longest side is at least `size`, among those with all images of the whole
 /// ones; or a folder of reduced images if there are no others.
-fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
-    let images = |folder: &Path| Vec::from_iter(names.iter().filter_map(|name| Some(find_by_end(folder, name)?.0)));
+fn image_folder(
+    roots: &[PathBuf],
+    names: &[String],
+    size: Option<u32>,
+    listed: &mut Listed,
+) -> Result<PathBuf, SceneError> {
+    let mut images =
+        |folder: &Path| Vec::from_iter(names.iter().filter_map(|name| Some(find_by_end(folder, name, listed)?.0)));
     let whole = roots.iter().flat_map(|root| IMAGE_FOLDERS.map(|name| root.join(name)));
     let reduced = roots.iter().flat_map(|root| FOLDERS.map(|name| root.join(name)));
     let found = whole.chain(reduced).chain(roots.iter().cloned()).find(|folder| !images(folder).is_empty());
@@ -106,7 +138,7 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use glam::{DVec2, DVec3};
+    use glam::{DMat4, DVec2, DVec3};
     use tempfile::TempDir;
 
     use super::super::testing::*;
@@ -228,6 +260,12 @@ mod tests {
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
         let warnings = super::read(guard.path(), &request()).unwrap().warnings;
         assert!(warnings[1].contains("1 of 1 photographs without a pose: lost.png; remove"), "{warnings:?}");
+        let mut all = Reconstruction::read(guard.path()).unwrap();
+        all.images.iter_mut().for_each(|image| image.pose *= DMat4::from_rotation_y(std::f64::consts::PI));
+        write_binary(&guard.path().join("sparse/0"), &all);
+        let warnings = super::read(guard.path(), &request()).unwrap().warnings;
+        let behind = "200 of 200 points of sparse/0/points3D.bin lie behind the cameras that see them: are the poses";
+        assert!(warnings.len() == 3 && warnings[2].starts_with(behind), "{warnings:?}");
         write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();

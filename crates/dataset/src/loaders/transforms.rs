@@ -15,7 +15,7 @@ use crate::capture::some_of;
 use crate::colmap::lens;
 use crate::files::json::{self, Node, pair};
 use crate::files::{MAX_COORDINATE, PIXELS, file_name};
-use crate::frame::{Frame, Intrinsics, MaskRole, find_by_end, keep_apart, without_extension};
+use crate::frame::{Frame, Intrinsics, Listed, MaskRole, find_by_end, keep_apart, without_extension};
 
 /// Factor by which instant-ngp scales positions before it puts them into its unit cube, if the file has no `scale`.
 const NGP_SCALE: f64 = 0.33;
@@ -62,15 +62,16 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     let items = root.get("frames", expected)?.items(expected)?;
     let dir = path.parent().unwrap_or(Path::new(""));
     let (mut frames, mut stated, mut lost, mut scaled) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut listed = Listed::new();
     for (id, item) in items.iter().enumerate() {
         let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
         match read_pose(item, "transform_matrix")? {
             Some((pose, mended)) => {
                 scaled.extend(mended.then(|| name.to_owned()));
                 stated.push(stated_path(dir, name));
-                frames.push(Frame { id, pose, ..read_frame(dir, &root, item, name)? });
+                frames.push(Frame { id, pose, ..read_frame((dir, &mut listed), &root, item, name)? });
             }
-            None => lost.push(name_of(dir, &image_path(dir, name))),
+            None => lost.push(name_of(dir, &image_path(dir, name, &mut listed))),
         }
     }
     let alike = keep_apart(dir, &mut frames, &stated);
@@ -85,7 +86,7 @@ pub(crate) fn transforms(path: &Path, value: &Value) -> Result<Transforms, Scene
     let mut warnings: Vec<String> = [left_out, corrected, repeated, alike].into_iter().flatten().collect();
     let (range, bounds) = (read_range(&root)?, root.optional("aabb", read_bounds)?);
     let cube = root.optional("aabb_scale", |node| read_aabb_scale(&root, node, &mut warnings))?;
-    let split = read_split(dir, &root)?;
+    let split = read_split(dir, &root, &mut listed)?;
     Ok(Transforms { frames, lost, warnings, range, bounds, cube, split })
 }
 
@@ -109,15 +110,20 @@ fn read_aabb_scale(root: &Node<'_>, node: Node<'_>, warnings: &mut Vec<String>) 
     Ok(Aabb::cube(Vec3::from(centre), (0.5 * edge / scale) as f32))
 }
 
-fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Result<Frame, SceneError> {
+fn read_frame(
+    (dir, listed): (&Path, &mut Listed),
+    root: &Node<'_>,
+    frame: &Node<'_>,
+    path: &str,
+) -> Result<Frame, SceneError> {
     let depth = frame.optional("ray_depth_file_path", |node| Ok(dir.join(node.text("the path of an .npy file")?)))?;
     let (intrinsics, lens) = read_optics(root, frame)?;
-    let image = image_path(dir, path);
+    let image = image_path(dir, path, listed);
     // Other programs call it `mask`, or have something else under that name.
     let is_alias = frame.find("mask_path").is_none() && frame.find("mask").is_some_and(|node| node.text("").is_ok());
     let mask = frame.optional(if is_alias { "mask" } else { "mask_path" }, |node| {
         let named = node.text("the path of a mask image")?;
-        let found = Some(image_path(dir, named)).filter(|mask| *mask != image);
+        let found = Some(image_path(dir, named, listed)).filter(|mask| *mask != image);
         Ok((found.unwrap_or_else(|| stated_path(dir, named)), MaskRole::Capture))
     })?;
     let name = name_of(dir, &image);
@@ -148,16 +154,16 @@ fn read_bounds(node: Node<'_>) -> Result<Aabb, SceneError> {
     Ok(Aabb { min, max })
 }
 
-fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
+fn read_split(dir: &Path, root: &Node<'_>, listed: &mut Listed) -> Result<Option<Split>, SceneError> {
     let expected = "a list of file paths";
     let is_empty = |node: Node<'_>| node.items(expected).is_ok_and(|all| all.is_empty());
     let is_validated = root.find("test_filenames").is_none_or(is_empty) && root.find("val_filenames").is_some();
     let test_field = if is_validated { "val_filenames" } else { "test_filenames" };
-    let names = |node: Node<'_>| {
-        let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
+    let mut names = |node: Node<'_>| {
+        let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s, listed)));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    let (train, test) = (root.optional("train_filenames", names)?, root.optional(test_field, names)?);
+    let (train, test) = (root.optional("train_filenames", &mut names)?, root.optional(test_field, names)?);
     Ok((train.is_some() || test.is_some()).then_some(Split { train, test, test_field }))
 }
 
@@ -167,9 +173,9 @@ fn name_of(dir: &Path, image: &Path) -> String {
 }
 
 /// Returns the path of the image that a file names, where `\` separates folders too; without such an image, [`stated_path`].
-fn image_path(dir: &Path, named: &str) -> PathBuf {
+fn image_path(dir: &Path, named: &str, listed: &mut Listed) -> PathBuf {
     let relative = named.trim().replace('\\', "/");
-    let found = find_by_end(dir, relative.trim_start_matches("./"));
+    let found = find_by_end(dir, relative.trim_start_matches("./"), listed);
     found.map_or_else(|| stated_path(dir, named), |(path, _)| path)
 }
 
@@ -282,14 +288,18 @@ mod tests {
             "scan/images/0.png ",
             "..\\data\\scan\\images\\0.png",
         ] {
-            let found = image_path(dir, named);
+            let found = image_path(dir, named, &mut Listed::new());
             assert_eq!((found.is_file(), name_of(dir, &found)), (true, "scan/images/0".into()), "{named}");
         }
         fs::write(dir.join("scan/images/0.webp"), "").unwrap();
-        assert!(!image_path(dir, "Scan/images/0").is_file(), "two images are alike");
-        let dotted = image_path(dir, "./train/r_0.5");
+        let mut listed = Listed::new();
+        assert!(!image_path(dir, "Scan/images/0", &mut listed).is_file(), "two images are alike");
+        fs::write(dir.join("scan/images/1.png"), "").unwrap();
+        assert!(!image_path(dir, "Scan/images/1", &mut listed).is_file(), "the folder was listed before");
+        assert!(image_path(dir, "Scan/images/1", &mut Listed::new()).is_file());
+        let dotted = image_path(dir, "./train/r_0.5", &mut listed);
         assert_eq!((name_of(dir, &dotted), dotted), ("train/r_0.5".into(), dir.join("train/r_0.5.png")));
-        assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
+        assert_eq!(image_path(dir, "train/r_0.webp", &mut listed), dir.join("train/r_0.webp"));
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod own;
 mod sought;
 mod video;
 
+pub(crate) use own::MARK as OWN_POSES;
 pub use sought::changed_photographs;
 pub use video::{video_folder, video_frames};
 
@@ -122,7 +123,7 @@ fn find_poses(
 
 /// Returns a file or folder in the folder `sparse` of a scene that finding poses has not written.
 fn foreign_file(sparse: &Path) -> Option<PathBuf> {
-    const MODEL: [&str; 6] = ["cameras", "images", "points3D", "frames", "rigs", "project"];
+    const MODEL: [&str; 7] = ["cameras", "images", "points3D", "frames", "rigs", "project", "infonerf"];
     let is_model = |path: &PathBuf| path.file_stem().is_some_and(|stem| MODEL.iter().any(|&name| stem == name));
     entries(sparse).into_iter().find_map(|path| match file_name(&path) {
         name if name.parse::<u32>().is_ok() => entries(&path).into_iter().find(|file| !is_model(file)),
@@ -298,6 +299,7 @@ mod tests {
         let (dir, sparse) = (guard.path(), guard.path().join("sparse"));
         fs::create_dir_all(sparse.join("0")).unwrap();
         let files = ["a.png", "b.png", "sparse/photographs.txt", "sparse/0/images.bin", "sparse/0/notes.txt"];
+        fs::write(sparse.join("0").join(OWN_POSES), "").unwrap();
         files.iter().for_each(|name| fs::write(dir.join(name), "").unwrap());
         let fault = || from_images(dir, &PoseSearch::default(), |_| {}).unwrap_err().to_string();
         assert!(fault().contains("notes.txt is not of them"));

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use glam::DVec2;
+use glam::{DVec2, Vec2Swizzles};
 use infonerf_scene::image::{GreyImage, dimensions, focal_length, orientation, quarter_turns, read_rgba, resized_mask};
 use infonerf_scene::{Camera, SceneError, resized_dimensions};
 use infonerf_sfm::{NoReconstruction, Photograph, Point, SparseModel, reconstruct};
@@ -14,12 +14,14 @@ use rayon::prelude::*;
 use super::{MIN_IMAGES, OVERLAPPING};
 use crate::capture::{list_photographs, mask_of, read_mask};
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
-use crate::files::file_name;
+use crate::files::{file_name, write_file};
 
 /// Longest side, in pixels, of the images in which features are looked for.
 const MAX_SIDE: u32 = 1600;
 /// Number of photographs that are decoded at the same time; each of twelve million pixels takes 350 MB.
 const AT_ONCE: usize = 4;
+/// File next to a reconstruction that this module made, whose cameras fit photographs that EXIF data mirror as they are shown.
+pub(crate) const MARK: &str = "infonerf.txt";
 /// COLMAP's number of the lens model SIMPLE_RADIAL.
 const SIMPLE_RADIAL: usize = 2;
 
@@ -36,8 +38,12 @@ pub(super) struct OwnPoses {
 impl OwnPoses {
     /// Writes the reconstruction to `sparse/0`.
     pub(super) fn write(&self, sparse: &Path) -> Result<(), SceneError> {
-        let written = self.model.write(&sparse.join("0"), |id| self.colours[id as usize - 1]);
-        written.inspect_err(|_| drop(fs::remove_dir_all(sparse)))
+        let place = sparse.join("0");
+        let written = self.model.write(&place, |id| self.colours[id as usize - 1]);
+        let text =
+            "Found by infonerf. Cameras of photographs that EXIF data mirror are for the photographs as shown.\n";
+        let marked = written.and_then(|()| write_file(&place.join(MARK), text));
+        marked.inspect_err(|_| drop(fs::remove_dir_all(sparse)))
     }
 }
 
@@ -187,13 +193,9 @@ impl SmallPhotograph {
 
     /// Converts a pixel of the upright photograph to a stored one.
     fn stored(&self, pixel: DVec2) -> DVec2 {
-        let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
-        match self.turned_back {
-            1 => DVec2::new(height - pixel.y, pixel.x),
-            2 => DVec2::new(width - pixel.x, height - pixel.y),
-            3 => DVec2::new(pixel.y, width - pixel.x),
-            _ => pixel,
-        }
+        let size = DVec2::new(f64::from(self.size.0), f64::from(self.size.1));
+        let turned = |(pixel, size): (DVec2, DVec2), _| (DVec2::new(size.y - pixel.y, pixel.x), size.yx());
+        (0..self.turned_back).fold((pixel, size), turned).0
     }
 
     fn middle(&self) -> DVec2 {
@@ -235,18 +237,19 @@ mod tests {
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
-    /// Uses square photographs in all four EXIF orientations: their sizes do not reveal the orientation.
+    /// Uses square photographs in four EXIF orientations, one of them mirrored: their sizes do not reveal the orientation.
     #[test]
     fn photographs_that_exif_data_turn_are_placed_as_they_are_shown() {
         let train = "0,1,3,9".parse().unwrap();
         let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..request() };
         let truth = crate::load(&SceneSource::Procedural("room".into()), &request).unwrap();
         let guard = tempfile::tempdir().unwrap();
-        for (i, (view, exif)) in truth.train.iter().zip([1, 6, 3, 8]).enumerate() {
+        for (i, (view, exif)) in truth.train.iter().zip([2, 6, 3, 8]).enumerate() {
             let (png, jpeg) = (guard.path().join("shown.png"), guard.path().join(format!("{i}.jpg")));
             view.image.write_png(&png).unwrap();
             let shown = image::open(&png).unwrap();
             let stored = match exif {
+                2 => shown.fliph(),
                 6 => shown.rotate270(),
                 3 => shown.rotate180(),
                 8 => shown.rotate90(),
@@ -266,6 +269,7 @@ mod tests {
         found.write(&guard.path().join("sparse")).unwrap();
         let tested = SceneRequest { test: TestProtocol::Training, train: ViewSelection::All, ..Default::default() };
         let found = load(guard.path(), &tested).unwrap();
+        assert!(!found.warnings.iter().any(|warning| warning.contains("EXIF")), "{:?}", found.warnings);
         let (turn, off) = errors(&found.given_cameras(), &truth.given_cameras(), truth.space.centre.as_dvec3());
         assert!(turn < 0.5 && off < 5.0, "{turn}° {off} %");
     }
