@@ -97,17 +97,16 @@ impl Bvh {
 
     /// Calls `leaf` for shapes whose boxes the line meets up to a distance, which `leaf` may reduce, until it returns true.
     fn meet(&self, line: &HalfLine, leaf: &mut impl FnMut(usize, &mut f64) -> bool) -> bool {
-        let (inverse, mut reach) = (line.direction.recip(), f64::INFINITY);
-        let meets = self.nodes.first().is_some_and(|root| root.enter(line, inverse, reach).is_some());
-        meets && self.visit(0, line, inverse, &mut reach, leaf)
+        let inverse = line.direction.recip();
+        let enter = |node: usize| self.nodes.get(node)?.enter(line, inverse);
+        enter(0).is_some() && self.visit(0, &enter, &mut { f64::INFINITY }, leaf)
     }
 
-    /// Calls `leaf` for shapes below node `at`, nearer boxes first.
+    /// Calls `leaf` for shapes below node `at`, nearer boxes first; `enter` returns the distance of a node's box.
     fn visit(
         &self,
         at: usize,
-        line: &HalfLine,
-        inverse: DVec3,
+        enter: &impl Fn(usize) -> Option<f64>,
         reach: &mut f64,
         leaf: &mut impl FnMut(usize, &mut f64) -> bool,
     ) -> bool {
@@ -115,28 +114,22 @@ impl Bvh {
         if node.count > 0 {
             return self.order[node.start..][..node.count].iter().any(|&i| leaf(i, reach));
         }
-        let (first, second) = (at + 1, node.start);
-        let enter = |child: usize, reach: f64| self.nodes[child].enter(line, inverse, reach);
-        match (enter(first, *reach), enter(second, *reach)) {
-            (Some(a), Some(b)) => {
-                let (next, later) = if a <= b { (first, second) } else { (second, first) };
-                self.visit(next, line, inverse, reach, leaf)
-                    || enter(later, *reach).is_some() && self.visit(later, line, inverse, reach, leaf)
-            }
-            (Some(_), None) => self.visit(first, line, inverse, reach, leaf),
-            (None, Some(_)) => self.visit(second, line, inverse, reach, leaf),
-            (None, None) => false,
+        let mut children = [at + 1, node.start].map(|child| (enter(child).unwrap_or(f64::NAN), child));
+        if children[1].0 < children[0].0 {
+            children.swap(0, 1);
         }
+        // A box that the line misses has the distance NaN.
+        children.into_iter().any(|(near, child)| near <= *reach && self.visit(child, enter, reach, leaf))
     }
 }
 
 impl BvhNode {
-    /// Returns the distance at which the line enters the node's box, if it does before `reach`.
-    fn enter(&self, line: &HalfLine, inverse: DVec3, reach: f64) -> Option<f64> {
+    /// Returns the distance at which the line enters the node's box.
+    fn enter(&self, line: &HalfLine, inverse: DVec3) -> Option<f64> {
         let a = (self.min - line.origin) * inverse;
         let b = (self.max - line.origin) * inverse;
         let near = a.min(b).max_element().max(0.0);
-        let far = a.max(b).min_element().min(reach);
+        let far = a.max(b).min_element();
         (near <= far).then_some(near)
     }
 }

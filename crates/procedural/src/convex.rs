@@ -103,11 +103,6 @@ impl Convex {
         Self::taper(a, b, radius, radius)
     }
 
-    /// Returns a rod with a round end at `a`.
-    pub fn bullet(a: DVec3, b: DVec3, radius: f64) -> Self {
-        Self { kind: Kind::Bullet { radius, half: 0.5 * a.distance(b) }, ..Self::rod(a, b, radius) }
-    }
-
     /// Returns a frustum from `a` to `b` with radii `bottom` and `top`.
     pub fn taper(a: DVec3, b: DVec3, bottom: f64, top: f64) -> Self {
         let half = 0.5 * a.distance(b);

@@ -145,7 +145,8 @@ impl Builder {
             knots.push(Knot { point, tangent, side, length });
         }
         for (&from, &to) in knots.iter().zip(&knots[1..]) {
-            let rod = Convex::bullet(from.point, to.point, radius);
+            let kind = Kind::Bullet { radius, half: 0.5 * from.point.distance(to.point) };
+            let rod = Convex { kind, ..Convex::rod(from.point, to.point, radius) };
             self.push(Shape::Piece { rod, from, to, tube: radius }, material);
         }
     }
@@ -231,15 +232,10 @@ impl SceneModel {
         HalfLine { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
     }
 
-    pub fn nearest(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
-        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line)?;
-        Some((hit, &self.objects[i]))
-    }
-
-    /// Finds the nearest hit of an opaque surface.
-    pub fn nearest_opaque(&self, line: &HalfLine) -> Option<(Hit, &SceneObject)> {
-        let opaque = |i: usize| Some(&self.objects[i]).filter(|object| object.material.opacity >= 1.0);
-        let (i, hit) = self.bvh.nearest(|i, t| opaque(i)?.shape.hit(line, t), line)?;
+    /// Finds the nearest hit of an object of at least this opacity.
+    pub fn nearest(&self, line: &HalfLine, opacity: f64) -> Option<(Hit, &SceneObject)> {
+        let seen = |i: usize| Some(&self.objects[i]).filter(|object| object.material.opacity >= opacity);
+        let (i, hit) = self.bvh.nearest(|i, t| seen(i)?.shape.hit(line, t), line)?;
         Some((hit, &self.objects[i]))
     }
 

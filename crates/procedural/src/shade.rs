@@ -77,7 +77,7 @@ pub(super) fn surface(
         let share = fresnel(material.reflectance, normal.dot(view));
         let direction = line.direction - 2.0 * line.direction.dot(normal) * normal;
         let reflected = HalfLine { origin: start, direction: direction.normalize_or(normal) };
-        let image = match model.nearest_opaque(&reflected) {
+        let image = match model.nearest(&reflected, 1.0) {
             Some((hit, object)) => surface(model, &reflected, &hit, &object.material, sample, false).0,
             None => sky(reflected.direction),
         };

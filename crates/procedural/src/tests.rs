@@ -130,7 +130,7 @@ fn depth_is_consistent_between_views() {
             let distance = f64::from(p.distance(b.position()));
             // Grazing rays slide off the silhouette by rounding: leave those out.
             let towards = a.ray_f64((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5).1;
-            let (hit, _) = model.nearest(&model.line(a.position_f64(), towards)).unwrap();
+            let (hit, _) = model.nearest(&model.line(a.position_f64(), towards), 0.0).unwrap();
             if hit.normal.dot(line.direction).abs() > 0.1 {
                 assert!(seen < distance + 1e-3, "{name}: {seen} beyond {distance}");
                 agree += usize::from((seen - distance).abs() < 1e-3);

@@ -23,7 +23,7 @@ enum Encounter<'a> {
 fn for_each_encounter<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: impl FnMut(Encounter<'a>) -> bool) {
     let mut start = 0.0;
     for _ in 0..MAX_SURFACES {
-        let found = model.nearest(&HalfLine { origin: line.at(start), ..*line });
+        let found = model.nearest(&HalfLine { origin: line.at(start), ..*line }, 0.0);
         let end = found.as_ref().map_or(f64::INFINITY, |(hit, _)| start + hit.t);
         let within = |volume: &'a Medium| {
             let span = volume.solid.span(line)?;
@@ -50,7 +50,7 @@ fn for_each_encounter<'a>(model: &'a SceneModel, line: &HalfLine, mut visit: imp
 pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec3, f64) {
     let lit = |(hit, object): (Hit, &SceneObject)| surface(model, line, &hit, &object.material, sample, true);
     if !model.is_translucent {
-        return model.nearest(line).map_or((DVec3::ZERO, 0.0), lit);
+        return model.nearest(line, 0.0).map_or((DVec3::ZERO, 0.0), lit);
     }
     let (mut colour, mut passes) = (DVec3::ZERO, 1.0);
     for_each_encounter(model, line, |part| {
@@ -72,7 +72,7 @@ pub(super) fn light(model: &SceneModel, line: &HalfLine, sample: usize) -> (DVec
 /// scenes this is the first surface.
 pub(super) fn half_hidden_distance(model: &SceneModel, line: &HalfLine) -> Option<(f64, bool)> {
     if !model.is_translucent {
-        return model.nearest(line).map(|(hit, object)| (hit.t, !object.backdrop));
+        return model.nearest(line, 0.0).map(|(hit, object)| (hit.t, !object.backdrop));
     }
     let (mut passes, mut found) = (1.0, None);
     for_each_encounter(model, line, |part| {

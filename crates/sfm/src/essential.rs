@@ -72,18 +72,17 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
         |a: usize, b: usize| sum([(1.0, times(entry(1, a), entry(2, b))), (-1.0, times(entry(1, b), entry(2, a)))]);
     let det = (0..3).map(|i| (1.0, times(entry(0, i), &minor((i + 1) % 3, (i + 2) % 3))));
     m.set_row(9, &sum(det).into());
-    if !eliminate(&mut m) {
-        return Vec::new();
-    }
+    let (eliminated, rest) = (m.fixed_columns::<10>(0).into_owned(), m.fixed_columns::<10>(10).into_owned());
+    let Some(solved) = eliminated.lu().solve(&rest) else { return Vec::new() };
     // Rows for x²z, y²z, xyz minus z times rows for x², y², xy: equations `p x + q y + r = 0` with p, q, r in z.
     let rows: [[Vec<f64>; 3]; 3] = std::array::from_fn(|i| {
-        let (a, b) = (m.row(4 + 2 * i), m.row(5 + 2 * i));
+        let (a, b) = (solved.row(4 + 2 * i), solved.row(5 + 2 * i));
         let part = |first: usize, count: usize| {
             let high = (0..=count).map(|k| if k < count { a[first + count - 1 - k] } else { 0.0 });
             let low = (0..=count).map(|k| if k > 0 { b[first + count - k] } else { 0.0 });
             high.zip(low).map(|(a, b)| a - b).collect::<Vec<f64>>()
         };
-        [part(10, 3), part(13, 3), part(16, 4)]
+        [part(0, 3), part(3, 3), part(6, 4)]
     });
     let mut determinant = vec![0.0; 11];
     for (i, [j, k], sign) in
@@ -102,24 +101,6 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
         matrix.is_finite().then_some(matrix)
     };
     real_roots(&determinant).into_iter().filter_map(solution).collect()
-}
-
-/// Eliminates the first ten columns (Gauss–Jordan); `false` if they are singular.
-fn eliminate(m: &mut SMatrix<f64, 10, 20>) -> bool {
-    for i in 0..10 {
-        let pivot = (i..10).max_by(|&a, &b| m[(a, i)].abs().total_cmp(&m[(b, i)].abs())).unwrap_or(i);
-        m.swap_rows(i, pivot);
-        if m[(i, i)].abs() < 1e-12 {
-            return false;
-        }
-        let row = m.row(i) / m[(i, i)];
-        m.set_row(i, &row);
-        for j in (0..10).filter(|&j| j != i) {
-            let other = m.row(j) - row * m[(j, i)];
-            m.set_row(j, &other);
-        }
-    }
-    true
 }
 
 /// Returns Sampson's error: the squared distance, to first order, from a pair to the nearest one with `bᵀ E a = 0`.

@@ -42,13 +42,10 @@ fn aggregated(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize,
             }
             let before = fy * width + fx;
             let large = LARGE_STEP / (1.0 + (guide.values[pixel] - guide.values[before]).abs() / EDGE);
-            let (first, second) = total.split_at_mut(pixel.max(before) * planes);
-            let (from, to) = if before < pixel {
-                (&first[before * planes..][..planes], &mut second[..planes])
-            } else {
-                (&second[..planes], &mut first[pixel * planes..][..planes])
-            };
-            step(cost, from, to, large.max(SMALL_STEP));
+            let range = |pixel: usize| pixel * planes..(pixel + 1) * planes;
+            if let Ok([from, to]) = total.get_disjoint_mut([range(before), range(pixel)]) {
+                step(cost, from, to, large.max(SMALL_STEP));
+            }
         }
     }
     total

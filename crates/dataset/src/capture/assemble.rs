@@ -1,6 +1,6 @@
 //! Loading of a capture's views: selection, decoding, resizing, compositing.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -250,13 +250,10 @@ fn mixed_alpha(views: Vec<(&View, &[bool; 2])>) -> Option<String> {
 }
 
 fn mixed_sizes_warning(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
-    let sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
-    let is_first = |(i, size): &(usize, &(u32, u32))| !sizes[..*i].contains(size);
-    let described = |(_, &size): (usize, &(u32, u32))| {
-        format!("{} of {}×{}", sizes.iter().filter(|other| **other == size).count(), size.0, size.1)
-    };
-    let counts: Vec<String> = sizes.iter().enumerate().filter(is_first).map(described).collect();
-    let (described, (width, height)) = (counts.join(", "), scale.canvas);
+    let mut counts: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    cameras.iter().for_each(|camera| *counts.entry((camera.width, camera.height)).or_default() += 1);
+    let described = counts.iter().rev().map(|((width, height), count)| format!("{count} of {width}×{height}"));
+    let (described, (width, height)) = (described.collect::<Vec<_>>().join(", "), scale.canvas);
     let text = format!(
         "images of several sizes ({described}) are brought to one scale, in the middle of {width}×{height} pixels; what \
          is outside of them is neither trained on nor measured"

@@ -176,10 +176,8 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
         }
         best = Some(images);
     }
-    best.ok_or_else(|| SceneError::NotFound {
-        path: dir.into(),
-        expected: format!("PNG or JPEG images in one of the folders {}", FOLDERS.join(", ")),
-    })
+    let expected = || format!("PNG or JPEG images in one of the folders {}", FOLDERS.join(", "));
+    best.ok_or_else(|| SceneError::NotFound { path: dir.into(), expected: expected() })
 }
 
 #[cfg(test)]
