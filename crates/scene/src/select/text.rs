@@ -63,7 +63,7 @@ impl FromStr for ViewSelection {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = "`all`, view ids `26,86,2,55`, `seed-4@0`, `farthest-4@0`, `wide-4@0`, `narrow-4/30@0`, a \
+        let expected = "`all`, view ids `26,86,2,55`, `seed-4`, `farthest-4`, `wide-4`, `narrow-4/30`, a \
                         selection's name such as `regnerf-3`, or names of images such as `image006,image008`";
         let error = || format!("expected {expected}, found `{text}`");
         if text == "all" {

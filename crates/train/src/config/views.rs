@@ -60,7 +60,7 @@ mod tests {
             assert_eq!(read(&format!("eval.test={text}")).unwrap().eval.test.to_string(), want);
         }
         for (assignment, message) in [
-            ("scene.views=4 views", "scene.views: expected `all`, view ids `26,86,2,55`, "),
+            ("scene.views=4 views", "scene.views: expected `all`, view ids `26,86,2,55`, `seed-4`, "),
             (
                 "scene.views=seed-4@1",
                 "scene.views: expected views without a seed, which is the run's, found \"seed-4@1\"",
