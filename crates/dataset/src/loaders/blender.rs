@@ -47,7 +47,8 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         (train, tested) = hold_out(train, &request.test);
         (train, tested) = (numbered(train), numbered(tested));
         if !tested.is_empty() {
-            let text = "transforms_test.json has no views: every eighth training view is held out for test";
+            let text =
+                "transforms_test.json is missing or has no views: every eighth training view is held out for test";
             warnings.push(text.into());
         }
     }
@@ -221,7 +222,8 @@ mod tests {
             change(&dir.join("transforms_test.json"));
             let scene = load(&dir, &request()).unwrap();
             assert_eq!((scene.train.len(), scene.test.len()), (2, 1));
-            let is_named = scene.warnings.iter().any(|text| text.contains("transforms_test.json has no views"));
+            let is_named =
+                scene.warnings.iter().any(|text| text.contains("transforms_test.json is missing or has no views"));
             assert!(is_named, "{:?}", scene.warnings);
             let training = SceneRequest { test: TestProtocol::Training, ..request() };
             assert_eq!(load(&dir, &training).unwrap().train.len(), 3);
