@@ -210,7 +210,7 @@ fn folders_that_are_no_run() {
     for command in ["eval nowhere", "render nowhere", "export nowhere --format html"] {
         place.run(command).fails_with(&["nowhere: expected the folder of a run, with a config.toml: not found"]);
     }
-    place.run("view nowhere").fails_with(&["nowhere"]);
+    place.run("view nowhere").fails_with(&["nowhere: expected the folder of a run, or one that holds runs"]);
     place.tiny(EXP).succeeds();
     place.run("eval runs").fails_with(&["runs: expected the folder of a run, with a config.toml, such as ", RUN]);
     place.run(format!("eval {RUN} --test some")).fails_with(&["--test", "some"]);

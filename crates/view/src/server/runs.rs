@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use infonerf_experiment::is_finished;
 use infonerf_report::EVENTS_FILE;
 use serde_json::{Value, json};
@@ -29,11 +29,9 @@ struct Root {
 impl Roots {
     pub(super) fn new(roots: &[PathBuf]) -> Result<Self> {
         let root = |given: &PathBuf| {
-            let folder = given.canonicalize().with_context(|| given.display().to_string())?;
-            if !folder.is_dir() {
-                bail!("{}: expected the folder of a run, or one that holds runs", given.display());
-            }
-            Ok(Root { folder, given: given.clone() })
+            let folder = given.canonicalize().ok().filter(|folder| folder.is_dir());
+            let expected = || format!("{}: expected the folder of a run, or one that holds runs", given.display());
+            Ok(Root { folder: folder.with_context(expected)?, given: given.clone() })
         };
         Ok(Self(roots.iter().map(root).collect::<Result<_>>()?))
     }
