@@ -3,6 +3,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
+use indicatif::DecimalBytes;
 use infonerf_dataset::SceneSource;
 use infonerf_experiment::{RunPlan, Trained};
 use infonerf_export::{Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
@@ -39,7 +40,7 @@ pub(crate) struct ExportArgs {
     /// Collapse edges until a mesh has at most this many triangles.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
     triangles: Option<u32>,
-    /// File to write; by default one in RUN/export.
+    /// File to write; by default one in RUN/export, a page RUN/viewer.html.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -92,7 +93,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         }
     };
     write_atomically(&out, &bytes)?;
-    outln!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
+    outln!("{}: {summary}, {}", out.display(), DecimalBytes(bytes.len() as u64));
     if let Some((error, voxel)) = surface {
         let (mean, accuracy, completeness) = (error.mean(), error.accuracy, error.completeness);
         outln!(

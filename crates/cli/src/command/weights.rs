@@ -3,7 +3,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{DecimalBytes, ProgressBar, ProgressStyle};
 use infonerf_pretrained::{DownloadProgress, KnownWeights, Store};
 
 use crate::print::outln;
@@ -57,9 +57,8 @@ pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
 fn list(store: &Store) {
     for (weights, path) in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());
-        let megabytes = weights.bytes as f64 / 1e6;
         outln!("{:17} {}", weights.name, weights.needed_by);
-        outln!("{:17} {} ({megabytes:.1} MB)\n{:17} SHA-256 {}", "", weights.url, "", weights.sha256);
+        outln!("{:17} {} ({})\n{:17} SHA-256 {}", "", weights.url, DecimalBytes(weights.bytes), "", weights.sha256);
         outln!("{:17} {place}", "");
     }
     outln!("\nSearched in this order:");
