@@ -27,7 +27,7 @@ fn posed_photographs_are_learned_measured_and_shown() {
     let capture = |args: &str| place.tiny_without("eval.test", format!("capture photos --out results {args}"));
     let next = "next: `infonerf view results`, or the same command with --budget 5s";
     let parts =
-        ["40 photographs, about ", "none to find", "measured on 5 held-out photographs", " frames of 24x24", next];
+        ["40 photographs, about ", "none to find", "measured on 5 held-out photographs", " frames of 24 × 24", next];
     let stdout = capture("--budget 1s").succeeds_with(&parts);
     let files = paths(&place, &stdout);
     let training = || fs::read(place.path("results/capture/photos/infonerf+/seed0/metrics.jsonl")).unwrap();
@@ -35,9 +35,9 @@ fn posed_photographs_are_learned_measured_and_shown() {
     let again = capture("--budget 1s").succeeds_with(&["(finished before)"]);
     assert!(!again.contains("frames"), "{again}");
     fs::remove_file(place.path(&files[1])).unwrap();
-    let again = capture("--budget 1s").succeeds_with(&["(finished before)", " frames of 24x24"]);
+    let again = capture("--budget 1s").succeeds_with(&["(finished before)", " frames of 24 × 24"]);
     assert_eq!((paths(&place, &again), training()), (files, first.clone()));
-    let longer = capture("--budget 2s").succeeds_with(&[" frames of 24x24"]);
+    let longer = capture("--budget 2s").succeeds_with(&[" frames of 24 × 24"]);
     assert!(!longer.contains("(finished before)"), "{longer}");
     let notes = &records(&place.path("results/capture"))[0]["notes"];
     assert_has(&notes.to_string(), &["budget_seconds was 1.0 and is 2.0"]);

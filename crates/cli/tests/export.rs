@@ -170,7 +170,7 @@ fn cameras_follow_every_path() {
     assert_eq!(count(&place.path(RUN).join("render/normals"), ".png"), 5);
     let render = |path: &str, args: &str| place.run(format!("render {RUN} --path {path}")).args(args);
     for (index, path) in ["orbit", "spiral", "figure-eight", "interpolate"].into_iter().enumerate() {
-        render(path, "--frames 3").succeeds_with(&["3 frames of 24x24", &format!("{path}.gif")]);
+        render(path, "--frames 3").succeeds_with(&["3 frames of 24 × 24", &format!("{path}.gif")]);
         let folder = place.path(RUN).join("render");
         // Frames of the previous path are removed, and its animation is kept.
         let left = [count(&folder, ".png"), count(&folder.join("normals"), ".png"), count(&folder, ".gif")];
@@ -179,7 +179,7 @@ fn cameras_follow_every_path() {
 
     let nerfstudio = json!({"camera_path": [entry(0), entry(1)], "render_width": 30, "render_height": 20, "fps": 10});
     place.write("camera_path.json", nerfstudio.to_string());
-    render("camera_path.json", "--out a").succeeds_with(&["2 frames of 30x20", "camera_path.gif"]);
+    render("camera_path.json", "--out a").succeeds_with(&["2 frames of 30 × 20", "camera_path.gif"]);
     let keyframes = json!({"keyframes": [entry(0), entry(1)], "seconds": 0.5, "fps": 10, "is_cycle": true});
     place.write("mine.json", keyframes.to_string());
     for (args, frames) in [("--size 12 --out b", 5), ("--size 12 --out b --frames 4", 4)] {

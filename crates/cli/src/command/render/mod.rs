@@ -82,7 +82,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     let frames = counted(cameras.len(), "frame");
-    outln!("{frames} of {width}x{height}; --size makes them smaller, --frames fewer");
+    outln!("{frames} of {width} × {height} pixels; --size makes them smaller, --frames fewer");
     let animation = write_frames(&trained, &route, &cameras, &out, args.normals)?;
     Ok(animation.map_or_else(interrupt::exit_code, |_| ExitCode::SUCCESS))
 }
@@ -120,7 +120,7 @@ fn write_frames(
     let (path, seconds) = (animation.finish()?, start.elapsed().as_secs_f64());
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     let frames = counted(cameras.len(), "frame");
-    outln!("{frames} of {width}x{height} in {seconds:.1} s: {}", path.display());
+    outln!("{frames} of {width} × {height} pixels in {seconds:.1} s: {}", path.display());
     Ok(Some(path))
 }
 
@@ -192,7 +192,7 @@ pub(crate) fn write_orbit(trained: &Trained, out: &Path, budget: Duration) -> Re
     let cameras = route.cameras(trained.scene(), Some(frames), Some(size));
     let (width, height) = (cameras[0].width, cameras[0].height);
     let seconds = renders(&cameras) * f64::from(width * height) / speed;
-    outln!("orbit: {frames} frames of {width}x{height}, about {seconds:.0} s");
+    outln!("orbit: {frames} frames of {width} × {height} pixels, about {seconds:.0} s");
     write_frames(trained, &route, &cameras, out, false)
 }
 
