@@ -58,7 +58,7 @@ fn print_description(name: &str, described: &Description) {
     let data = data.unwrap_or_else(|| "built-in procedural scenes; --data DIR takes others".into());
     outln!("{name}: {}", about.title);
     for (what, values) in [
-        ("changes", bases.join(", ")),
+        ("base", bases.join(", ")),
         ("variants", distinct(|plan| plan.variant.clone())),
         ("scenes", distinct(|plan| plan.scene.clone())),
         ("data", data),
