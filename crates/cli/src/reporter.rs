@@ -71,7 +71,7 @@ impl Reporter {
         }
         self.has_begun = true;
         let kept = all - todo;
-        let finished = if kept > 0 { format!(", {kept} of them finished before") } else { String::new() };
+        let finished = if kept > 0 { format!(", {kept} finished before") } else { String::new() };
         let runs = counted(all, "run");
         outln!("{}: {} ({runs}{finished}) on {}", about.name, about.title, self.device);
         if let Some(seconds) = about.seconds_per_run.filter(|_| todo > 0) {

@@ -33,7 +33,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     assert_eq!(order, expected);
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);
 
-    tiny(&place, args).succeeds_with(&["(8 runs, 8 of them finished before)"]);
+    tiny(&place, args).succeeds_with(&["(8 runs, 8 finished before)"]);
 }
 
 #[test]

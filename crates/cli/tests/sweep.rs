@@ -50,7 +50,7 @@ fn every_combination_is_run_once() {
 
     // The same command has nothing left to do, and changes nothing.
     let before = finished(&whole);
-    sweep(&place, "runs").succeeds_with(&["8 runs, 8 of them finished before"]);
+    sweep(&place, "runs").succeeds_with(&["8 runs, 8 finished before"]);
     assert_eq!(before, finished(&whole));
 
     let numbers = |out| without_times(&records(&folder(&place, out)));
@@ -66,7 +66,7 @@ fn every_combination_is_run_once() {
     item(8).fails_with(&["manifest.jsonl", "item 8"]);
     place.run("sweep-item nothing.jsonl 0").fails_with(&["nothing.jsonl"]);
     // Only the table is left to be written.
-    sweep(&place, "items").succeeds_with(&["8 runs, 8 of them finished before"]);
+    sweep(&place, "items").succeeds_with(&["8 runs, 8 finished before"]);
     assert_eq!(numbers("runs"), numbers("items"));
 
     let text = fs::read_to_string(&alone).unwrap();
@@ -99,7 +99,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
         before.iter().find(of) == after.iter().find(of)
     };
     assert!(same("infonerf") && !same("factored"));
-    exp("train.iterations=2").succeeds_with(&["1 of them finished before"]);
+    exp("train.iterations=2").succeeds_with(&["1 finished before"]);
 }
 
 /// A sweep of four by four weights of the paper's losses is killed.

@@ -31,7 +31,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EVAL_EXAMPLES)]
 pub(crate) struct EvalArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; several are compared
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; several are measured in turn, and compared with --scale
     #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// Test views: all, split, every-8, first-3, 0,8,16, training or a published protocol [default: the run's]

@@ -33,7 +33,7 @@ pub struct SweepFiles {
 pub fn results(folder: &Path) -> Result<Vec<Record>> {
     let path = folder.join(LIST);
     let hint = || found_below(folder, LIST);
-    let expected = "expected the folder of an experiment with a finished run, with a";
+    let expected = "expected the folder of an experiment that has a finished run, with a";
     ensure!(path.is_file(), "{}: {expected} {LIST}{}", folder.display(), hint());
     read_records(&path)
 }
