@@ -117,7 +117,7 @@ impl Reporter {
             let more = if missing.len() > MAX_NAMED { ", ..." } else { "" };
             let (name, count, again) = (&sweep.about.name, missing.len(), self.same_command);
             let all = sweep.runs().len();
-            errln!("{name}: {count} of {all} runs are not finished: {named}{more}; {again} tries them again");
+            errln!("{name}: not finished: {named}{more} ({count} of {all} runs); {again} tries them again");
         }
     }
 }

@@ -93,7 +93,7 @@ fn array_jobs_give_the_local_table() {
     }
     let merged = cluster.task(102, 0);
     assert_eq!(merged.status.code(), Some(1));
-    assert_has(&text(&merged.stderr), &["1 of 8 runs are not finished: knot/infonerf_", "without --merge tries"]);
+    assert_has(&text(&merged.stderr), &["not finished: knot/infonerf_", "(1 of 8 runs)", "without --merge tries"]);
     assert_eq!(cluster.numbers("runs").len(), 7);
 
     // The same command submits only the missing item.

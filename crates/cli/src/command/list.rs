@@ -13,7 +13,7 @@ use crate::units::expected_time;
 /// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
 pub(crate) struct ListArgs {
-    /// Experiment to describe
+    /// Experiment to describe: a built-in one or a TOML file
     #[arg(add = completion::experiments())]
     name: Option<String>,
 }
