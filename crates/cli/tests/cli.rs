@@ -30,7 +30,7 @@ fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
     let parts = ["no --data given", "knot/factored/seed0", "knot/infonerf+/seed0", "PSNR", "report.html"];
     let stdout = place.tiny("exp fast-losses --scene knot").succeeds_with(&parts);
-    assert!(rule(&stdout) <= 100 && stdout.contains("more columns are in report.html"), "{stdout}");
+    assert!(rule(&stdout) <= 100 && stdout.contains("more columns in report.html"), "{stdout}");
 
     let experiment = place.path("runs/fast-losses");
     let records = records(&experiment);

@@ -1,7 +1,7 @@
 //! Tables as Markdown, LaTeX, CSV and text.
 
 use super::{Cell, Table, TableRow};
-use crate::text::{escape_latex, escape_markdown, plain};
+use crate::text::{counted, escape_latex, escape_markdown, plain};
 use crate::text_table::TextTable;
 
 impl Table {
@@ -60,6 +60,8 @@ impl Table {
         let mut lines: Vec<_> = std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
         let mut rows = grid.lines().into_iter();
         lines.extend(std::iter::once(rule.clone()).chain(rows.next()).chain([rule.clone()]).chain(rows).chain([rule]));
+        let has_star = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.best);
+        lines.extend(has_star.then(|| "* best of its column".to_owned()));
         lines.extend(self.footnotes().into_iter().map(str::to_owned));
         lines.join("\n") + "\n"
     }
@@ -78,11 +80,8 @@ impl Table {
             kept.push(column);
         }
         kept.sort_unstable();
-        let note = match self.columns.len() - kept.len() {
-            0 => None,
-            1 => Some("1 more column is in report.html".into()),
-            left_out => Some(format!("{left_out} more columns are in report.html")),
-        };
+        let left_out = self.columns.len() - kept.len();
+        let note = (left_out > 0).then(|| format!("{} in report.html", counted(left_out, "more column")));
         let cells = |row: &TableRow| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
         Self {
             columns: kept.iter().map(|&column| self.columns[column].clone()).collect(),
@@ -152,6 +151,7 @@ variant            lego            mic           mean
 nerf      16.50 ± 0.71   17.50 ± 0.71   17.00 ± 0.71
 infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
 ─────────────────────────────────────────────────────
+* best of its column
 ";
         assert_eq!(table.to_text(), expected);
     }
@@ -190,7 +190,7 @@ $\lambda$$_1$ 50 \% & \textbf{17.25} \\
         let narrow = wide.narrowed(52);
         let headings: Vec<&str> = narrow.columns.iter().map(|column| column.heading.as_str()).collect();
         assert_eq!(headings, ["lego", "mean"]);
-        let end = "19.00 ± 0.71*\n──────────────────────────────────────\n1 more column is in report.html\n";
+        let end = "19.00 ± 0.71*\n──────────────────────────────────────\n* best of its column\n1 more column in report.html\n";
         assert!(narrow.to_text().ends_with(end));
         assert!(wide.narrowed(0).columns.is_empty());
     }
