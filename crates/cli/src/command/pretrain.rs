@@ -46,13 +46,14 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(None))?;
     let session = Session::new(open_device(args.selection.device.device)?, &args.out, args.existing.existing());
     interrupt::install()?;
-    let about = &experiment.about;
-    outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
+    let (about, scenes) = (&experiment.about, counted(experiment.runs.len(), "scene"));
     let mut progress = ProgressDisplay::new("pre-training");
     let mut psnrs = Vec::new();
     let pretrained = pretrain(&session, &experiment, &mut |event| {
-        if let RunEvent::Training { event: Event::Step { psnr, .. }, .. } = &event {
-            psnrs.push(*psnr);
+        match &event {
+            RunEvent::Loading => outln!("{}: {} ({scenes}) on {}", about.name, about.title, session.device.name),
+            RunEvent::Training { event: Event::Step { psnr, .. }, .. } => psnrs.push(*psnr),
+            _ => {}
         }
         progress.watch(event)
     })?;

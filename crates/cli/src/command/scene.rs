@@ -167,8 +167,7 @@ fn longest_side(dir: &Path) -> Result<u32> {
 
 /// Prints the warnings about a capture, one per line, and returns them.
 pub(crate) fn print_warnings(dir: &Path) -> Result<Vec<String>> {
-    let checked = with_spinner(format!("{}: checking the scene", dir.display()), || check_folder(dir));
-    let (views, warnings, note) = checked?;
+    let (views, warnings, note) = with_spinner(format!("{}: checking the scene", dir.display()), || check_folder(dir))?;
     warnings.iter().for_each(|warning| outln!("{warning}"));
     if warnings.is_empty() {
         let note = note.map_or_else(String::new, |note| format!("; {note}"));
