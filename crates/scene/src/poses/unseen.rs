@@ -96,8 +96,15 @@ impl ViewRegion {
         }
         let i = rng.random_range(0..self.directions.len());
         let j = if self.directions.len() == 2 { 1 - i } else { rng.random_range(0..self.directions.len()) };
-        self.directions[i].slerp(self.directions[j], rng.random()).normalize_or(self.directions[i])
+        slerp(self.directions[i], self.directions[j], rng.random())
     }
+}
+
+/// Returns the direction a share `s` of the way along the arc from `a` to `b`, an arbitrary one if they are opposite.
+fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
+    let side = (b - a * a.dot(b)).normalize_or(a.any_orthonormal_vector());
+    let part = s * angle(a, b);
+    (part.cos() * a + part.sin() * side).normalize_or(a)
 }
 
 #[cfg(test)]
