@@ -117,6 +117,7 @@ fn arguments() {
     place.tiny("exp capture").fails_with(&["infonerf capture my-photos", "--data . --scene my-photos", "--scene room"]);
     exp("--seed 4294967296").fails_with(&["NumPy seed"]);
     place.run("exp synthetic-5view").fails_with(&["synthetic-5view", "fast-losses"]);
+    place.run("exp mine.toml").fails_with(&["mine.toml: expected an experiment file: No such file"]);
     place.run("exp .").fails_with(&[".: expected an experiment file or one of"]);
     place.run("exp released-small").fails_with(&["released-small: variants: expected at least one"]);
     place.run("scene export lego data").fails_with(&["lego", "knot"]);

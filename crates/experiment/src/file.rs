@@ -224,7 +224,7 @@ fn read(name: &str) -> Result<(String, String, File)> {
         return Ok((name.to_owned(), text.to_owned(), parse(name, text)?));
     }
     let path = Path::new(name);
-    if path.is_dir() || !path.exists() {
+    if path.is_dir() || (!path.exists() && path.extension().is_none()) {
         let names: Vec<&str> = list()?.into_iter().map(|(name, _)| name).collect();
         bail!("{name}: expected an experiment file or one of: {}", names.join(", "));
     }

@@ -35,13 +35,15 @@ use crate::sweep::PlaneSweep;
 pub struct StereoSettings {
     /// The longest side of the images that are compared, in pixels; larger ones are averaged down.
     pub size: u32,
+    /// The longest side of the larger images in which depths are refined; `None` leaves them as found.
+    pub refined_size: Option<u32>,
     /// Max number of views with which each view is compared.
     pub neighbours: usize,
 }
 
 impl Default for StereoSettings {
     fn default() -> Self {
-        Self { size: 252, neighbours: 4 }
+        Self { size: 252, refined_size: None, neighbours: 4 }
     }
 }
 
@@ -53,18 +55,28 @@ const MIN_MATCHES: f32 = 0.01;
 /// Computes a depth map of each training view of `scene`, in their order: an empty one without another view close to it.
 ///
 /// The scene's near and far are often far too wide. A first search in small images finds which disparities occur,
-/// and the second spends its planes on those.
+/// and the second spends its planes on those. Large windows, relative to the image, match more; small ones place more exactly:
+/// a third search in larger images replaces the depths that it agrees with.
 pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
-    let small = StereoSettings { size: (settings.size / REDUCTION).max(1), ..settings.clone() };
-    let occurring = disparity_range(&search(scene, &small, DisparityRange::ALL)).unwrap_or(DisparityRange::ALL);
-    search(scene, settings, occurring)
+    let maps_of = |size, range| search(scene, size, settings.neighbours, range);
+    let small = maps_of((settings.size / REDUCTION).max(1), DisparityRange::ALL);
+    let occurring = disparity_range(&small).unwrap_or(DisparityRange::ALL);
+    let maps = maps_of(settings.size, occurring);
+    let is_larger = |view: &View| view.image.width.max(view.image.height) > settings.size;
+    match settings.refined_size {
+        Some(size) if scene.train.iter().any(is_larger) => {
+            maps.iter().zip(maps_of(size, occurring)).map(|(map, fine)| map.refined(fine)).collect()
+        }
+        _ => maps,
+    }
 }
 
-fn search(scene: &Scene, settings: &StereoSettings, range: DisparityRange) -> Vec<DepthMap> {
-    let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
+/// Returns the depth map of each training view, of images whose longest side has at most `size` pixels.
+fn search(scene: &Scene, size: u32, neighbours: usize, range: DisparityRange) -> Vec<DepthMap> {
+    let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, size)).collect();
     let resized = |(view, image): (&View, &GreyImage)| view.camera.resized(image.width as u32, image.height as u32);
     let cameras: Vec<Camera> = scene.train.iter().zip(&images).map(resized).collect();
-    let neighbours_of = |view| neighbours_of(scene, &cameras, view, settings.neighbours, range);
+    let neighbours_of = |view| neighbours_of(scene, &cameras, view, neighbours, range);
     let neighbours: Vec<Vec<usize>> = (0..cameras.len()).map(neighbours_of).collect();
     let map = |view: usize| {
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
@@ -184,6 +196,23 @@ impl DepthMap {
         disparity.is_finite().then_some((disparity, self.step[at]))
     }
 
+    /// Returns the larger map `fine` where this map confirms it: has its disparity up to [`TOLERANCE`] steps within two pixels. Where
+    /// it does not, the result has this map's disparity, or none.
+    fn refined(&self, mut fine: Self) -> Self {
+        for i in 0..fine.disparity.len() {
+            let column = (2 * (i % fine.width) + 1) * self.width / (2 * fine.width);
+            let row = (2 * (i / fine.width) + 1) * self.height / (2 * fine.height);
+            let near = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
+            let mut around =
+                near(row, self.height).flat_map(|y| near(column, self.width).map(move |x| y * self.width + x));
+            if !around.any(|j| (self.disparity[j] - fine.disparity[i]).abs() <= TOLERANCE * self.step[j]) {
+                let own = row * self.width + column;
+                (fine.disparity[i], fine.step[i]) = (self.disparity[own], self.step[own]);
+            }
+        }
+        fine
+    }
+
     /// Returns the 99 % quantile of matched disparities, the nearest surface without stray matches; `None` if there are none.
     pub fn nearest(&self) -> Option<f32> {
         let found = matched_disparities(std::slice::from_ref(self));
@@ -198,6 +227,8 @@ impl DepthMap {
 
 /// Max difference between two views' disparities of one point, in steps between planes.
 const TOLERANCE: f32 = 1.5;
+/// Max distance, in pixels of the smaller map and along each axis, of depths that confirm those of a larger map.
+const REACH: usize = 2;
 
 /// Clears each pixel that no other view of `pairs` confirms. A view confirms it if its own map, at the pixel where it
 /// sees the surface point, has the point's disparity up to [`TOLERANCE`] steps.
@@ -308,6 +339,26 @@ mod tests {
             let kept: Vec<usize> = (0..48).filter(|&i| checked[0].disparity[i].is_finite()).collect();
             assert_eq!((kept, checked[1].matched()), (expected, 0), "{steps}");
         }
+    }
+
+    /// Refines depths of the left half of a map of 8 × 1 pixels.
+    #[test]
+    fn depths_of_larger_images_count_where_smaller_ones_confirm_them() {
+        let disparity = [[1.0; 4], [f32::NAN; 4]].concat();
+        let coarse = DepthMap { width: 8, height: 1, disparity, step: vec![0.1; 8] };
+        let fine = |x: usize, disparity: f32| {
+            let mut fine = DepthMap { width: 16, height: 2, disparity: vec![f32::NAN; 32], step: vec![0.05; 32] };
+            fine.disparity[16 + x] = disparity;
+            let refined = coarse.refined(fine);
+            (refined.disparity[16 + x], refined.step[16 + x])
+        };
+        for (x, disparity) in [(0, 1.14), (7, 0.86), (11, 1.0)] {
+            assert_eq!(fine(x, disparity), (disparity, 0.05));
+        }
+        for (x, disparity) in [(0, 1.16), (7, 0.84), (3, f32::NAN)] {
+            assert_eq!(fine(x, disparity), (1.0, 0.1));
+        }
+        assert!(fine(12, 1.0).0.is_nan(), "three pixels from the next depth");
     }
 
     #[test]

@@ -13,8 +13,10 @@ use crate::term::{Term, TermSpec};
 const MAX_VIEWS: usize = 100;
 /// Number of pairs of views to compare, at least one per view.
 const PAIRS: usize = 24;
-/// Number of views compared at full size; images of more views are resized.
+/// Number of views compared at full size; images of more views are reduced.
 const FULL_SIZE_VIEWS: usize = 12;
+/// Max number of views whose depths are refined in larger images.
+const REFINED_VIEWS: usize = 6;
 /// Standard deviation of a disparity, in steps between planes; two views that agree differ by at most 1.5 steps.
 const WIDTH: f32 = 2.0;
 /// Share π of outliers: depths on which two views agree are seldom wrong.
@@ -82,9 +84,13 @@ impl RayEnd {
 /// image size: sizes that shrink with the cube root of the number of views keep it constant.
 fn search(views: usize) -> StereoSettings {
     let settings = StereoSettings::default();
-    let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
-    let size = (settings.size as f32 * scale).round() as u32;
-    StereoSettings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size }
+    let scaled = |scale: f32| (settings.size as f32 * scale).round() as u32;
+    let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt();
+    StereoSettings {
+        size: scaled(scale.min(1.0)),
+        refined_size: (views <= REFINED_VIEWS).then(|| scaled(scale)),
+        neighbours: (PAIRS / views).clamp(1, settings.neighbours),
+    }
 }
 
 impl Stereo {
@@ -135,9 +141,17 @@ mod tests {
     }
 
     #[test]
-    fn many_views_are_searched_at_a_smaller_size() {
-        let found = [2, 12, 24, 96].map(|views| (search(views).size, search(views).neighbours));
-        assert_eq!(found, [(252, 4), (252, 2), (200, 1), (126, 1)]);
+    fn many_views_are_searched_in_smaller_images_and_few_in_larger_ones() {
+        let settings = |views: usize| (search(views).size, search(views).refined_size, search(views).neighbours);
+        let expected = [
+            (252, Some(458), 4),
+            (252, Some(400), 4),
+            (252, Some(317), 4),
+            (252, None, 3),
+            (252, None, 2),
+            (200, None, 1),
+        ];
+        assert_eq!([2, 3, 6, 7, 12, 24].map(settings), expected);
     }
 
     /// A match at a distance, none in a view with a nearest surface, and none in a view without any.
