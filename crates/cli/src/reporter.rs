@@ -92,7 +92,7 @@ impl Reporter {
             let fields = plan.members();
             let fields = if fields > 1 { format!(", shared by {fields} fields") } else { String::new() };
             outln!(
-                "each run trains for {budget} s{fields}; reading the scene before and testing afterwards take time of their own"
+                "each run trains for at most {budget} s{fields}; reading the scene before and testing afterwards take time of their own"
             );
         }
         if let Some(warning) = &prepared.warning {

@@ -40,17 +40,15 @@ fn matched_pixels_are_where_they_are() {
 #[test]
 fn larger_images_refine_the_depths_of_smaller_ones() {
     let of = |refined_size| depth_maps(&ROOM, &StereoSettings { size: 64, refined_size, ..StereoSettings::default() });
-    for (view, (coarse, refined)) in of(None).iter().zip(of(Some(128))).enumerate() {
-        let exact = ROOM.train[view].depth.as_ref().unwrap();
-        let camera = &ROOM.train[view].camera;
+    for ((coarse, refined), view) in of(None).iter().zip(of(Some(128))).zip(&ROOM.train) {
+        let exact = view.depth.as_ref().unwrap();
         let mean_error = |map: &DepthMap| {
-            let at = |i: usize| map.at(camera, (i % 128) as f32 + 0.5, (i / 128) as f32 + 0.5);
+            let at = |i: usize| map.at(&view.camera, (i % 128) as f32 + 0.5, (i / 128) as f32 + 0.5);
             let error = |i: usize| at(i).map(|(disparity, _)| (disparity * exact[i] - 1.0).abs().min(0.1));
             let errors: Vec<f32> = (0..exact.len()).filter_map(error).collect();
             (errors.iter().sum::<f32>() / errors.len() as f32, errors.len())
         };
         let ((before, few), (after, more)) = (mean_error(coarse), mean_error(&refined));
-        println!("{view}: {before} of {few}, {after} of {more}");
         assert!(after < 0.9 * before && more >= few, "{before} of {few}, {after} of {more}");
     }
 }

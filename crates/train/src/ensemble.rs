@@ -57,10 +57,13 @@ mod tests {
     #[test]
     fn budget_sets_the_number_of_members() {
         let mut train = Config::from_table(Preset::Paper.table()).unwrap().train;
-        let mut ensemble = EnsembleConfig { size: 2, seconds_per_member: 0.0 };
+        let mut ensemble = EnsembleConfig { size: 2, seconds_per_member: 0.0, max_steps: 0, max_steps_per_view: 200 };
         assert_eq!((ensemble.members(None), ensemble.members(Some(1e4))), (2, 2));
         ensemble.seconds_per_member = 75.0;
         assert_eq!([60.0, 149.0, 150.0, 300.0, 1e9].map(|budget| ensemble.members(Some(budget))), [2, 2, 2, 4, 8]);
+        assert_eq!([1, 100].map(|views| ensemble.step_limit(views)), [None, None]);
+        ensemble.max_steps = 1500;
+        assert_eq!([1, 7, 8].map(|views| ensemble.step_limit(views)), [1500, 1500, 1600].map(Some));
         train.weight_averaging = 0.3;
         assert_eq!([1, 2].map(|members| train.of_member(members).weight_averaging), [0.3, 0.0]);
     }

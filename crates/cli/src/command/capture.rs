@@ -170,7 +170,7 @@ fn print_stages(args: &CaptureArgs, count: usize, pairs: usize) {
     let [budget, around, orbit] = [budget, around, orbit].map(time);
     outln!("{}: {}, about {whole} in all:", args.path.display(), counted(count, "photograph"));
     outln!("  poses            {poses}\n  check            seconds");
-    outln!("  training         {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
+    outln!("  training         at most {budget}, and about {around} before and afterwards\n  orbit and page   {orbit}");
 }
 
 /// Plans the run on the `count` photographs in `dir`.

@@ -13,7 +13,7 @@ pub(crate) const MAX_ENSEMBLE: usize = 8;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Number of steps, unless a time budget ends training.
+    /// Number of steps, unless there is a time budget.
     pub iterations: usize,
     /// Rays of training images per step, |R_s|.
     pub rays: usize,
@@ -155,6 +155,10 @@ pub struct EnsembleConfig {
     pub size: usize,
     /// Seconds per field under a time budget: the number of fields is budget/seconds if that exceeds `size`. 0 keeps to `size`.
     pub seconds_per_member: f64,
+    /// Max number of steps of a field under a time budget, as longer runs fit the noise of few photographs. 0 for no limit.
+    pub max_steps: usize,
+    /// Max number of steps per training view, where that is more than `max_steps`.
+    pub max_steps_per_view: usize,
 }
 
 impl RotationCentre {
@@ -202,6 +206,11 @@ impl EnsembleConfig {
         let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
         self.size.max(affordable.min(MAX_ENSEMBLE))
     }
+
+    /// Returns the max number of steps of a field that learns `views` under a time budget, if there is one.
+    pub(crate) fn step_limit(&self, views: usize) -> Option<usize> {
+        (self.max_steps > 0).then(|| self.max_steps.max(self.max_steps_per_view * views))
+    }
 }
 
 impl TrainConfig {
@@ -235,6 +244,8 @@ impl TrainConfig {
         Fault::unless_within(1e-15..=1.0, "adam_epsilon", self.adam_epsilon).map_err(within)?;
         number("ensemble.size", self.ensemble.size as f64, 1.0, MAX_ENSEMBLE as f64)?;
         number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
+        number("ensemble.max_steps", self.ensemble.max_steps as f64, 0.0, 1e9)?;
+        number("ensemble.max_steps_per_view", self.ensemble.max_steps_per_view as f64, 0.0, 1e6)?;
         number("weight_averaging", self.weight_averaging, 0.0, 1.0)
     }
 }

@@ -19,7 +19,7 @@ use infonerf_schedule::{Fault, Moment};
 
 use self::report::PendingStep;
 use crate::checkpoint::Checkpoint;
-use crate::config::{Config, checks};
+use crate::config::{Config, TrainConfig, checks};
 use crate::error::TrainError;
 use crate::event::Event;
 use crate::model::{FieldBuilder, field_bounds, optimizer};
@@ -65,7 +65,7 @@ impl Trainer {
     /// Sets up a run on `scene`. The same arguments give the same values on one CPU; GPUs repeat only random numbers, as
     /// the order of their atomic additions varies.
     ///
-    /// `budget` is the time in seconds after which training stops, in place of `train.iterations` steps.
+    /// `budget` is the time in seconds after which training stops at the latest, in place of `train.iterations` steps.
     ///
     /// # Errors
     /// If a file that `config` names cannot be used, or the config needs what the scene does not have. Numbers are checked where
@@ -268,11 +268,17 @@ impl<F: Field> Trainer<F> {
         trained
     }
 
-    /// Returns the share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.
+    /// Returns the share of the run that is done, in [0, 1]: without a budget of its steps, else of its time, or of the max number
+    /// of steps under a budget where that is more.
     pub fn done(&self) -> f64 {
+        let of_steps = |steps: usize| self.progress.step as f64 / steps as f64;
+        let TrainConfig { iterations, ensemble, .. } = &self.config.train;
         let share = match self.budget {
-            Some(budget) => self.progress.seconds / budget,
-            None => self.progress.step as f64 / self.config.train.iterations as f64,
+            Some(budget) => {
+                let limit = ensemble.step_limit(self.scene().train.len());
+                (self.progress.seconds / budget).max(limit.map_or(0.0, of_steps))
+            }
+            None => of_steps(*iterations),
         };
         share.min(1.0)
     }
