@@ -44,6 +44,18 @@ fn posed_photographs_are_learned_measured_and_shown() {
     assert!(training().starts_with(&first), "it goes on");
 }
 
+/// Eight fields end after two steps each, long before the budget, and a longer one is not advised.
+#[test]
+fn steps_of_a_field_are_limited() {
+    let place = Workplace::new();
+    place.run("scene export room photos --format llff --size 24").succeeds();
+    let limit = "--set train.ensemble.max_steps=2 --set train.ensemble.max_steps_per_view=0";
+    let command = format!("capture photos --out results --budget 20s --set train.ensemble.size=8 {limit}");
+    let stdout = place.tiny_without("eval.test", command).stdout();
+    assert!(stdout.contains("next: `infonerf view results`\n"), "{stdout}");
+    assert_eq!(records(&place.path("results/capture"))[0]["iterations"], 16);
+}
+
 /// Poses are found once, and again with another photograph. Few photographs are all trained on, without metrics on them.
 #[test]
 fn few_photographs_without_poses_are_learned_from() {

@@ -103,6 +103,7 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
         outln!("stopped and saved; {} continues", args.existing.same_command());
         return Ok(interrupt::exit_code());
     };
+    let longer = longer_command(args.budget, &plan);
     let Some(orbit) = write_pictures(trained, (plan, &folder), &session, args.budget)? else {
         outln!("stopped; the scene is learned, and {} renders its orbit", args.existing.same_command());
         return Ok(interrupt::exit_code());
@@ -110,9 +111,18 @@ pub(crate) fn run(args: &CaptureArgs) -> Result<ExitCode> {
     let page = folder.join(VIEWER_PAGE);
     outln!("report: {}\norbit: {}\npage: {}", report.display(), orbit.display(), page.display());
     let out = quoted(&args.out);
-    let longer = format_duration(args.budget.saturating_mul(5)).to_string().replace(' ', "");
-    outln!("next: `infonerf view {out}`, or the same command with --budget {longer} for a better scene");
+    outln!("next: `infonerf view {out}`{longer}");
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the advice to train longer than `budget`; none if the run has as many fields as any and their steps are limited.
+fn longer_command(budget: Duration, plan: &RunPlan) -> String {
+    let ensemble = &plan.config.train.ensemble;
+    if ensemble.max_steps > 0 && plan.members() >= ensemble.members(Some(f64::INFINITY)) {
+        return String::new();
+    }
+    let longer = format_duration(budget.saturating_mul(5)).to_string().replace(' ', "");
+    format!(", or the same command with --budget {longer} for a better scene")
 }
 
 /// Finds the poses of the `photographs`, whose absolute path is `dir`. Refuses, before that, a faulty name or setting, a folder
