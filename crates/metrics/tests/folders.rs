@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::common::pictures;
-use image::{GrayImage, Luma, Rgba, RgbaImage};
+use image::{Rgba, RgbaImage};
 use infonerf_metrics::protocol::Background;
 use infonerf_metrics::{
     ComparedFolders, Folders, METRICS, Mask, MetricError, Networks, Pair, Picture, Protocol, compare_folders, evaluate,
@@ -35,9 +35,11 @@ impl Workspace {
         (render, truth)
     }
 
-    /// Writes a mask: inside where `class` is not 0.
+    /// Writes a mask: inside where `class` is not 0. Pixels outside are black in even columns, transparent in odd ones.
     fn mask(&self, name: &str, width: u32, height: u32, class: impl Fn(u32, u32) -> u8) {
-        let image = GrayImage::from_fn(width, height, |x, y| Luma([class(x, y)]));
+        let outside = |x| if x % 2 == 0 { Rgba([0, 0, 0, 255]) } else { Rgba([255, 255, 255, 0]) };
+        let pixel = |x, class| if class == 0 { outside(x) } else { Rgba([class, class, class, 255]) };
+        let image = RgbaImage::from_fn(width, height, |x, y| pixel(x, class(x, y)));
         image.save(self.path(&format!("masks/{name}.png"))).unwrap();
     }
 
