@@ -146,7 +146,7 @@ mod tests {
         let expected = [
             (252, Some(458), 4),
             (252, Some(400), 4),
-            (252, Some(317), 4),
+            (252, Some(318), 4),
             (252, None, 3),
             (252, None, 2),
             (200, None, 1),
