@@ -15,8 +15,8 @@ const MAX_VIEWS: usize = 100;
 const PAIRS: usize = 24;
 /// Number of views compared at full size; images of more views are reduced.
 const FULL_SIZE_VIEWS: usize = 12;
-/// Max number of views whose depths are refined in larger images.
-const REFINED_VIEWS: usize = 6;
+/// Max number of views whose depths are refined in larger images: of more views the search takes too much of a short budget.
+const REFINED_VIEWS: usize = 3;
 /// Standard deviation of a disparity, in steps between planes; two views that agree differ by at most 1.5 steps.
 const WIDTH: f32 = 2.0;
 /// Share π of outliers: depths on which two views agree are seldom wrong.
@@ -143,15 +143,9 @@ mod tests {
     #[test]
     fn many_views_are_searched_in_smaller_images_and_few_in_larger_ones() {
         let settings = |views: usize| (search(views).size, search(views).refined_size, search(views).neighbours);
-        let expected = [
-            (252, Some(458), 4),
-            (252, Some(400), 4),
-            (252, Some(318), 4),
-            (252, None, 3),
-            (252, None, 2),
-            (200, None, 1),
-        ];
-        assert_eq!([2, 3, 6, 7, 12, 24].map(settings), expected);
+        let expected =
+            [(252, Some(458), 4), (252, Some(400), 4), (252, None, 4), (252, None, 3), (252, None, 2), (200, None, 1)];
+        assert_eq!([2, 3, 4, 7, 12, 24].map(settings), expected);
     }
 
     /// A match at a distance, none in a view with a nearest surface, and none in a view without any.
